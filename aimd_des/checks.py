@@ -1,0 +1,181 @@
+"""Checks at the door: each returns the clean value or raises an `InputError` that names the field."""
+
+import math
+from collections.abc import Sequence
+from numbers import Integral, Real
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.errors import InputError
+
+__all__ = ["FloatArray", "array", "fits", "integer", "number", "per_agent"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def _interval(low: float, high: float, low_open: bool, high_open: bool) -> str:
+    """Say the allowed range in words that need no key."""
+    parts = []
+    if math.isfinite(low):
+        parts.append(f"{'greater than' if low_open else 'at least'} {low:g}")
+    if math.isfinite(high):
+        parts.append(f"{'less than' if high_open else 'at most'} {high:g}")
+    return " ".join(["a finite number", " and ".join(parts)]).rstrip()
+
+
+def _outside(
+    values: FloatArray, low: float, high: float, low_open: bool, high_open: bool
+) -> npt.NDArray[np.bool_]:
+    below = values <= low if low_open else values < low
+    above = values >= high if high_open else values > high
+    return ~np.isfinite(values) | below | above
+
+
+def number(
+    field: str,
+    value: object,
+    *,
+    low: float = -math.inf,
+    high: float = math.inf,
+    low_open: bool = False,
+    high_open: bool = False,
+    remedy: str = "",
+) -> float:
+    """Return `value` as a float within the range, or refuse it by name.
+
+    Raises
+    ------
+    InputError
+        If it is no real number, not finite, or outside the range.
+    """
+    allowed = _interval(low, high, low_open, high_open)
+    if isinstance(value, bool | np.bool_) or not isinstance(value, Real):
+        raise InputError.of(field, value, allowed, remedy)
+    try:
+        clean = float(value)
+    except OverflowError:  # an int beyond the range of floats
+        raise InputError.of(field, value, allowed, remedy) from None
+    if _outside(np.array(clean), low, high, low_open, high_open):
+        raise InputError.of(field, clean, allowed, remedy)
+    return clean
+
+
+def integer(
+    field: str, value: object, *, low: int | None = None, high: int | None = None, remedy: str = ""
+) -> int:
+    """Return `value` as an int within the range, or refuse it by name.
+
+    Raises
+    ------
+    InputError
+        If it is no integer (2.0 is none) or outside the range.
+    """
+    allowed = "an integer"
+    if low is not None:
+        allowed += f" of at least {low}"
+    if high is not None:
+        allowed += f"{' and' if low is not None else ''} at most {high}"
+    wrong_type = isinstance(value, bool | np.bool_) or not isinstance(value, Integral)
+    if wrong_type:
+        raise InputError.of(field, value, allowed, remedy)
+    clean = int(value)  # type: ignore[call-overload]
+    if (low is not None and clean < low) or (high is not None and clean > high):
+        raise InputError.of(field, clean, allowed, remedy)
+    return clean
+
+
+def array(
+    field: str,
+    value: object,
+    shape: Sequence[int | str],
+    *,
+    low: float = -math.inf,
+    high: float = math.inf,
+    low_open: bool = False,
+    high_open: bool = False,
+    remedy: str = "",
+) -> FloatArray:
+    """Return `value` as a read-only float array, or refuse it by name and by element.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        Anything that NumPy turns into an array of numbers.
+    shape : sequence of int or str
+        The shape wanted; a string stands for a length that is free and names it in the message.
+    low, high, low_open, high_open
+        The range of each element.
+    remedy : str
+        What to do about it.
+
+    Returns
+    -------
+    ndarray of float64
+        A copy that cannot be written to.
+
+    Raises
+    ------
+    InputError
+        If the shape differs, or an element is not finite or outside the range.
+    """
+    wanted = f"({', '.join(str(length) for length in shape)}{',' if len(shape) == 1 else ''})"
+    try:
+        raw = np.asarray(value)
+        clean = np.array(raw, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError.of(field, value, f"an array of numbers of shape {wanted}", remedy) from None
+    if raw.dtype.kind not in "iuf":
+        raise InputError.of(field, value, f"an array of numbers of shape {wanted}", remedy)
+    fits = clean.ndim == len(shape) and all(
+        isinstance(want, str) or want == have for want, have in zip(shape, clean.shape, strict=True)
+    )
+    if not fits:
+        raise InputError.of(f"shape of {field}", clean.shape, wanted, remedy)
+    bad = np.argwhere(_outside(clean, low, high, low_open, high_open))
+    if len(bad):
+        where = tuple(int(index) for index in bad[0])
+        element = f"{field}[{', '.join(map(str, where))}]"
+        raise InputError.of(element, float(clean[where]), _interval(low, high, low_open, high_open), remedy)
+    clean.setflags(write=False)
+    return clean
+
+
+def per_agent(
+    field: str,
+    value: object,
+    *,
+    low: float = -math.inf,
+    high: float = math.inf,
+    low_open: bool = False,
+    high_open: bool = False,
+    remedy: str = "",
+) -> float | FloatArray:
+    """Return a scalar for all agents as a float, or one value per agent as a read-only (n,) array.
+
+    Raises
+    ------
+    InputError
+        As `number` and `array` do.
+    """
+    bounds = {"low": low, "high": high}
+    opens = {"low_open": low_open, "high_open": high_open}
+    if isinstance(value, np.ndarray | list | tuple) and np.ndim(value) > 0:
+        return array(field, value, ("n_agents",), **bounds, **opens, remedy=remedy)
+    return number(field, value, **bounds, **opens, remedy=remedy)
+
+
+def fits(field: str, value: object, n_agents: int) -> None:
+    """Refuse an array that has not one value for each agent; scalars fit always.
+
+    Raises
+    ------
+    InputError
+        Naming both lengths.
+    """
+    if np.ndim(value) and np.shape(value) != (n_agents,):
+        raise InputError.of(
+            f"shape of {field}", np.shape(value), f"({n_agents},)", "give one number for all agents or one for each"
+        )

@@ -1,0 +1,179 @@
+"""Costs from the user's own functions, one agent at a time."""
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des import checks
+from aimd_des.checks import FloatArray
+from aimd_des.costs.base import sample_box
+from aimd_des.errors import InputError
+
+__all__ = ["CustomCosts"]
+
+# A central difference with this relative step is good to about 1e-9 of the derivative's scale;
+# the tolerance leaves three digits for functions that are themselves rounded.
+_STEP = np.cbrt(np.finfo(float).eps)
+_TOLERANCE = 1e-6
+
+
+class CustomCosts:
+    """Costs given by functions of (agent, allocation).
+
+    Parameters
+    ----------
+    n_agents : int
+        Number of agents, n.
+    n_resources : int
+        Number of resources, m.
+    value : callable
+        ``value(agent, allocation) -> float``: f_i at the agent's allocation, an (m,) array in
+        units of the resources.
+    gradient : callable
+        ``gradient(agent, allocation) -> (m,)``: its partial derivatives.
+    hessian : callable, optional
+        ``hessian(agent, allocation) -> (m, m)``: its second derivatives; central differences of
+        the gradient unless given.
+    separable : bool
+        Whether no f_i couples resources; only tells, nothing is faster for it.
+
+    Raises
+    ------
+    InputError
+        If a size is no positive integer, or something that should be a function cannot be called.
+
+    Notes
+    -----
+    `Problem` holds the gradient against finite differences of the value and checks that the
+    costs are convex and increasing, on samples of the box that the capacities span.
+
+    Examples
+    --------
+    >>> costs = CustomCosts(2, 1, value=lambda i, x: (i + 1) * x[0] ** 2,
+    ...                     gradient=lambda i, x: [2 * (i + 1) * x[0]])
+    >>> costs.gradient(np.array([[1.0], [1.0]])).tolist()
+    [[2.0], [4.0]]
+    """
+
+    proven = False
+
+    def __init__(
+        self,
+        n_agents: int,
+        n_resources: int,
+        value: Callable[[int, FloatArray], float],
+        gradient: Callable[[int, FloatArray], npt.ArrayLike],
+        hessian: Callable[[int, FloatArray], npt.ArrayLike] | None = None,
+        *,
+        separable: bool = False,
+    ) -> None:
+        self.n_agents = checks.integer("n_agents", n_agents, low=1)
+        self.n_resources = checks.integer("n_resources", n_resources, low=1)
+        for name, function in (("value", value), ("gradient", gradient), ("hessian", hessian)):
+            if not callable(function) and not (name == "hessian" and function is None):
+                raise InputError.of(name, function, "a function of (agent, allocation)")
+        self.agent_value = value
+        self.agent_gradient = gradient
+        self.agent_hessian = hessian
+        self.separable = separable
+
+    def value(self, allocation: FloatArray) -> FloatArray:
+        """Evaluate f_i(x_i).
+
+        Parameters
+        ----------
+        allocation : ndarray, shape (n, m)
+            In units of the resources.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            In units of cost.
+        """
+        return np.array([float(self.agent_value(agent, row)) for agent, row in enumerate(allocation)])
+
+    def gradient(self, allocation: FloatArray) -> FloatArray:
+        """Evaluate grad_j f_i(x_i).
+
+        Parameters
+        ----------
+        allocation : ndarray, shape (n, m)
+            In units of the resources.
+
+        Returns
+        -------
+        ndarray, shape (n, m)
+            In units of cost per unit of the resource.
+        """
+        rows = [np.asarray(self.agent_gradient(agent, row), dtype=float) for agent, row in enumerate(allocation)]
+        for agent, row in enumerate(rows):
+            if row.shape != (self.n_resources,):
+                raise InputError.of(f"shape of gradient(agent={agent})", row.shape, f"({self.n_resources},)")
+        return np.array(rows)
+
+    def hessian(self, allocation: FloatArray) -> FloatArray:
+        """Evaluate the second derivatives of f_i at x_i, by differences where no function is given.
+
+        Parameters
+        ----------
+        allocation : ndarray, shape (n, m)
+            In units of the resources.
+
+        Returns
+        -------
+        ndarray, shape (n, m, m)
+            In units of cost per product of the two resources' units.
+        """
+        if self.agent_hessian is not None:
+            return np.array([self.agent_hessian(agent, row) for agent, row in enumerate(allocation)], dtype=float)
+        columns = []
+        for resource in range(self.n_resources):
+            ahead, behind, width = _straddle(allocation, resource)
+            columns.append((self.gradient(ahead) - self.gradient(behind)) / width[:, None])
+        half = np.stack(columns, axis=2)
+        return np.asarray(0.5 * (half + half.transpose(0, 2, 1)))
+
+    def check_gradient(self, upper: FloatArray, n_points: int = 8) -> None:
+        """Hold the gradient against central differences of the value on samples of the box.
+
+        Parameters
+        ----------
+        upper : ndarray, shape (m,)
+            The box's upper corner, in units of the resources.
+        n_points : int
+            How many points to look at.
+
+        Raises
+        ------
+        InputError
+            Naming the first agent, resource and point at which the two differ.
+        """
+        for point in sample_box(upper, n_points):
+            allocation = np.tile(point, (self.n_agents, 1))
+            gradient = self.gradient(allocation)
+            scale = np.abs(gradient).max(axis=1)
+            for resource in range(self.n_resources):
+                ahead, behind, width = _straddle(allocation, resource)
+                values = self.value(ahead), self.value(behind)
+                slope = (values[0] - values[1]) / width
+                # What rounding of the values themselves leaves in their difference.
+                noise = 8 * np.finfo(float).eps * np.maximum(*np.abs(values)) / width
+                wrong = ~(np.abs(slope - gradient[:, resource]) <= _TOLERANCE * scale + noise)
+                if wrong.any():
+                    agent = int(np.argmax(wrong))
+                    raise InputError.of(
+                        f"gradient(agent={agent})[{resource}] at x = {np.array2string(point, separator=', ')}",
+                        float(gradient[agent, resource]),
+                        f"the derivative of value, {slope[agent]:.9g} by central differences",
+                        "correct the gradient function",
+                    )
+
+
+def _straddle(allocation: FloatArray, resource: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Move one coordinate a step up and a step down; costs need not be defined below zero, so stop there."""
+    step = _STEP * np.maximum(allocation[:, resource], 1e-3)
+    ahead, behind = allocation.copy(), allocation.copy()
+    ahead[:, resource] += step
+    behind[:, resource] = np.maximum(behind[:, resource] - step, 0.0)
+    return ahead, behind, ahead[:, resource] - behind[:, resource]

@@ -1,0 +1,154 @@
+"""The order of events at one instant, on SimPy's environment.
+
+Events are handled by (time, kind, order).  Kinds at one instant:
+
+    INTERVENE < DELIVER < SENSE < OBSERVE < ACT
+
+Interventions first, then signals that arrive, then the control unit looks, then observers look,
+then agents tick.  Within a kind, agents act in the order of their index, copies land in the order
+of their broadcasts and then of the agents, and everything else keeps the order in which it was
+scheduled.  Events are scheduled at absolute times: now + (t - now) is not always t.
+
+This is the only module that touches what SimPy keeps private.
+"""
+
+import math
+from collections.abc import Callable
+from enum import IntEnum
+from heapq import heappush
+from itertools import count
+
+import simpy
+
+from aimd_des.errors import InputError
+
+__all__ = ["Kind", "OrderedEnvironment"]
+
+Callback = Callable[[simpy.Event], None]
+
+# Order numbers below this are indices of agents.
+_FIRST_ORDER = 1 << 40
+_WATCH_EVERY = 1 << 12
+
+
+class Kind(IntEnum):
+    """What an event is, in the order of handling at one instant; SimPy itself uses 0 and 1."""
+
+    INTERVENE = 2
+    DELIVER = 3
+    SENSE = 4
+    OBSERVE = 5
+    ACT = 6
+
+
+class OrderedEnvironment(simpy.Environment):
+    """A SimPy environment in which simultaneous events have an order that means something."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._now: float = 0.0
+        self._eid = count(_FIRST_ORDER)
+
+    def reserve(self, how_many: int) -> int:
+        """Set aside consecutive order numbers, to be used by events scheduled later.
+
+        Parameters
+        ----------
+        how_many : int
+            How many numbers.
+
+        Returns
+        -------
+        int
+            The first of them.
+        """
+        first = next(self._eid)
+        self._eid = count(first + how_many)
+        return first
+
+    def at(self, time: float, kind: Kind, order: int | None = None) -> simpy.Event:
+        """Schedule an event at an absolute time, for a process to yield.
+
+        Parameters
+        ----------
+        time : float
+            When; not before now.
+        kind : Kind
+            What it is; decides among events at the same time.
+        order : int, optional
+            Decides among events of the same time and kind; the turn in which it was scheduled
+            unless given.
+
+        Returns
+        -------
+        simpy.Event
+            Already triggered: yield it, or add callbacks.
+
+        Raises
+        ------
+        InputError
+            If the time is in the past or no number.
+        """
+        if not self._now <= time < math.inf:
+            raise InputError.of("time", time, f"finite and not before the present, {self._now!r}")
+        event = simpy.Event(self)
+        event._ok = True
+        event._value = None
+        heappush(self._queue, (time, kind, next(self._eid) if order is None else order, event))  # type: ignore[misc]
+        return event
+
+    def call_at(self, time: float, kind: Kind, callback: Callback, order: int | None = None) -> None:
+        """Schedule a call at an absolute time.
+
+        Parameters
+        ----------
+        time : float
+            When; not before now.
+        kind : Kind
+            What it is; decides among events at the same time.
+        callback : callable
+            Called with the event.
+        order : int, optional
+            As for `at`.
+
+        Raises
+        ------
+        InputError
+            If the time is in the past or no number.
+        """
+        self.at(time, kind, order).callbacks.append(callback)
+
+    def fire(self, event: simpy.Event) -> None:
+        """Resume those who wait for an event within the present event, not behind others of this instant.
+
+        Parameters
+        ----------
+        event : simpy.Event
+            An event that is not triggered yet.
+        """
+        callbacks, event.callbacks = event.callbacks, None  # type: ignore[assignment]
+        event._ok = True
+        event._value = None
+        for callback in callbacks:
+            callback(event)
+
+    def run_to(self, until: float, watch: Callable[[float, int], None] | None = None) -> None:
+        """Handle every event before `until`, and none that is due at `until` itself.
+
+        Parameters
+        ----------
+        until : float
+            The end; the clock stands there afterwards.
+        watch : callable, optional
+            Called with (time, events handled) every few thousand events and at the end.
+        """
+        handled = 0
+        queue = self._queue
+        while queue and queue[0][0] < until:
+            self.step()
+            handled += 1
+            if watch is not None and handled % _WATCH_EVERY == 0:
+                watch(self._now, handled)
+        self._now = until
+        if watch is not None:
+            watch(until, handled)

@@ -1,0 +1,52 @@
+"""The two exceptions of the framework.
+
+`InputError` is raised at the door, before anything runs: its message names the field, the
+value, what is allowed and the remedy.  `SimulationError` ends a run that cannot go on.
+Both take one message, so that they survive being rebuilt from ``.args`` (SimPy and process
+pools do that).
+"""
+
+__all__ = ["InputError", "SimulationError"]
+
+
+class InputError(ValueError):
+    """Something the user gave is outside what is allowed.
+
+    Parameters
+    ----------
+    message : str
+        Field, value, allowed range and remedy in one sentence.
+    """
+
+    @classmethod
+    def of(cls, field: str, value: object, allowed: str, remedy: str = "") -> "InputError":
+        """Compose the sentence in the one form that all refusals share.
+
+        Parameters
+        ----------
+        field : str
+            The name under which the user gave the value.
+        value : object
+            The value that is refused.
+        allowed : str
+            What is allowed, to be read after "must be".
+        remedy : str
+            What to do about it; empty where the range says it.
+
+        Returns
+        -------
+        InputError
+            The exception, to be raised by the caller.
+        """
+        sentence = f"{field} = {value!r}: must be {allowed}"
+        return cls(f"{sentence}; {remedy}" if remedy else sentence)
+
+
+class SimulationError(RuntimeError):
+    """A run that cannot go on.
+
+    Parameters
+    ----------
+    message : str
+        Simulated time, resource, cause, and the setting to change.
+    """
