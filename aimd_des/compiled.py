@@ -70,6 +70,6 @@ def kernel(function: _Function) -> _Function:
     callable
         The compiled function; its source stays reachable as ``.py_func``.
     """
-    dispatcher = numba.njit(error_model="numpy", nogil=True)(function)
+    dispatcher = numba.njit(error_model="numpy", nogil=True, forceinline=True)(function)
     dispatcher._cache = _PackageCache(function)
     return cast(_Function, dispatcher)

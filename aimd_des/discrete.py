@@ -51,7 +51,7 @@ class _Scratch(NamedTuple):
 
 
 class _Watch(NamedTuple):
-    """Buffers of the observers; `cursor` counts how many looks of either kind are done."""
+    """Buffers of the observers; `cursor` has the looks of either kind that are done, and the next step."""
 
     demand_steps: FloatArray
     total_demand: FloatArray
@@ -69,16 +69,12 @@ def _measure(law: Law, control: _Control) -> None:
 
 
 @kernel
-def _watch(state: State, law: Law, step: int, watch: _Watch, total: FloatArray) -> None:
-    """Keep totals and allocations of x(k) where they are asked for."""
-    row, page = watch.cursor[0], watch.cursor[1]
-    wants_row = row < watch.demand_steps.shape[0] and watch.demand_steps[row] == step
-    wants_page = page < watch.allocation_steps.shape[0] and watch.allocation_steps[page] == step
-    if not (wants_row or wants_page):
-        return
+def _watch(state: State, law: Law, watch: _Watch, total: FloatArray) -> None:
+    """Keep totals and allocations of x(k), k being the next step that is asked for."""
+    row, page, step = watch.cursor[0], watch.cursor[1], watch.cursor[2]
     demand, average = watch.demand[page], watch.average[page]
     observe(state, law, float(step), demand, average)
-    if wants_row:
+    if watch.demand_steps[row] == step:
         for j in range(total.shape[0]):
             used = 0.0
             for i in range(average.shape[1]):
@@ -86,8 +82,13 @@ def _watch(state: State, law: Law, step: int, watch: _Watch, total: FloatArray) 
             watch.total_demand[row, j] = total[j]
             watch.total_average[row, j] = used
         watch.cursor[0] += 1
-    if wants_page:
+    if watch.allocation_steps[page] == step:
         watch.cursor[1] += 1
+    # Both end with the end of the run, so neither runs out before the other.
+    if watch.cursor[0] < watch.demand_steps.shape[0]:
+        watch.cursor[2] = min(
+            watch.demand_steps[watch.cursor[0]], watch.allocation_steps[watch.cursor[1]]
+        )
 
 
 @kernel
@@ -96,7 +97,8 @@ def _look(state: State, law: Law, step: int, lag: int, control: _Control, watch:
     total_demand(state, law, float(step), control.total)
     if step > 0:  # demand is x(k) over (k-1, k], the interval that this look closes
         _measure(law, control)
-    _watch(state, law, step, watch, control.total)
+    if step == watch.cursor[2]:
+        _watch(state, law, watch, control.total)
     acting = False
     for j in range(law.limit.shape[0]):
         due = control.total[j] > law.limit[j]
@@ -266,7 +268,7 @@ def run_discrete(
         _run_custom(problem, state, law, steps, lag, key, control, watch, scratch)
     total_demand(state, law, float(steps), control.total)
     _measure(law, control)
-    _watch(state, law, steps, watch, control.total)
+    _watch(state, law, watch, control.total)
     return _result(problem, seed, steps, state, control, watch)
 
 
@@ -280,7 +282,7 @@ def _open_watch(recording: Recording, steps: int, n: int, m: int) -> _Watch:
         allocation_steps=pages,
         demand=np.zeros((len(pages), m, n)),
         average=np.zeros((len(pages), m, n)),
-        cursor=np.zeros(2, dtype=np.int64),
+        cursor=np.array([0, 0, min(rows[0], pages[0])], dtype=np.int64),
     )
 
 

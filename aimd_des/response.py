@@ -135,13 +135,21 @@ def cost_table(costs: Costs) -> CostTable:
 @formula
 def _horner_row(rows: FloatArray, argument: FloatArray, out: FloatArray) -> None:
     """Evaluate one polynomial per agent; the passes run along agents, so that they vectorise."""
-    top = rows.shape[0] - 1
-    for i in range(out.shape[0]):
-        out[i] = rows[top, i]
-    for d in range(top - 1, -1, -1):
-        row = rows[d]
-        for i in range(out.shape[0]):
+    n, d = out.shape[0], rows.shape[0] - 1
+    top = rows[d]
+    for i in range(n):
+        out[i] = top[i]
+    while d >= 4:  # four powers to a pass: a quarter of the loads and stores
+        first, second, third, fourth = rows[d - 1], rows[d - 2], rows[d - 3], rows[d - 4]
+        for i in range(n):
+            x = argument[i]
+            out[i] = (((out[i] * x + first[i]) * x + second[i]) * x + third[i]) * x + fourth[i]
+        d -= 4
+    while d >= 1:
+        row = rows[d - 1]
+        for i in range(n):
             out[i] = out[i] * argument[i] + row[i]
+        d -= 1
 
 
 @kernel

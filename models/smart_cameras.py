@@ -24,6 +24,7 @@ from aimd_des.checks import FloatArray
 from aimd_des.costs import PolynomialCosts
 from aimd_des.errors import InputError
 from aimd_des.problem import Problem, Resource
+from aimd_des.registry import model
 from aimd_des.streams import Purpose
 
 __all__ = ["INCREASES", "PRICES", "smart_cameras"]
@@ -58,6 +59,7 @@ def _coefficients(n: int, seed: int) -> FloatArray:
     return np.asarray(np.moveaxis(table, -1, 0)[np.arange(n), kind])
 
 
+@model
 def smart_cameras(
     seed: int = 0,
     n_cameras: int = _PAPER_CAMERAS,

@@ -1,0 +1,134 @@
+"""The folder of a run: scenario, summary, frames and figures, written whole or not at all."""
+
+import json
+import os
+import platform
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+
+import aimd_des
+from aimd_des.errors import InputError
+from aimd_des.optimum import solve_optimum
+from aimd_des.results import Result
+from aimd_des.scenario import Scenario
+
+__all__ = ["check_folder", "new_folder", "write_run"]
+
+#: The file by which a folder is recognised as one that this program wrote.
+PROVENANCE = "run.json"
+_LIBRARIES = ("numpy", "scipy", "numba", "simpy", "pandas")
+
+
+def check_folder(folder: Path, *, overwrite: bool, mark: str = PROVENANCE) -> None:
+    """Refuse a folder that cannot be written, before anything runs.
+
+    Parameters
+    ----------
+    folder : Path
+        Where results shall go.
+    overwrite : bool
+        Whether earlier results may be replaced.
+    mark : str
+        The file by which earlier results are recognised.
+
+    Raises
+    ------
+    InputError
+        If it is a file, holds something and `overwrite` is false, holds something that this
+        program did not write, or cannot be created.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError.of("output folder", str(folder), "a folder", "it is a file; choose another name")
+    if folder.is_dir() and any(folder.iterdir()):
+        if not overwrite:
+            raise InputError.of(
+                "output folder", str(folder), "new or empty", "choose another, or say --overwrite"
+            )
+        if not (folder / mark).is_file():
+            raise InputError.of(
+                "output folder", str(folder), "one that this program wrote", f"it has no {mark}; remove it yourself"
+            )
+    try:
+        folder.resolve().parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".writable", dir=folder.resolve().parent):
+            pass
+    except OSError as error:
+        raise InputError(f"output folder {str(folder)!r}: cannot be written ({error.strerror})") from None
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """Give a temporary folder that takes the place of `folder` once its block has ended well.
+
+    Parameters
+    ----------
+    folder : Path
+        Where results shall go; `check_folder` has accepted it.
+
+    Yields
+    ------
+    Path
+        Where to write; it is removed if the block fails.
+    """
+    target = folder.resolve()
+    temporary = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
+    try:
+        yield temporary
+        temporary.chmod(0o777 & ~_umask())
+        old = None
+        if target.exists():
+            old = Path(tempfile.mkdtemp(prefix=f".{target.name}.old.", dir=target.parent))
+            target.replace(old / target.name)
+        temporary.replace(target)
+        if old is not None:
+            shutil.rmtree(old)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def write_run(folder: Path, scenario: Scenario, result: Result, *, figures: bool = True) -> None:
+    """Write everything about a run.
+
+    Parameters
+    ----------
+    folder : Path
+        Where results shall go; `check_folder` has accepted it.
+    scenario : Scenario
+        What was run.
+    result : Result
+        What came out.
+    figures : bool
+        Whether to draw.
+    """
+    optimum = solve_optimum(result.problem)
+    with new_folder(folder) as place:
+        (place / "scenario.toml").write_text(scenario.resolved().to_toml(), encoding="utf-8")
+        result.summary(optimum).to_csv(place / "summary.csv")
+        for name in ("signals", "demand", "allocations"):
+            getattr(result, name).to_parquet(place / f"{name}.parquet", index=False)
+        if figures:
+            from aimd_des.plots import paper_figures
+
+            for name, figure in paper_figures([result], optimum).items():
+                figure.savefig(place / f"{name}.png", dpi=160)
+        provenance = {
+            "digest": result.digest,
+            "seed": result.seed,
+            "versions": {
+                "aimd_des": aimd_des.__version__,
+                "python": platform.python_version(),
+                **{library: version(library) for library in _LIBRARIES},
+            },
+        }
+        (place / PROVENANCE).write_text(json.dumps(provenance, indent=2) + "\n", encoding="utf-8")

@@ -1,0 +1,81 @@
+"""What the command line shows while a run goes on, and when it has ended."""
+
+import time
+from types import TracebackType
+from typing import Self
+
+import pandas as pd
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+__all__ = ["RunProgress", "show_summary"]
+
+_PATIENCE = 1.0
+
+
+class RunProgress:
+    """A bar with simulated time and events per second, shown where a run is longer than a second.
+
+    Parameters
+    ----------
+    until : float
+        The end of the run, in units of simulated time.
+    """
+
+    def __init__(self, until: float) -> None:
+        self._until = until
+        self._began = time.monotonic()
+        self._bar = Progress(
+            TextColumn("simulated time {task.completed:,.0f} of {task.total:,.0f}"),
+            BarColumn(),
+            TextColumn("{task.fields[rate]:,.0f} events/s"),
+            TimeRemainingColumn(),
+            console=Console(stderr=True),
+        )
+        self._task = self._bar.add_task("run", total=until, rate=0.0)
+        self._shown = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._shown:
+            self._bar.stop()
+
+    def update(self, now: float, events: int) -> None:
+        """Take note of how far the run is.
+
+        Parameters
+        ----------
+        now : float
+            Simulated time.
+        events : int
+            Events handled so far.
+        """
+        elapsed = time.monotonic() - self._began
+        if not self._shown and elapsed > _PATIENCE and now < self._until:
+            self._bar.start()
+            self._shown = True
+        if self._shown:
+            self._bar.update(self._task, completed=now, rate=events / elapsed)
+
+
+def show_summary(summary: pd.DataFrame) -> None:
+    """Print the measures, a column for each resource.
+
+    Parameters
+    ----------
+    summary : DataFrame
+        As `Result.summary` gives it.
+    """
+    table = Table(title="Summary")
+    table.add_column("measure")
+    for resource in summary.index:
+        table.add_column(str(resource), justify="right")
+    for measure in summary.columns:
+        values = [f"{value:,.0f}" if value == int(value) and abs(value) > 1 else f"{value:.4f}" for value in summary[measure]]
+        table.add_row(measure.replace("_", " "), *values)
+    Console().print(table)

@@ -1,0 +1,1 @@
+"""Rivals and ours, side by side."""
