@@ -4,18 +4,30 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from aimd_des.agents import Camera
+    from aimd_des.channel import BroadcastChannel, latency, loss
+    from aimd_des.clock import Clocks
+    from aimd_des.control_unit import Crossing, Sampled
     from aimd_des.costs import CoupledCosts, CustomCosts, PolynomialCosts
     from aimd_des.discrete import run_discrete
     from aimd_des.errors import InputError, SimulationError
-    from aimd_des.optimum import Optimum, solve_optimum
+    from aimd_des.optimum import Optimum, normalization_factors, solve_optimum
     from aimd_des.problem import Problem, Resource
     from aimd_des.recording import Recording
+    from aimd_des.registry import model
     from aimd_des.results import Result
+    from aimd_des.scenario_file import load_scenario
+    from aimd_des.simulation import Simulation
 
 __version__ = "0.1.0"
 
+# Where each public name lives.
 _HOME = {
+    "BroadcastChannel": "channel",
+    "Camera": "agents",
+    "Clocks": "clock",
     "CoupledCosts": "costs",
+    "Crossing": "control_unit",
     "CustomCosts": "costs",
     "InputError": "errors",
     "Optimum": "optimum",
@@ -24,13 +36,23 @@ _HOME = {
     "Recording": "recording",
     "Resource": "problem",
     "Result": "results",
+    "Sampled": "control_unit",
+    "Simulation": "simulation",
     "SimulationError": "errors",
+    "load_scenario": "scenario_file",
+    "model": "registry",
+    "normalization_factors": "optimum",
     "run_discrete": "discrete",
     "solve_optimum": "optimum",
 }
+_MODULES = {"latency": "aimd_des.channel.latency", "loss": "aimd_des.channel.loss"}
 
 __all__ = [
+    "BroadcastChannel",
+    "Camera",
+    "Clocks",
     "CoupledCosts",
+    "Crossing",
     "CustomCosts",
     "InputError",
     "Optimum",
@@ -39,7 +61,14 @@ __all__ = [
     "Recording",
     "Resource",
     "Result",
+    "Sampled",
+    "Simulation",
     "SimulationError",
+    "latency",
+    "load_scenario",
+    "loss",
+    "model",
+    "normalization_factors",
     "run_discrete",
     "solve_optimum",
 ]
@@ -49,6 +78,8 @@ def __getattr__(name: str) -> Any:
     """Import what is asked for only then: the command line must start without NumPy and Numba."""
     if name in _HOME:
         return getattr(import_module(f"aimd_des.{_HOME[name]}"), name)
+    if name in _MODULES:
+        return import_module(_MODULES[name])
     raise AttributeError(f"module 'aimd_des' has no attribute {name!r}")
 
 

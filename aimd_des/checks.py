@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from numbers import Integral, Real
+from typing import TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +13,13 @@ from aimd_des.errors import InputError
 __all__ = ["FloatArray", "array", "fits", "integer", "number", "per_agent"]
 
 FloatArray = npt.NDArray[np.float64]
+
+
+class _Bounds(TypedDict):
+    low: float
+    high: float
+    low_open: bool
+    high_open: bool
 
 
 def _interval(low: float, high: float, low_open: bool, high_open: bool) -> str:
@@ -44,6 +52,22 @@ def number(
 ) -> float:
     """Return `value` as a float within the range, or refuse it by name.
 
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+    low, high, low_open, high_open
+        The range.
+    remedy : str
+        What to do about it.
+
+    Returns
+    -------
+    float
+        Finite.
+
     Raises
     ------
     InputError
@@ -66,6 +90,22 @@ def integer(
 ) -> int:
     """Return `value` as an int within the range, or refuse it by name.
 
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+    low, high : int, optional
+        The range.
+    remedy : str
+        What to do about it.
+
+    Returns
+    -------
+    int
+        Of Python.
+
     Raises
     ------
     InputError
@@ -76,10 +116,9 @@ def integer(
         allowed += f" of at least {low}"
     if high is not None:
         allowed += f"{' and' if low is not None else ''} at most {high}"
-    wrong_type = isinstance(value, bool | np.bool_) or not isinstance(value, Integral)
-    if wrong_type:
+    if isinstance(value, bool | np.bool_) or not isinstance(value, Integral):
         raise InputError.of(field, value, allowed, remedy)
-    clean = int(value)  # type: ignore[call-overload]
+    clean = int(value)
     if (low is not None and clean < low) or (high is not None and clean > high):
         raise InputError.of(field, clean, allowed, remedy)
     return clean
@@ -155,20 +194,44 @@ def per_agent(
 ) -> float | FloatArray:
     """Return a scalar for all agents as a float, or one value per agent as a read-only (n,) array.
 
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        A number, or an array, list or tuple of numbers.
+    low, high, low_open, high_open
+        The range of each value.
+    remedy : str
+        What to do about it.
+
+    Returns
+    -------
+    float or ndarray, shape (n,)
+        Clean.
+
     Raises
     ------
     InputError
         As `number` and `array` do.
     """
-    bounds = {"low": low, "high": high}
-    opens = {"low_open": low_open, "high_open": high_open}
+    bounds: _Bounds = {"low": low, "high": high, "low_open": low_open, "high_open": high_open}
     if isinstance(value, np.ndarray | list | tuple) and np.ndim(value) > 0:
-        return array(field, value, ("n_agents",), **bounds, **opens, remedy=remedy)
-    return number(field, value, **bounds, **opens, remedy=remedy)
+        return array(field, value, ("n_agents",), **bounds, remedy=remedy)
+    return number(field, value, **bounds, remedy=remedy)
 
 
-def fits(field: str, value: object, n_agents: int) -> None:
+def fits(field: str, value: npt.ArrayLike, n_agents: int) -> None:
     """Refuse an array that has not one value for each agent; scalars fit always.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : float or array_like
+        What was given.
+    n_agents : int
+        n.
 
     Raises
     ------
@@ -176,6 +239,5 @@ def fits(field: str, value: object, n_agents: int) -> None:
         Naming both lengths.
     """
     if np.ndim(value) and np.shape(value) != (n_agents,):
-        raise InputError.of(
-            f"shape of {field}", np.shape(value), f"({n_agents},)", "give one number for all agents or one for each"
-        )
+        remedy = "give one number for all agents or one for each"
+        raise InputError.of(f"shape of {field}", np.shape(value), f"({n_agents},)", remedy)

@@ -54,6 +54,7 @@ def run(scenario: Path, seed: int | None, out: Path | None, overwrite: bool, fig
     as PNG, and run.json (digest, seed, versions).  The same scenario and seed give the same digest.
     """
     from aimd_des.errors import InputError, SimulationError
+    from aimd_des.optimum import solve_optimum
     from aimd_des.output import check_folder, write_run
     from aimd_des.progress import RunProgress, show_summary
     from aimd_des.scenario_file import load_scenario
@@ -63,14 +64,18 @@ def run(scenario: Path, seed: int | None, out: Path | None, overwrite: bool, fig
         changes: dict[str, Any] = {} if seed is None else {"seed": seed}
         loaded = load_scenario(scenario, **changes)
         check_folder(folder, overwrite=overwrite)
-        with RunProgress(loaded.until) as progress:
-            result = loaded.run(progress.update)
-        write_run(folder, loaded, result, figures=figures)
     except InputError as refusal:
         raise _Refusal(str(refusal)) from None
+    try:
+        with RunProgress(loaded.until) as progress:
+            result = loaded.run(progress.update)
+        optimum = solve_optimum(result.problem)
+        write_run(folder, loaded, result, optimum, figures=figures)
+    except InputError as refusal:
+        raise _Refusal(f"{scenario}: {refusal}") from None
     except SimulationError as failure:
         raise click.ClickException(str(failure)) from None
     except OSError as failure:
         raise _Refusal(f"{folder}: cannot be written ({failure.strerror})") from None
-    show_summary(result.summary())
+    show_summary(result.summary(optimum))
     click.echo(f"Results in {folder}")

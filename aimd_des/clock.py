@@ -2,10 +2,17 @@
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
-from aimd_des import checks
+import numpy as np
 
-__all__ = ["Clock"]
+from aimd_des import checks, streams
+from aimd_des.checks import FloatArray
+from aimd_des.compiled import kernel
+from aimd_des.errors import InputError
+from aimd_des.streams import Key, uniform_at
+
+__all__ = ["AgentClocks", "Clock", "Clocks"]
 
 
 @dataclass(frozen=True)
@@ -73,3 +80,195 @@ class Clock:
         while self.time(tick) < time:
             tick += 1
         return tick
+
+
+@dataclass(frozen=True, eq=False)
+class Clocks:
+    """The clocks of discrete agents: one for all, or each its own.
+
+    Agent i's tick q is at phase_i + q * period_i * (1 + drift_i) + jitter_i * u, with u uniform
+    on [0, 1) and drawn for each tick.
+
+    Parameters
+    ----------
+    period : float or array_like, shape (n,)
+        Nominal time between two ticks, greater than 0.
+    phase : float, array_like of shape (n,), or "random"
+        Time of tick 0, at least 0; "random": uniform over one period, for each agent its own.
+    drift : float or array_like, shape (n,)
+        Relative error of the period, greater than -1.
+    jitter : float or array_like, shape (n,)
+        Largest delay of a tick, at least 0 and less than the period, so that ticks keep their order.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range.
+    """
+
+    period: float | FloatArray = 1.0
+    phase: float | FloatArray | Literal["random"] = 0.0
+    drift: float | FloatArray = 0.0
+    jitter: float | FloatArray = 0.0
+
+    def __post_init__(self) -> None:
+        clean = {
+            "period": checks.per_agent("period", self.period, low=0.0, low_open=True),
+            "drift": checks.per_agent("drift", self.drift, low=-1.0, low_open=True),
+            "jitter": checks.per_agent("jitter", self.jitter, low=0.0),
+        }
+        if isinstance(self.phase, str):
+            if self.phase != "random":
+                raise InputError.of("phase", self.phase, "'random', a number or an array of numbers")
+        else:
+            clean["phase"] = checks.per_agent("phase", self.phase, low=0.0)
+        for name, value in clean.items():
+            object.__setattr__(self, name, value)
+
+    def start(self, n_agents: int, key: Key) -> "AgentClocks":
+        """Set the clocks of one run.
+
+        Parameters
+        ----------
+        n_agents : int
+            n.
+        key : tuple of two uint64
+            The run's key for clocks.
+
+        Returns
+        -------
+        AgentClocks
+            A clock for each agent.
+
+        Raises
+        ------
+        InputError
+            If an array has not n values, or a jitter is not less than its period.
+        """
+        rows = {}
+        for name in ("period", "drift", "jitter"):
+            checks.fits(name, getattr(self, name), n_agents)
+            rows[name] = np.array(np.broadcast_to(getattr(self, name), (n_agents,)), dtype=np.float64)
+        period = rows["period"] * (1.0 + rows["drift"])
+        if isinstance(self.phase, str):
+            phase = period * streams.uniforms(key, _PHASES, 0, n_agents)
+        else:
+            checks.fits("phase", self.phase, n_agents)
+            phase = np.array(np.broadcast_to(self.phase, (n_agents,)), dtype=np.float64)
+        late = rows["jitter"] >= period
+        if late.any():
+            agent = int(np.argmax(late))
+            allowed = f"less than the period, {period[agent]:g}"
+            raise InputError.of(f"jitter of agent {agent}", float(rows["jitter"][agent]), allowed)
+        return AgentClocks(phase, period, rows["jitter"], key)
+
+
+# Addresses within the stream of clocks: what stands where a resource stands for signals.
+_TICKS, _PHASES = 0, 1
+
+
+@kernel
+def _tick_time(phase: float, period: float, jitter: float, key: Key, agent: int, tick: float) -> float:
+    time = phase + tick * period
+    return time + jitter * uniform_at(key, _TICKS, int(tick), agent) if jitter > 0.0 else time
+
+
+@kernel
+def _next_tick(phase: float, period: float, jitter: float, key: Key, agent: int, time: float) -> float:
+    """Count the ticks before a time; exact, though the division is not."""
+    tick = max(np.ceil((time - phase) / period), 0.0)
+    while tick > 0.0 and _tick_time(phase, period, jitter, key, agent, tick - 1.0) >= time:
+        tick -= 1.0
+    while _tick_time(phase, period, jitter, key, agent, tick) < time:
+        tick += 1.0
+    return float(tick)
+
+
+@kernel
+def _next_ticks(
+    phase: FloatArray, period: FloatArray, jitter: FloatArray, key: Key, time: float, out: FloatArray
+) -> None:
+    for i in range(out.shape[0]):
+        out[i] = _next_tick(phase[i], period[i], jitter[i], key, i, time)
+
+
+class AgentClocks:
+    """The clocks of all agents in one run.
+
+    Parameters
+    ----------
+    phase, period, jitter : ndarray, shape (n,)
+        Of each agent, drift included in the period.
+    key : tuple of two uint64
+        The run's key for clocks.
+
+    Attributes
+    ----------
+    common : bool
+        Whether all agents tick at the same times.
+    """
+
+    def __init__(self, phase: FloatArray, period: FloatArray, jitter: FloatArray, key: Key) -> None:
+        self._rows = (phase, period, jitter)
+        self._numbers = tuple(zip(phase.tolist(), period.tolist(), jitter.tolist(), strict=True))
+        self._key = key
+        self.common = bool(np.ptp(phase) == 0.0 and np.ptp(period) == 0.0 and not jitter.any())
+        self._shared = Clock(*self._numbers[0][1::-1])
+        self._ticks = np.empty(1 if self.common else len(phase))
+
+    def time(self, agent: int, tick: int) -> float:
+        """Return the time of an agent's tick.
+
+        Parameters
+        ----------
+        agent : int
+            i.
+        tick : int
+            Its index q, from 0.
+
+        Returns
+        -------
+        float
+            In units of time.
+        """
+        if self.common:
+            return self._shared.time(tick)
+        return _tick_time(*self._numbers[agent], self._key, agent, float(tick))
+
+    def next_tick(self, agent: int, time: float) -> int:
+        """Return the index of an agent's first tick at or after a time.
+
+        Parameters
+        ----------
+        agent : int
+            i.
+        time : float
+            Any time.
+
+        Returns
+        -------
+        int
+            At least 0.
+        """
+        if self.common:
+            return self._shared.next_tick(time)
+        return int(_next_tick(*self._numbers[agent], self._key, agent, time))
+
+    def next_ticks(self, time: float) -> FloatArray:
+        """Return the index of every agent's first tick at or after a time.
+
+        Parameters
+        ----------
+        time : float
+            Any time.
+
+        Returns
+        -------
+        ndarray, shape (n,), or (1,) where the clock is common
+            Overwritten by the next call.
+        """
+        if self.common:
+            self._ticks[0] = self._shared.next_tick(time)
+        else:
+            _next_ticks(*self._rows, self._key, time, self._ticks)
+        return self._ticks

@@ -6,11 +6,18 @@ from typing import Protocol
 
 import numpy as np
 
+from aimd_des import checks
 from aimd_des.clock import Clock
 from aimd_des.environment import Kind
+from aimd_des.errors import SimulationError
 from aimd_des.system import ProcessGenerator, System
 
-__all__ = ["ControlUnit", "Sampled"]
+__all__ = ["ControlUnit", "Crossing", "Sampled"]
+
+# Broadcasts at one instant, one after another without anybody responding, after which time is
+# taken to stand still.  If responses were possible at all, with a chance of 1/100 say, to get here
+# would have a probability of 1e-43.
+_MOST_AT_ONE_INSTANT = 10_000
 
 
 class ControlUnit(Protocol):
@@ -31,6 +38,8 @@ class Sampled:
         Time between two looks, greater than 0.
     phase : float
         Time of the first look, at least 0.
+    sensing_delay : float
+        How long after a look its signals leave the control unit, at least 0.
 
     Raises
     ------
@@ -40,11 +49,14 @@ class Sampled:
 
     period: float = 1.0
     phase: float = 0.0
+    sensing_delay: float = 0.0
 
     def __post_init__(self) -> None:
         clock = Clock(self.period, self.phase)
         object.__setattr__(self, "period", clock.period)
         object.__setattr__(self, "phase", clock.phase)
+        delay = checks.number("sensing_delay", self.sensing_delay, low=0.0)
+        object.__setattr__(self, "sensing_delay", delay)
 
     def process(self, system: System) -> ProcessGenerator:
         """Look, and broadcast for each resource whose total demand is above its threshold.
@@ -62,5 +74,81 @@ class Sampled:
         clock = Clock(self.period, self.phase)
         for look in count():
             yield system.env.at(clock.time(look), Kind.SENSE)
-            for resource in np.flatnonzero(system.total_demand() > system.law.limit):
-                system.broadcast(int(resource))
+            for resource in np.flatnonzero(system.totals() > system.law.limit).tolist():
+                system.broadcast(resource, self.sensing_delay)
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A control unit that senses the instant at which total demand reaches its threshold.
+
+    It broadcasts at that instant and then holds off.  At the end of the hold-off it broadcasts
+    again at once if demand is still at or above the threshold, else at the next upward crossing.
+    The instant is solved for: demand is piecewise linear.
+
+    Parameters
+    ----------
+    refractory : float
+        The hold-off, at least 0 and in units of time; 0 is the ideal model of the literature,
+        which takes signals that arrive at once.
+    sensing_delay : float
+        How long after a crossing its signal leaves the control unit, at least 0; the hold-off
+        counts from the crossing.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range.
+    """
+
+    refractory: float
+    sensing_delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("refractory", "sensing_delay"):
+            object.__setattr__(self, name, checks.number(name, getattr(self, name), low=0.0))
+
+    def process(self, system: System) -> ProcessGenerator:
+        """Sense each resource on its own.
+
+        Parameters
+        ----------
+        system : System
+            The run in progress.
+
+        Yields
+        ------
+        simpy.Event
+            Nothing: there is a process for each resource.
+        """
+        for resource in range(system.problem.n_resources):
+            system.env.process(self._sense(system, resource))
+        yield from ()
+
+    def _sense(self, system: System, resource: int) -> ProcessGenerator:
+        """Go from one possible crossing to the next: responses only lower the total, growth bounds it."""
+        env, limit = system.env, float(system.law.limit[resource])
+        slope = float(np.cumsum(system.law.increase[resource])[-1])
+        at_this_instant, instant = 0, -1.0
+        while True:
+            now = env.now
+            soonest = now + (limit - system.total(resource)) / slope
+            if soonest > now:
+                yield env.at(soonest, Kind.SENSE, resource)
+                continue
+            # At the threshold, or so near below it that no representable time lies in between.
+            at_this_instant = at_this_instant + 1 if now == instant else 1
+            instant = now
+            if at_this_instant > _MOST_AT_ONE_INSTANT:
+                raise SimulationError(self._standstill(system, resource))
+            system.broadcast(resource, self.sensing_delay)
+            yield env.at(now + self.refractory, Kind.SENSE, resource)
+
+    def _standstill(self, system: System, resource: int) -> str:
+        name = system.problem.resource_names[resource]
+        return (
+            f"time {system.env.now!r}, resource {name}: after {_MOST_AT_ONE_INSTANT} signals at this instant "
+            "total demand is still at its threshold, and time cannot advance since refractory = "
+            f"{self.refractory!r}; set refractory greater than 0, or let signals arrive at once and reach "
+            "somebody who can respond"
+        )

@@ -17,16 +17,17 @@ from collections.abc import Callable
 from enum import IntEnum
 from heapq import heappush
 from itertools import count
+from typing import Any
 
 import simpy
 
 from aimd_des.errors import InputError
 
-__all__ = ["Kind", "OrderedEnvironment"]
+__all__ = ["Kind", "Mailbox", "OrderedEnvironment", "Reminder"]
 
-Callback = Callable[[simpy.Event], None]
+Callback = Callable[[Any], None]
 
-# Order numbers below this are indices of agents.
+# Order numbers below this are indices of agents or resources.
 _FIRST_ORDER = 1 << 40
 _WATCH_EVERY = 1 << 12
 
@@ -89,48 +90,16 @@ class OrderedEnvironment(simpy.Environment):
         InputError
             If the time is in the past or no number.
         """
-        if not self._now <= time < math.inf:
-            raise InputError.of("time", time, f"finite and not before the present, {self._now!r}")
         event = simpy.Event(self)
         event._ok = True
         event._value = None
-        heappush(self._queue, (time, kind, next(self._eid) if order is None else order, event))  # type: ignore[misc]
+        self._push(event, time, kind, next(self._eid) if order is None else order)
         return event
 
-    def call_at(self, time: float, kind: Kind, callback: Callback, order: int | None = None) -> None:
-        """Schedule a call at an absolute time.
-
-        Parameters
-        ----------
-        time : float
-            When; not before now.
-        kind : Kind
-            What it is; decides among events at the same time.
-        callback : callable
-            Called with the event.
-        order : int, optional
-            As for `at`.
-
-        Raises
-        ------
-        InputError
-            If the time is in the past or no number.
-        """
-        self.at(time, kind, order).callbacks.append(callback)
-
-    def fire(self, event: simpy.Event) -> None:
-        """Resume those who wait for an event within the present event, not behind others of this instant.
-
-        Parameters
-        ----------
-        event : simpy.Event
-            An event that is not triggered yet.
-        """
-        callbacks, event.callbacks = event.callbacks, None  # type: ignore[assignment]
-        event._ok = True
-        event._value = None
-        for callback in callbacks:
-            callback(event)
+    def _push(self, event: simpy.Event, time: float, kind: int, order: int) -> None:
+        if not self._now <= time < math.inf:
+            raise InputError.of("time", time, f"finite and not before the present, {self._now!r}")
+        heappush(self._queue, (time, kind, order, event))  # type: ignore[misc]  # SimPy has two kinds only
 
     def run_to(self, until: float, watch: Callable[[float, int], None] | None = None) -> None:
         """Handle every event before `until`, and none that is due at `until` itself.
@@ -152,3 +121,68 @@ class OrderedEnvironment(simpy.Environment):
         self._now = until
         if watch is not None:
             watch(until, handled)
+
+
+class Reminder(simpy.Event):
+    """An event that is scheduled again and again, always with the same callback.
+
+    Parameters
+    ----------
+    env : OrderedEnvironment
+        Where it is scheduled.
+    callback : callable
+        Called with the reminder each time.
+    """
+
+    def __init__(self, env: OrderedEnvironment, callback: Callback) -> None:
+        super().__init__(env)
+        self._environment = env
+        self._again = [callback]
+        self._ok = True
+        self._value = None
+
+    def at(self, time: float, kind: Kind, order: int) -> None:
+        """Schedule it; it must not be scheduled already.
+
+        Parameters
+        ----------
+        time : float
+            When; not before now.
+        kind : Kind
+            What it is; decides among events at the same time.
+        order : int
+            Decides among events of the same time and kind.
+
+        Raises
+        ------
+        InputError
+            If the time is in the past or no number.
+        """
+        self.callbacks = self._again
+        self._environment._push(self, time, kind, order)
+
+
+class Mailbox(simpy.Event):
+    """An event that hands values to the process which waits for it, at once and any number of times.
+
+    `simpy.Event.succeed` would queue the process behind others of the same instant.
+
+    Parameters
+    ----------
+    env : simpy.Environment
+        Where the process lives.
+    """
+
+    def hand(self, value: object) -> None:
+        """Resume the waiting process with a value, within the present event.
+
+        Parameters
+        ----------
+        value : object
+            What ``yield`` returns there.
+        """
+        waiting, self.callbacks = self.callbacks, []
+        self._ok = True
+        self._value = value
+        for callback in waiting:
+            callback(self)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import aimd_des
 from aimd_des.errors import InputError
-from aimd_des.optimum import solve_optimum
+from aimd_des.optimum import Optimum
 from aimd_des.results import Result
 from aimd_des.scenario import Scenario
 
@@ -50,7 +50,10 @@ def check_folder(folder: Path, *, overwrite: bool, mark: str = PROVENANCE) -> No
             )
         if not (folder / mark).is_file():
             raise InputError.of(
-                "output folder", str(folder), "one that this program wrote", f"it has no {mark}; remove it yourself"
+                "output folder",
+                str(folder),
+                "one that this program wrote",
+                f"it has no {mark}; remove it yourself",
             )
     try:
         folder.resolve().parent.mkdir(parents=True, exist_ok=True)
@@ -97,7 +100,9 @@ def _umask() -> int:
     return mask
 
 
-def write_run(folder: Path, scenario: Scenario, result: Result, *, figures: bool = True) -> None:
+def write_run(
+    folder: Path, scenario: Scenario, result: Result, optimum: Optimum, *, figures: bool = True
+) -> None:
     """Write everything about a run.
 
     Parameters
@@ -108,10 +113,11 @@ def write_run(folder: Path, scenario: Scenario, result: Result, *, figures: bool
         What was run.
     result : Result
         What came out.
+    optimum : Optimum
+        The centralised solution of the run's problem.
     figures : bool
         Whether to draw.
     """
-    optimum = solve_optimum(result.problem)
     with new_folder(folder) as place:
         (place / "scenario.toml").write_text(scenario.resolved().to_toml(), encoding="utf-8")
         result.summary(optimum).to_csv(place / "summary.csv")

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.checks import FloatArray
-from aimd_des.compiled import kernel
+from aimd_des.compiled import formula, kernel
 from aimd_des.problem import Problem
-from aimd_des.response import grown, tick_averages
+from aimd_des.response import accumulated_at, demand_at, time_average
 
-__all__ = ["Law", "State", "law_of", "observe", "start", "total_demand"]
+__all__ = ["Law", "State", "law_of", "observe", "start", "total_of", "totals"]
 
 IntArray = npt.NDArray[np.int64]
 
@@ -27,9 +27,9 @@ class State(NamedTuple):
     demand : ndarray
         Demand just after the anchor, in units of the resource.
     accumulated : ndarray
-        Demand summed over all ticks up to and including the anchor.
+        Demand accumulated up to the anchor: over ticks, or over time.
     anchor : ndarray
-        Index of the tick at which a signal was answered last; -1 before the first.
+        The moment at which a signal was answered last: index of the tick (-1 before the first), or time.
     responses, saturated : ndarray of int
         Decreases, and those of them that had a response probability above 1.
     """
@@ -85,13 +85,15 @@ def law_of(problem: Problem) -> Law:
     )
 
 
-def start(n_resources: int, n_agents: int) -> State:
-    """Give the state before the first tick: nobody holds anything.
+def start(n_resources: int, n_agents: int, grain: float) -> State:
+    """Give the state before anything has happened: nobody holds anything.
 
     Parameters
     ----------
     n_resources, n_agents : int
         m and n.
+    grain : float
+        Grain of time.
 
     Returns
     -------
@@ -102,15 +104,46 @@ def start(n_resources: int, n_agents: int) -> State:
     return State(
         demand=np.zeros(shape),
         accumulated=np.zeros(shape),
-        anchor=np.full(shape, -1.0),
+        anchor=np.full(shape, 0.0 - grain),
         responses=np.zeros(shape, dtype=np.int64),
         saturated=np.zeros(shape, dtype=np.int64),
     )
 
 
 @kernel
-def total_demand(state: State, law: Law, tick: float, out: FloatArray) -> None:
-    """Sum x(k) over the agents in index order, for every resource.
+def total_of(
+    demand: FloatArray, increase: FloatArray, anchor: FloatArray, moment: FloatArray, grain: float
+) -> float:
+    """Sum the demand for one resource over the agents, in index order.
+
+    Parameters
+    ----------
+    demand, increase, anchor : ndarray, shape (n,)
+        State and alpha for the resource.
+    moment : ndarray, shape (n,) or (1,)
+        The moment at hand: of each agent, or common to all.
+    grain : float
+        Grain of time.
+
+    Returns
+    -------
+    float
+        In units of the resource.
+    """
+    total = 0.0
+    if moment.shape[0] == 1:
+        now = moment[0]
+        for i in range(demand.shape[0]):
+            total += demand_at(demand[i], increase[i], now - anchor[i], grain)
+    else:
+        for i in range(demand.shape[0]):
+            total += demand_at(demand[i], increase[i], moment[i] - anchor[i], grain)
+    return total
+
+
+@kernel
+def totals(state: State, law: Law, moment: FloatArray, grain: float, out: FloatArray) -> None:
+    """Sum the demand over the agents in index order, for every resource.
 
     Parameters
     ----------
@@ -118,22 +151,27 @@ def total_demand(state: State, law: Law, tick: float, out: FloatArray) -> None:
         State of all agents.
     law : Law
         Parameters of the rule.
-    tick : float
-        k, the index of the agents' next tick.
+    moment : ndarray, shape (n,) or (1,)
+        The moment at hand: of each agent, or common to all.
+    grain : float
+        Grain of time.
     out : ndarray, shape (m,)
         Receives the totals, in units of the resources.
     """
     for j in range(state.demand.shape[0]):
-        demand, increase, anchor = state.demand[j], law.increase[j], state.anchor[j]
-        total = 0.0
-        for i in range(demand.shape[0]):
-            total += grown(demand[i], increase[i], tick - anchor[i] - 1.0)
-        out[j] = total
+        out[j] = total_of(state.demand[j], law.increase[j], state.anchor[j], moment, grain)
+
+
+@formula
+def _moment_of(moment: FloatArray, agent: int) -> float:
+    return float(moment[0] if moment.shape[0] == 1 else moment[agent])
 
 
 @kernel
-def observe(state: State, law: Law, tick: float, demand: FloatArray, average: FloatArray) -> None:
-    """Read demand x(k) and average x-bar(k) of all agents without changing anything.
+def observe(
+    state: State, law: Law, moment: FloatArray, grain: float, demand: FloatArray, average: FloatArray
+) -> None:
+    """Read demand and average of all agents without changing anything.
 
     Parameters
     ----------
@@ -141,15 +179,18 @@ def observe(state: State, law: Law, tick: float, demand: FloatArray, average: Fl
         State of all agents.
     law : Law
         Parameters of the rule.
-    tick : float
-        k, the index of the agents' next tick.
+    moment : ndarray, shape (n,) or (1,)
+        The moment at hand: of each agent, or common to all.
+    grain : float
+        Grain of time.
     demand, average : ndarray, shape (m, n)
         Receive what is read, in units of the resources.
     """
     for j in range(state.demand.shape[0]):
         for i in range(state.demand.shape[1]):
-            steps = tick - state.anchor[j, i] - 1.0
-            demand[j, i] = grown(state.demand[j, i], law.increase[j, i], steps)
-        tick_averages(
-            state.demand[j], state.accumulated[j], state.anchor[j], law.increase[j], tick, average[j]
-        )
+            now = _moment_of(moment, i)
+            since = now - state.anchor[j, i]
+            held, increase = state.demand[j, i], law.increase[j, i]
+            folded = accumulated_at(state.accumulated[j, i], held, increase, since, grain)
+            demand[j, i] = demand_at(held, increase, since, grain)
+            average[j, i] = time_average(folded, now, grain)

@@ -75,7 +75,7 @@ def show_summary(summary: pd.DataFrame) -> None:
     table.add_column("measure")
     for resource in summary.index:
         table.add_column(str(resource), justify="right")
-    for measure in summary.columns:
-        values = [f"{value:,.0f}" if value == int(value) and abs(value) > 1 else f"{value:.4f}" for value in summary[measure]]
-        table.add_row(measure.replace("_", " "), *values)
+    for measure, values in summary.items():
+        style = "{:,d}" if values.dtype.kind == "i" else "{:.4f}"
+        table.add_row(str(measure).replace("_", " "), *(style.format(value) for value in values))
     Console().print(table)

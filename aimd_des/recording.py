@@ -33,6 +33,11 @@ class Recording:
         When to keep demand and average of every agent; likewise.
     tail : int
         Over how many of the last units of time both are kept at every unit, besides the above.
+    overshoot : bool
+        Whether to integrate total demand exactly: peak, time above capacity, mean excess.
+        `run_discrete` always does; it costs nothing there.
+    events : bool
+        Whether to keep the event log; event-driven runs only.
 
     Raises
     ------
@@ -44,6 +49,8 @@ class Recording:
     demand: Times = "auto"
     allocations: Times = "end"
     tail: int = 0
+    overshoot: bool = True
+    events: bool = False
 
     def __post_init__(self) -> None:
         for name in ("demand", "allocations"):

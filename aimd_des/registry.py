@@ -58,10 +58,14 @@ def named_model(name: str) -> Callable[..., Problem]:
         if here not in sys.path:
             sys.path.append(here)
         if not _exists(name):
-            raise InputError.of("model", name, "a module on the Python path or in the working directory", _hint(name))
+            raise InputError.of(
+                "model", name, "a module on the Python path or in the working directory", _hint(name)
+            )
         import_module(name)
     if name not in _REGISTERED:
-        raise InputError.of("model", name, "a module that registers a model", "decorate its function with model")
+        raise InputError.of(
+            "model", name, "a module that registers a model", "decorate its function with model"
+        )
     return _REGISTERED[name]
 
 
@@ -77,7 +81,9 @@ def _hint(name: str) -> str:
     parent = name.rpartition(".")[0]
     spec = find_spec(parent) if parent and _exists(parent) else None
     folders = list(spec.submodule_search_locations or []) if spec else []
-    beside = [f"{parent}.{path.stem}" for folder in folders for path in sorted(Path(folder).glob("[a-z]*.py"))]
+    beside = [
+        f"{parent}.{path.stem}" for folder in folders for path in sorted(Path(folder).glob("[a-z]*.py"))
+    ]
     near = get_close_matches(name, beside, n=1)
     return f"did you mean {near[0]!r}?" if near else "install it, or run from the folder that holds it"
 

@@ -15,6 +15,9 @@ import pandas as pd
 
 from aimd_des import metrics
 from aimd_des.checks import FloatArray
+from aimd_des.errors import InputError
+from aimd_des.frames import categorical
+from aimd_des.log import EventLog
 from aimd_des.optimum import Optimum, solve_optimum
 from aimd_des.problem import Problem
 from aimd_des.recording import Observations, Signals
@@ -30,8 +33,10 @@ class Account:
 
     Attributes
     ----------
-    delivered, lost, in_flight : ndarray of int, shape (m,)
-        Copies of the signals: each broadcast makes one for each agent.
+    delivered, lost, in_flight : ndarray of int, shape (m, n)
+        Copies of the signals by what became of them: each broadcast makes one for each agent.
+    duplicated : ndarray of int, shape (m, n)
+        Duplicates that arrived besides.
     responses, saturated : ndarray of int, shape (m, n)
         Decreases of each agent, and those of them that had a response probability above 1.
     """
@@ -39,6 +44,7 @@ class Account:
     delivered: IntArray
     lost: IntArray
     in_flight: IntArray
+    duplicated: IntArray
     responses: IntArray
     saturated: IntArray
 
@@ -62,6 +68,8 @@ class Result:
         What the observers saw.
     account : Account
         Copies and responses.
+    log : EventLog, optional
+        Every event, if it was asked for.
 
     Warns
     -----
@@ -79,6 +87,7 @@ class Result:
         signals_sent: Signals,
         observations: Observations,
         account: Account,
+        log: EventLog | None = None,
     ) -> None:
         self.problem = problem
         self.dynamics = dynamics
@@ -87,6 +96,7 @@ class Result:
         self.signals_sent = signals_sent
         self.observations = observations
         self.account = account
+        self.log = log
         saturated = int(account.saturated.sum())
         if saturated:
             warnings.warn(
@@ -99,21 +109,18 @@ class Result:
     @property
     def demand_at_end(self) -> FloatArray:
         """Demand of each agent at the end, shape (n, m), in units of the resources."""
-        return self.observations.demand[-1].T
+        return np.asarray(self.observations.demand[-1].T)
 
     @property
     def average_at_end(self) -> FloatArray:
         """Long-term average of each agent at the end, shape (n, m), in units of the resources."""
-        return self.observations.average[-1].T
-
-    def _category(self, codes: npt.NDArray[np.intp], names: tuple[str, ...]) -> pd.Categorical:
-        return pd.Categorical.from_codes(codes, categories=list(names))
+        return np.asarray(self.observations.average[-1].T)
 
     @cached_property
     def signals(self) -> pd.DataFrame:
         """Capacity events: time, resource, number (from 0 for each resource)."""
         sent = self.signals_sent
-        resource = self._category(sent.resource, self.problem.resource_names)
+        resource = categorical(sent.resource, self.problem.resource_names)
         return pd.DataFrame({"time": sent.time, "resource": resource, "number": sent.number})
 
     @cached_property
@@ -124,7 +131,7 @@ class Result:
         return pd.DataFrame(
             {
                 "time": np.repeat(seen.demand_times, m),
-                "resource": self._category(np.tile(np.arange(m), count), self.problem.resource_names),
+                "resource": categorical(np.tile(np.arange(m), count), self.problem.resource_names),
                 "total": seen.total_demand.ravel(),
                 "average": seen.total_average.ravel(),
             }
@@ -140,22 +147,43 @@ class Result:
         return pd.DataFrame(
             {
                 "time": np.repeat(seen.allocation_times, n * m),
-                "camera": self._category(camera, self.problem.agent_names),
-                "resource": self._category(resource, self.problem.resource_names),
+                "camera": categorical(camera, self.problem.agent_names),
+                "resource": categorical(resource, self.problem.resource_names),
                 "demand": seen.demand.ravel(),
                 "average": seen.average.ravel(),
             }
         )
 
     @cached_property
+    def events(self) -> pd.DataFrame:
+        """The event log: time, kind, resource, agent, number, value.
+
+        Raises
+        ------
+        InputError
+            If the run kept none.
+        """
+        if self.log is None:
+            raise InputError("events: the run kept no log; run it with Recording(events=True)")
+        return self.log.frame(self.problem.resource_names, self.problem.agent_names)
+
+    @cached_property
     def digest(self) -> str:
-        """SHA-256 over signals, responses of every agent, and its demand and average at the end."""
+        """SHA-256 over signals, responses, demands and averages at the end, and the log if it was kept.
+
+        It says nothing about how a run was done: the synchronous algorithm and an event-driven
+        run that equals it have the same digest.
+        """
         seen, sent = self.observations, self.signals_sent
         digest = sha256()
         for floats in (sent.time, seen.demand[-1], seen.average[-1]):
             digest.update(np.ascontiguousarray(floats, dtype="<f8").tobytes())
         for integers in (sent.resource, sent.number, self.account.responses, self.account.saturated):
             digest.update(np.ascontiguousarray(integers, dtype="<i8").tobytes())
+        if self.log is not None:
+            time, entry, value = self.log.columns()
+            for column, kind in ((time, "<f8"), (entry, "<i8"), (value, "<f8")):
+                digest.update(np.ascontiguousarray(column, dtype=kind).tobytes())
         return digest.hexdigest()
 
     def summary(self, optimum: Optimum | None = None) -> pd.DataFrame:
@@ -170,7 +198,7 @@ class Result:
         -------
         DataFrame
             Index: resource.  Columns: signals (bits broadcast), delivered, lost, in_flight
-            (copies), responses, saturated (responses with probability above 1), utilisation,
+            and duplicated (copies), responses, saturated (responses with probability above 1), utilisation,
             relative_error, misallocation (relative error against the optimum for the capacities
             actually used), consensus_spread, cost_ratio (of all resources together, repeated),
             overshoot_peak, overshoot_time, overshoot_mean (over the capacity, over all time, and
@@ -183,9 +211,10 @@ class Result:
         overshoot = self.observations.overshoot
         columns = {
             "signals": self.signals_sent.counts(problem.n_resources),
-            "delivered": account.delivered,
-            "lost": account.lost,
-            "in_flight": account.in_flight,
+            "delivered": account.delivered.sum(axis=1),
+            "lost": account.lost.sum(axis=1),
+            "in_flight": account.in_flight.sum(axis=1),
+            "duplicated": account.duplicated.sum(axis=1),
             "responses": account.responses.sum(axis=1),
             "saturated": account.saturated.sum(axis=1),
             "utilisation": metrics.utilisation(average, problem.capacity),

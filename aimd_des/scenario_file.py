@@ -82,13 +82,17 @@ def _split(dotted: str) -> Path_:
 def _sentence(path: Path, lines: dict[Path_, int], error: ErrorDetails) -> str:
     """Turn one of pydantic's errors into a sentence of ours."""
     location = _without_branches(error["loc"])
-    place = next((lines[location[:end]] for end in range(len(location), 0, -1) if location[:end] in lines), None)
+    place = next(
+        (lines[location[:end]] for end in range(len(location), 0, -1) if location[:end] in lines), None
+    )
     where = f"{path}:{place}" if place else f"{path}"
     key = ".".join(map(str, location))
     prefix = f"{where}: {key}: " if key else f"{where}: "
     if error["type"] == "extra_forbidden":
         near = get_close_matches(str(location[-1]), _known_keys(location[:-1]), n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(_known_keys(location[:-1]))}"
+        hint = (
+            f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(_known_keys(location[:-1]))}"
+        )
         return f"{prefix}unknown key {location[-1]!r}{hint}"
     if error["type"] == "missing":
         return f"{prefix}is missing"

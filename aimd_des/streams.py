@@ -2,9 +2,10 @@
 
 Every stream descends from one seed: ``SeedSequence(seed, spawn_key=(purpose,))`` gives a Philox
 key.  The uniform number of agent i for broadcast b of resource j is word i mod 4 of block
-(i div 4 + 1, 0, j, b) of Philox-4x64-10 (Salmon, Moraes, Dror and Shaw, "Parallel random numbers:
+(i div 4 + 1, lane, j, b) of Philox-4x64-10 (Salmon, Moraes, Dror and Shaw, "Parallel random numbers:
 as easy as 1, 2, 3", SC 2011).  It is the same number in whatever order things are processed and
-however many other agents there are; ``numpy.random.Philox`` produces the very same bits.
+however many other agents there are; ``numpy.random.Philox`` produces the very same bits.  The lane
+is 0 but where one broadcast needs several numbers for an agent (a second copy, a rejected draw).
 """
 
 from enum import IntEnum
@@ -20,14 +21,14 @@ from aimd_des import checks
 from aimd_des.checks import FloatArray
 from aimd_des.compiled import kernel
 
-__all__ = ["Key", "Purpose", "generator", "key", "uniforms", "uniforms_row"]
+__all__ = ["Key", "Purpose", "generator", "key", "uniform_at", "uniforms", "uniforms_row"]
 
 Key = tuple[np.uint64, np.uint64]
 
 _MULTIPLIER = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
 _WEYL = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
 _ROUNDS = 10
-_ZERO, _FOUR = np.uint64(0), 4
+_FOUR = 4
 # A double has 53 bits: drop the lowest 11 of the 64 and scale to [0, 1).
 _DROPPED, _SCALE = np.uint64(11), 1.0 / 9007199254740992.0
 
@@ -43,6 +44,7 @@ class Purpose(IntEnum):
     LOSS = 2
     LATENCY = 3
     CLOCK = 4
+    DUPLICATION = 5
 
 
 def key(seed: int, purpose: Purpose) -> Key:
@@ -117,7 +119,7 @@ def _block(c0: np.uint64, c1: np.uint64, c2: np.uint64, c3: np.uint64, key: Key)
 
 
 @kernel
-def uniforms_row(key: Key, resource: int, number: int, out: FloatArray) -> None:
+def uniforms_row(key: Key, resource: int, number: int, lane: int, out: FloatArray) -> None:
     """Fill `out` with the draws of agents 0, 1, ... for one broadcast.
 
     Parameters
@@ -128,25 +130,49 @@ def uniforms_row(key: Key, resource: int, number: int, out: FloatArray) -> None:
         j, the resource the broadcast is about.
     number : int
         b, its number among the broadcasts for that resource.
+    lane : int
+        Which of several numbers for the same agent and broadcast.
     out : ndarray, shape (n,)
         Receives uniform numbers on [0, 1).
     """
     n = out.shape[0]
     whole = n // _FOUR
-    row, column = np.uint64(resource), np.uint64(number)
+    row, column, second = np.uint64(resource), np.uint64(number), np.uint64(lane)
     for block in range(whole):
-        w0, w1, w2, w3 = _block(np.uint64(block + 1), _ZERO, row, column, key)
+        w0, w1, w2, w3 = _block(np.uint64(block + 1), second, row, column, key)
         out[_FOUR * block] = (w0 >> _DROPPED) * _SCALE
         out[_FOUR * block + 1] = (w1 >> _DROPPED) * _SCALE
         out[_FOUR * block + 2] = (w2 >> _DROPPED) * _SCALE
         out[_FOUR * block + 3] = (w3 >> _DROPPED) * _SCALE
     if _FOUR * whole < n:
-        words = _block(np.uint64(whole + 1), _ZERO, row, column, key)
+        words = _block(np.uint64(whole + 1), second, row, column, key)
         for rest in range(n - _FOUR * whole):
             out[_FOUR * whole + rest] = (words[rest] >> _DROPPED) * _SCALE
 
 
-def uniforms(key: Key, resource: int, number: int, n_agents: int) -> npt.NDArray[np.float64]:
+@kernel
+def uniform_at(key: Key, resource: int, number: int, agent: int) -> float:
+    """Draw the uniform number of one agent: what `uniforms_row` puts at its place, lane 0.
+
+    Parameters
+    ----------
+    key : tuple of two uint64
+        The key of the purpose.
+    resource, number : int
+        The address of the row.
+    agent : int
+        i.
+
+    Returns
+    -------
+    float
+        On [0, 1).
+    """
+    words = _block(np.uint64(agent // _FOUR + 1), np.uint64(0), np.uint64(resource), np.uint64(number), key)
+    return float((words[agent % _FOUR] >> _DROPPED) * _SCALE)
+
+
+def uniforms(key: Key, resource: int, number: int, n_agents: int, lane: int = 0) -> npt.NDArray[np.float64]:
     """Draw the uniform numbers of all agents for one broadcast.
 
     Parameters
@@ -159,6 +185,8 @@ def uniforms(key: Key, resource: int, number: int, n_agents: int) -> npt.NDArray
         b, its number among the broadcasts for that resource.
     n_agents : int
         How many agents; a larger number only adds draws at the end.
+    lane : int
+        Which of several numbers for the same agent and broadcast.
 
     Returns
     -------
@@ -166,5 +194,5 @@ def uniforms(key: Key, resource: int, number: int, n_agents: int) -> npt.NDArray
         Uniform on [0, 1).
     """
     out = np.empty(n_agents)
-    uniforms_row(key, resource, number, out)
+    uniforms_row(key, resource, number, lane, out)
     return out

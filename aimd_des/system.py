@@ -1,23 +1,24 @@
 """One run in progress: what the control unit, the channel, the agents and observers share."""
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import simpy
 
 from aimd_des import streams
 from aimd_des.channel import Broadcast, Channel
-from aimd_des.channel.draws import Draws
 from aimd_des.checks import FloatArray
-from aimd_des.clock import Clock
-from aimd_des.environment import Kind, OrderedEnvironment
-from aimd_des.population import law_of, observe, start, total_demand
+from aimd_des.clock import AgentClocks, Clocks
+from aimd_des.environment import Kind, OrderedEnvironment, Reminder
+from aimd_des.log import Entry, EventLog
+from aimd_des.population import law_of, observe, start, total_of, totals
 from aimd_des.problem import Problem
+from aimd_des.response import CONTINUOUS, DISCRETE, accumulated_at, demand_at, time_average
 from aimd_des.streams import Purpose
 
-__all__ = ["Agent", "ProcessGenerator", "System"]
+__all__ = ["Agent", "ProcessGenerator", "Signal", "System"]
 
 ProcessGenerator = Generator[simpy.Event, Any, Any]
 
@@ -25,11 +26,27 @@ ProcessGenerator = Generator[simpy.Event, Any, Any]
 _ROWS_KEPT = 256
 
 
+class Signal(NamedTuple):
+    """What arrives at an agent: one bit.  That it arrives is the 1; silence is the 0.
+
+    Attributes
+    ----------
+    resource : int
+        j: which of the m one-bit signals is set.
+    number, copy : int
+        The address of the agent's draw, and of entries in the log: no agent decides by them.
+    """
+
+    resource: int
+    number: int
+    copy: int = 0
+
+
 class Agent(Protocol):
     """Anything that takes part in the sharing."""
 
-    def receive(self, resource: int, number: int) -> None:
-        """Take note of a capacity signal for resource j that arrives now; b is its number."""
+    def receive(self, signal: Signal) -> None:
+        """Take note of a capacity signal that arrives now."""
         ...
 
     def process(self) -> ProcessGenerator:
@@ -46,10 +63,14 @@ class System:
         What is shared, by how many.
     channel : Channel
         Carries the broadcasts.
-    clock : Clock
-        The agents' clock.
+    clocks : Clocks, optional
+        The clocks of discrete agents; continuous agents have none.
     seed : int
         The run's seed.
+    until : float
+        The end of the run.
+    log : EventLog, optional
+        Where every event is written.
 
     Attributes
     ----------
@@ -59,34 +80,87 @@ class System:
         State of all agents and parameters of their rule, as arrays of shape (m, n).
     agents : list of Agent
         The agents in the order of their index.
+    clocks : AgentClocks or None
+        The agents' clocks; None for continuous agents.
+    grain : float
+        Grain of time of the agents' rule.
     sent : list of Broadcast
         All signals so far.
-    delivered, lost : ndarray of int, shape (m,)
-        Copies that arrived and that were lost.
+    delivered, lost, in_flight, duplicated : ndarray of int, shape (m, n)
+        Copies by what becomes of them; duplicates that arrive are counted apart.
+    on_change : list of callable
+        Called with (time, resource, change) when a total changes in an instant.
     """
 
-    def __init__(self, problem: Problem, channel: Channel, clock: Clock, seed: int) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        channel: Channel,
+        clocks: Clocks | None,
+        seed: int,
+        until: float,
+        log: EventLog | None = None,
+    ) -> None:
+        n, m = problem.n_agents, problem.n_resources
         self.env = OrderedEnvironment()
         self.problem = problem
-        self.channel = channel
-        self.clock = clock
+        self.until = until
+        self.log = log
         self.keys = {purpose: streams.key(seed, purpose) for purpose in Purpose}
+        self.link = channel.open(n, self.keys)
+        self.clocks: AgentClocks | None = (
+            None if clocks is None else clocks.start(n, self.keys[Purpose.CLOCK])
+        )
+        self.grain = CONTINUOUS if clocks is None else DISCRETE
         self.law = law_of(problem)
-        self.state = start(problem.n_resources, problem.n_agents)
+        self.state = start(m, n, self.grain)
         self.agents: list[Agent] = []
         self.sent: list[Broadcast] = []
-        self.delivered = np.zeros(problem.n_resources, dtype=np.int64)
-        self.lost = np.zeros(problem.n_resources, dtype=np.int64)
-        self._numbers = [0] * problem.n_resources
+        self.on_change: list[Callable[[float, int, float], None]] = []
+        self.delivered, self.lost, self.in_flight, self.duplicated = np.zeros((4, m, n), dtype=np.int64)
+        self._numbers = [0] * m
+        self._now = np.empty(1)
         self.response_draws = lru_cache(_ROWS_KEPT)(self._response_draws)
 
-    def _response_draws(self, resource: int, number: int) -> list[float]:
-        """Draw what decides how each agent responds to broadcast b of resource j."""
-        row = streams.uniforms(self.keys[Purpose.RESPONSE], resource, number, self.problem.n_agents)
+    def _response_draws(self, signal: Signal) -> list[float]:
+        """Draw what decides how each agent responds to a signal."""
+        row = streams.uniforms(
+            self.keys[Purpose.RESPONSE], signal.resource, signal.number, self.problem.n_agents, signal.copy
+        )
         return [float(draw) for draw in row]
 
-    def total_demand(self) -> FloatArray:
-        """Sum the demand of all agents as it is now.
+    def moments(self) -> FloatArray:
+        """Return where the agents are in their own time: the next tick, or the time.
+
+        Returns
+        -------
+        ndarray, shape (n,), or (1,) where it is common to all
+            Overwritten by the next call.
+        """
+        if self.clocks is not None:
+            return self.clocks.next_ticks(self.env.now)
+        self._now[0] = self.env.now
+        return self._now
+
+    def total(self, resource: int) -> float:
+        """Sum the demand of all agents for one resource as it is now.
+
+        Parameters
+        ----------
+        resource : int
+            j.
+
+        Returns
+        -------
+        float
+            In units of the resource.
+        """
+        state = self.state
+        increase = self.law.increase[resource]
+        return total_of(state.demand[resource], increase, state.anchor[resource], self.moments(), self.grain)
+
+    def totals(self) -> FloatArray:
+        """Sum the demand of all agents for every resource as it is now.
 
         Returns
         -------
@@ -94,7 +168,7 @@ class System:
             In units of the resources.
         """
         total = np.empty(self.problem.n_resources)
-        total_demand(self.state, self.law, float(self.clock.next_tick(self.env.now)), total)
+        totals(self.state, self.law, self.moments(), self.grain, total)
         return total
 
     def allocations(self) -> tuple[FloatArray, FloatArray]:
@@ -106,46 +180,155 @@ class System:
             In units of the resources.
         """
         demand, average = np.empty_like(self.state.demand), np.empty_like(self.state.demand)
-        observe(self.state, self.law, float(self.clock.next_tick(self.env.now)), demand, average)
+        observe(self.state, self.law, self.moments(), self.grain, demand, average)
         return demand, average
 
-    def broadcast(self, resource: int) -> None:
-        """Send a capacity signal for resource j to all agents, now.
+    def _moment(self, agent: int) -> float:
+        clocks, now = self.clocks, float(self.env.now)
+        return now if clocks is None else float(clocks.next_tick(agent, now))
+
+    def demand(self, agent: int, resource: int) -> float:
+        """Read one agent's demand for one resource as it is now.
+
+        Parameters
+        ----------
+        agent, resource : int
+            i and j.
+
+        Returns
+        -------
+        float
+            In units of the resource.
+        """
+        at, state = (resource, agent), self.state
+        since = self._moment(agent) - float(state.anchor[at])
+        return demand_at(float(state.demand[at]), float(self.law.increase[at]), since, self.grain)
+
+    def average(self, agent: int, resource: int) -> float:
+        """Read one agent's long-term average of one resource as it is now.
+
+        Parameters
+        ----------
+        agent, resource : int
+            i and j.
+
+        Returns
+        -------
+        float
+            In units of the resource.
+        """
+        at, state, moment = (resource, agent), self.state, self._moment(agent)
+        increase, since = float(self.law.increase[at]), moment - float(state.anchor[at])
+        held, folded = float(state.demand[at]), float(state.accumulated[at])
+        return time_average(accumulated_at(folded, held, increase, since, self.grain), moment, self.grain)
+
+    def set_demand(self, agent: int, resource: int, demand: float) -> None:
+        """Set one agent's demand for one resource, from which it grows on.
+
+        Parameters
+        ----------
+        agent, resource : int
+            i and j.
+        demand : float
+            At least 0, in units of the resource.
+        """
+        at, state, moment = (resource, agent), self.state, self._moment(agent)
+        before = self.demand(agent, resource)
+        # A tick folds in the demand at hand, so what is set now stands just before the next tick.
+        since = moment - self.grain - float(state.anchor[at])
+        increase, held = float(self.law.increase[at]), float(state.demand[at])
+        state.accumulated[at] = accumulated_at(
+            float(state.accumulated[at]), held, increase, since, self.grain
+        )
+        state.demand[at], state.anchor[at] = demand, moment - self.grain
+        if self.log is not None:
+            self.log.add((self.env.now, Entry.CHANGE, resource, agent, -1, demand - before))
+        self.changed(resource, demand - before)
+
+    def changed(self, resource: int, change: float) -> None:
+        """Tell observers that a total changes at this instant.
 
         Parameters
         ----------
         resource : int
             j.
+        change : float
+            By how much, in units of the resource; negative for a response.
         """
-        n = self.problem.n_agents
-        signal = Broadcast(resource, self.env.now, self._numbers[resource])
+        for tell in self.on_change:
+            tell(self.env.now, resource, change)
+
+    def broadcast(self, resource: int, delay: float = 0.0) -> None:
+        """Send a capacity signal for one resource to all agents.
+
+        Parameters
+        ----------
+        resource : int
+            j.
+        delay : float
+            How long after now it leaves the control unit, in units of time.
+        """
+        now = self.env.now
+        signal = Broadcast(resource, self._numbers[resource], now)
         self._numbers[resource] += 1
         self.sent.append(signal)
-        arrival = self.channel.transmit(signal, Draws(self.keys, resource, signal.number, n))
-        first_order = self.env.reserve(n)
-        times, group = np.unique(arrival, return_inverse=True)
-        for position, time in enumerate(times):
-            receivers = np.flatnonzero(group == position)
-            if np.isinf(time):
-                self.lost[resource] += len(receivers)
-            else:
-                landing = _Landing(self, signal, receivers.tolist())
-                self.env.call_at(float(time), Kind.DELIVER, landing, first_order + int(receivers[0]))
+        copies = self.link.transmit(signal, now + delay)
+        lost = np.isinf(copies.arrival)
+        arrives = copies.arrival < self.until
+        self.lost[resource] += lost
+        self.delivered[resource] += arrives
+        self.in_flight[resource] += ~(lost | arrives)
+        if self.log is not None:
+            self.log.add((now, Entry.SIGNAL, resource, -1, signal.number, self.total(resource)))
+            for agent in np.flatnonzero(lost).tolist():
+                self.log.add((now, Entry.LOST, resource, agent, signal.number, 0.0))
+        self._send(Signal(resource, signal.number), copies.arrival, arrives)
+        if copies.second is not None:
+            twice = copies.second < self.until
+            self.duplicated[resource] += twice
+            self._send(Signal(resource, signal.number, 1), copies.second, twice)
+
+    def _send(self, signal: Signal, arrival: FloatArray, arrives: np.ndarray[Any, Any]) -> None:
+        receivers = np.flatnonzero(arrives)
+        first_order = self.env.reserve(len(arrival))
+        if len(receivers):
+            times = arrival[receivers]
+            turn = np.argsort(times, kind="stable")
+            _Flight(self, signal, times[turn].tolist(), receivers[turn].tolist(), first_order)
 
 
-class _Landing:
-    """Copies of one broadcast that arrive at the same instant."""
+class _Flight:
+    """The copies of one broadcast on their way: one reminder, for the next of them to land."""
 
-    __slots__ = ("receivers", "signal", "system")
+    __slots__ = ("agents", "first_order", "position", "receivers", "reminder", "signal", "system", "times")
 
-    def __init__(self, system: System, signal: Broadcast, receivers: list[int]) -> None:
+    def __init__(
+        self, system: System, signal: Signal, times: list[float], receivers: list[int], first_order: int
+    ) -> None:
         self.system = system
         self.signal = signal
+        self.times = times
         self.receivers = receivers
+        self.agents = system.agents
+        self.first_order = first_order
+        self.position = 0
+        self.reminder = Reminder(system.env, self.land)
+        self.reminder.at(times[0], Kind.DELIVER, first_order + receivers[0])
 
-    def __call__(self, event: simpy.Event) -> None:
-        """Hand the signal to its receivers, in the order of their index."""
-        signal, agents = self.signal, self.system.agents
-        self.system.delivered[signal.resource] += len(self.receivers)
-        for agent in self.receivers:
-            agents[agent].receive(signal.resource, signal.number)
+    def land(self, event: simpy.Event) -> None:
+        """Hand the signal to all whose copies arrive now, in the order of their index."""
+        times, receivers, position, log = self.times, self.receivers, self.position, self.system.log
+        now = times[position]
+        while True:
+            agent = receivers[position]
+            if log is not None:
+                signal = self.signal
+                log.add((now, Entry.DELIVER, signal.resource, agent, signal.number, float(signal.copy)))
+            self.agents[agent].receive(self.signal)
+            position += 1
+            if position == len(times):
+                return
+            if times[position] != now:
+                break
+        self.position = position
+        self.reminder.at(times[position], Kind.DELIVER, self.first_order + receivers[position])

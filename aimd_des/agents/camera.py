@@ -1,20 +1,21 @@
 """One agent as one SimPy process: the reference, to be read and to be extended."""
 
-from aimd_des.environment import Kind
+from aimd_des.environment import Kind, Mailbox
+from aimd_des.gradients import marginal_cost
+from aimd_des.log import Entry
 from aimd_des.population import State
-from aimd_des.response import accumulated_over_ticks, answered, marginal_cost
-from aimd_des.system import ProcessGenerator, System
+from aimd_des.response import accumulated_at, answered, demand_at, time_average
+from aimd_des.system import ProcessGenerator, Signal, System
 
 __all__ = ["Camera"]
 
-_NO_SIGNAL = -1
-
 
 class Camera:
-    """An agent that ticks on the system's clock and works on its own column of the state.
+    """An agent that works on its own column of the system's state.
 
-    Between its ticks it has a one-bit latch for each resource, which the first signal to arrive
-    sets.  A tick without a latch set is plain growth and needs no event.
+    A discrete agent has a one-bit latch for each resource, which the first signal to arrive sets;
+    it answers at its next tick.  A tick without a latch set is plain growth and needs no event.
+    A continuous agent answers a signal when it arrives.
 
     Parameters
     ----------
@@ -27,58 +28,69 @@ class Camera:
     def __init__(self, agent: int, system: System) -> None:
         self.agent = agent
         self.system = system
-        self.latch = [_NO_SIGNAL] * system.problem.n_resources
+        self.resources = range(system.problem.n_resources)
         self.marginal_cost = marginal_cost(system.problem.costs, agent)
         self.separable = system.problem.costs.separable
         # Views of the shared arrays that hand out Python floats: several times faster than NumPy's.
-        self.state = State(*(memoryview(array) for array in system.state))
+        self.state = State(*(memoryview(array) for array in system.state))  # type: ignore[arg-type]
         self.increase = system.law.increase[:, agent].tolist()
         self.decrease = system.law.decrease[:, agent].tolist()
         self.normalization = system.law.normalization.tolist()
-        self._waiting = True
-        self._latched = system.env.event()
+        self._mailbox = Mailbox(system.env)
+        self._latch: dict[int, Signal] = {}
+        self._discrete = system.clocks is not None
 
-    def receive(self, resource: int, number: int) -> None:
-        """Set the latch for resource j unless it is set already.
+    def receive(self, signal: Signal) -> None:
+        """Take note of a capacity signal that arrives now.
 
         Parameters
         ----------
-        resource : int
-            j.
-        number : int
-            b, the number of the broadcast that arrives.
+        signal : Signal
+            The bit.
         """
-        if self.latch[resource] == _NO_SIGNAL:
-            self.latch[resource] = number
-            if self._waiting:
-                self._waiting = False
-                self.system.env.fire(self._latched)
+        if not self._discrete:
+            self._mailbox.hand(signal)
+        elif self._latch:
+            self._latch.setdefault(signal.resource, signal)
+        else:
+            self._latch[signal.resource] = signal
+            self._mailbox.hand(signal)
 
     def process(self) -> ProcessGenerator:
-        """Wait for a latch to be set, then for the next tick, and act.
+        """Live: the SimPy process of the agent.
 
-        Yields
-        ------
-        simpy.Event
-            The first signal since the last tick; then the tick.
+        Returns
+        -------
+        generator
+            Of the events that the agent waits for.
         """
-        env, clock = self.system.env, self.system.clock
-        while True:
-            yield self._latched
-            tick = clock.next_tick(env.now)
-            yield env.at(clock.time(tick), Kind.ACT, self.agent)
-            self.act(tick)
-            self._waiting = True
-            self._latched = env.event()
+        return self._tick_on_own_clock() if self._discrete else self._answer_on_arrival()
 
-    def averages(self, tick: int, needed: list[int]) -> list[float]:
-        """Compute the averages at a tick, the present demand included.
+    def _tick_on_own_clock(self) -> ProcessGenerator:
+        """Wait for a latch to be set, then for the next tick, and answer what is latched."""
+        env, clocks = self.system.env, self.system.clocks
+        assert clocks is not None  # noqa: S101 - discrete agents have clocks
+        while True:
+            yield self._mailbox
+            tick = clocks.next_tick(self.agent, env.now)
+            yield env.at(clocks.time(self.agent, tick), Kind.ACT, self.agent)
+            self.answer(sorted(self._latch.values()), tick)
+            self._latch.clear()
+
+    def _answer_on_arrival(self) -> ProcessGenerator:
+        """Answer each signal in the instant in which it arrives."""
+        while True:
+            signal = yield self._mailbox
+            self.answer([signal], self.system.env.now)
+
+    def averages(self, moment: float, needed: range | list[int]) -> list[float]:
+        """Compute the averages at a moment.
 
         Parameters
         ----------
-        tick : int
-            Its index k.
-        needed : list of int
+        moment : float
+            Index of the tick, or time.
+        needed : sequence of int
             The resources whose averages are needed.
 
         Returns
@@ -86,42 +98,52 @@ class Camera:
         list of float, length m
             In units of the resources; 0 where not needed.
         """
-        state, i = self.state, self.agent
-        averages = [0.0] * len(self.latch)
+        state, i, grain = self.state, self.agent, self.system.grain
+        averages = [0.0] * len(self.resources)
         for j in needed:
-            ticks = tick - state.anchor[j, i]
-            folded = accumulated_over_ticks(
-                state.accumulated[j, i], state.demand[j, i], self.increase[j], ticks
+            since = moment - state.anchor[j, i]
+            folded = accumulated_at(
+                state.accumulated[j, i], state.demand[j, i], self.increase[j], since, grain
             )
-            averages[j] = folded / (tick + 1.0)
+            averages[j] = time_average(folded, moment, grain)
         return averages
 
-    def act(self, tick: int) -> None:
-        """Answer the signals that are latched: Algorithm 2 at tick k.
+    def answer(self, signals: list[Signal], moment: float) -> None:
+        """Answer signals for different resources: Algorithm 2, the branch S = 1.
 
         Parameters
         ----------
-        tick : int
-            Its index k.
+        signals : list of Signal
+            In the order of their resources.
+        moment : float
+            Index of the tick, or time.
         """
-        state, i = self.state, self.agent
-        latched = [j for j, number in enumerate(self.latch) if number != _NO_SIGNAL]
+        state, i, grain = self.state, self.agent, self.system.grain
         # Averages are taken before any answer: coupled costs read all of them.
-        averages = self.averages(tick, latched if self.separable else list(range(len(self.latch))))
-        for j in latched:
+        needed = [signal.resource for signal in signals] if self.separable else self.resources
+        averages = self.averages(moment, needed)
+        for signal in signals:
+            j = signal.resource
+            since = moment - state.anchor[j, i]
             demand, accumulated, decreases, certain = answered(
                 state.demand[j, i],
                 state.accumulated[j, i],
-                tick - state.anchor[j, i],
+                since,
+                grain,
                 self.increase[j],
                 self.decrease[j],
                 self.normalization[j],
                 self.marginal_cost(averages, j),
                 averages[j],
-                self.system.response_draws(j, self.latch[j])[i],
+                self.system.response_draws(signal)[i],
             )
-            self.latch[j] = _NO_SIGNAL
-            state.demand[j, i], state.accumulated[j, i] = demand, accumulated
-            state.anchor[j, i] = tick
-            state.responses[j, i] += decreases
-            state.saturated[j, i] += certain
+            cut = 0.0
+            if decreases:
+                cut = demand_at(state.demand[j, i], self.increase[j], since, grain) - demand
+                state.responses[j, i] += 1
+                state.saturated[j, i] += certain
+                self.system.changed(j, -cut)
+            state.demand[j, i], state.accumulated[j, i], state.anchor[j, i] = demand, accumulated, moment
+            if self.system.log is not None:
+                kind = Entry.RESPOND if decreases else Entry.HOLD
+                self.system.log.add((self.system.env.now, kind, j, i, signal.number, cut))

@@ -1,48 +1,74 @@
 """A broadcast is one bit to all agents; the channel decides when, and whether, each copy arrives."""
 
-from dataclasses import dataclass, field
-from typing import Protocol
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
+from aimd_des import checks
 from aimd_des.channel.draws import Draws
 from aimd_des.channel.latency import Constant, Latency
-from aimd_des.channel.loss import Bernoulli, Loss
+from aimd_des.channel.loss import Bernoulli, Loss, LossProcess
 from aimd_des.checks import FloatArray
+from aimd_des.streams import Key, Purpose
 
-__all__ = ["Broadcast", "BroadcastChannel", "Channel"]
+__all__ = ["Broadcast", "BroadcastChannel", "Channel", "Copies", "Link"]
 
 
-@dataclass(frozen=True)
-class Broadcast:
-    """One capacity signal: the bit itself says nothing more than which resource it is about.
+class Broadcast(NamedTuple):
+    """One capacity signal on its way from the control unit to all agents.
 
     Attributes
     ----------
     resource : int
-        j.
-    time : float
-        Time of the look, or the crossing, that caused it.
+        j: which of the m one-bit signals is set.
     number : int
-        b, counted from 0 for each resource; bookkeeping, not sent.
+        b, counted from 0 for each resource; the address of its random numbers, not sent.
+    time : float
+        Time of the look, or the crossing, that caused it; not sent.
     """
 
     resource: int
-    time: float
     number: int
+    time: float
+
+
+class Copies(NamedTuple):
+    """What becomes of a broadcast.
+
+    Attributes
+    ----------
+    arrival : ndarray, shape (n,)
+        When each agent's copy arrives; inf where it is lost.
+    second : ndarray, shape (n,), or None
+        When a duplicate arrives as well; inf where there is none.
+    """
+
+    arrival: FloatArray
+    second: FloatArray | None = None
+
+
+class Link(Protocol):
+    """A channel in one run; it may remember what was before."""
+
+    def transmit(self, broadcast: Broadcast, departure: float) -> Copies:
+        """Say what becomes of a broadcast that leaves the control unit at `departure`."""
+        ...
 
 
 class Channel(Protocol):
     """Anything that carries broadcasts."""
 
-    def transmit(self, broadcast: Broadcast, draws: Draws) -> FloatArray:
-        """Return when each agent's copy arrives, shape (n,); inf where it is lost."""
+    def open(self, n_agents: int, keys: Mapping[Purpose, Key]) -> Link:
+        """Begin a run with n agents and the run's keys of random numbers."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class BroadcastChannel:
-    """A channel that gives each agent's copy a latency and loses some.
+    """A channel that gives each agent's copy a latency, loses some and duplicates some.
 
     Parameters
     ----------
@@ -50,6 +76,11 @@ class BroadcastChannel:
         A model of latency, or a constant one in units of time; 0 unless said.
     loss : Loss, float or array_like, shape (n,)
         A model of loss, or the probability of independent losses; 0 unless said.
+    duplication : float or array_like, shape (n,)
+        Probability that a copy which is not lost arrives twice, with a latency of its own each time.
+    fifo : bool
+        Whether each agent's link keeps the order of what is sent over it: a copy that would
+        overtake another arrives together with it, just after it.
 
     Raises
     ------
@@ -57,29 +88,76 @@ class BroadcastChannel:
         If a number is outside its range.
     """
 
-    latency: Latency = field(default_factory=lambda: Constant(0.0))
-    loss: Loss = field(default_factory=lambda: Bernoulli(0.0))
+    latency: Latency | npt.ArrayLike = field(default_factory=lambda: Constant(0.0))
+    loss: Loss | npt.ArrayLike = field(default_factory=lambda: Bernoulli(0.0))
+    duplication: npt.ArrayLike = 0.0
+    fifo: bool = False
 
     def __post_init__(self) -> None:
-        for name, model in (("latency", Constant), ("loss", Bernoulli)):
-            value = getattr(self, name)
-            if not hasattr(value, "draw"):
-                object.__setattr__(self, name, model(value))
+        if not hasattr(self.latency, "draw"):
+            object.__setattr__(self, "latency", Constant(self.latency))
+        if not hasattr(self.loss, "start"):
+            object.__setattr__(self, "loss", Bernoulli(self.loss))
+        duplication = checks.per_agent("duplication", self.duplication, low=0.0, high=1.0)
+        object.__setattr__(self, "duplication", duplication)
 
-    def transmit(self, broadcast: Broadcast, draws: Draws) -> FloatArray:
-        """Send one broadcast on its way.
+    def open(self, n_agents: int, keys: Mapping[Purpose, Key]) -> Link:
+        """Begin a run.
 
         Parameters
         ----------
-        broadcast : Broadcast
-            The signal.
-        draws : Draws
-            Its random numbers.
+        n_agents : int
+            n.
+        keys : mapping of Purpose to Key
+            The run's keys of random numbers.
 
         Returns
         -------
-        ndarray, shape (n,)
-            When each agent's copy arrives; inf where it is lost.
+        Link
+            The channel in this run.
+
+        Raises
+        ------
+        InputError
+            If there is a value for each agent somewhere and their number is not n.
         """
-        arrival = broadcast.time + self.latency.draw(draws)
-        return np.where(self.loss.draw(draws), np.inf, arrival)
+        assert isinstance(self.latency, Latency)  # noqa: S101 - __post_init__ saw to it
+        assert isinstance(self.loss, Loss)  # noqa: S101
+        self.latency.check(n_agents)
+        checks.fits("duplication", self.duplication, n_agents)
+        duplication = np.asarray(self.duplication, dtype=np.float64)
+        latest = np.zeros(n_agents) if self.fifo else None
+        return _OpenChannel(self.latency, self.loss.start(n_agents), duplication, latest, n_agents, keys)
+
+
+@dataclass(frozen=True, eq=False)
+class _OpenChannel:
+    """A `BroadcastChannel` in one run; `latest` is the last arrival on each link where links are FIFO."""
+
+    latency: Latency
+    loss: LossProcess
+    duplication: FloatArray
+    latest: FloatArray | None
+    n_agents: int
+    keys: Mapping[Purpose, Key]
+
+    def transmit(self, broadcast: Broadcast, departure: float) -> Copies:
+        """Draw loss, latency and duplication of every copy."""
+        draws = Draws(self.keys, broadcast.resource, broadcast.number, departure, self.n_agents)
+        lost = self.loss.draw(draws)
+        arrival = np.where(lost, np.inf, departure + self.latency.draw(draws))
+        second = None
+        if self.duplication.any():
+            doubled = ~lost & (draws.uniforms(Purpose.DUPLICATION) < self.duplication)
+            late = departure + self.latency.draw(replace(draws, copy=1))
+            second = np.where(doubled, late, np.inf)
+        if self.latest is not None:
+            arrival = self._in_order(arrival)
+            second = None if second is None else self._in_order(second)
+        return Copies(arrival, second)
+
+    def _in_order(self, arrival: FloatArray) -> FloatArray:
+        assert self.latest is not None  # noqa: S101 - only FIFO links come here
+        ordered = np.maximum(arrival, self.latest)
+        np.copyto(self.latest, ordered, where=np.isfinite(ordered))
+        return ordered

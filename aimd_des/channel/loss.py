@@ -1,7 +1,7 @@
 """Which copies of a signal never arrive."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -10,16 +10,25 @@ from aimd_des import checks
 from aimd_des.channel.draws import Draws
 from aimd_des.streams import Purpose
 
-__all__ = ["Bernoulli", "Loss"]
+__all__ = ["Bernoulli", "Loss", "LossProcess"]
 
 BoolArray = npt.NDArray[np.bool_]
 
 
-class Loss(Protocol):
-    """A model of loss: whether each agent's copy of a broadcast is lost."""
+class LossProcess(Protocol):
+    """The losses of one run; it may remember what was before."""
 
     def draw(self, draws: Draws) -> BoolArray:
-        """Return whether each agent's copy is lost, shape (n,)."""
+        """Return whether each agent's copy is lost, shape (n,); broadcasts come in the order of time."""
+        ...
+
+
+@runtime_checkable
+class Loss(Protocol):
+    """A model of loss, which starts afresh with every run."""
+
+    def start(self, n_agents: int) -> LossProcess:
+        """Begin a run with n agents."""
         ...
 
 
@@ -44,6 +53,27 @@ class Bernoulli:
         clean = checks.per_agent("loss", self.probability, low=0.0, high=1.0)
         object.__setattr__(self, "probability", clean)
 
+    def start(self, n_agents: int) -> "Bernoulli":
+        """Begin a run: independent losses remember nothing.
+
+        Parameters
+        ----------
+        n_agents : int
+            n.
+
+        Returns
+        -------
+        Bernoulli
+            Itself.
+
+        Raises
+        ------
+        InputError
+            If there is a probability for each agent and their number is not n.
+        """
+        checks.fits("loss", self.probability, n_agents)
+        return self
+
     def draw(self, draws: Draws) -> BoolArray:
         """Return whether each agent's copy is lost.
 
@@ -56,13 +86,7 @@ class Bernoulli:
         -------
         ndarray of bool, shape (n,)
             True where the copy is lost.
-
-        Raises
-        ------
-        InputError
-            If there is a value for each agent and their number is not n.
         """
-        checks.fits("loss", self.probability, draws.n_agents)
         if not np.any(self.probability):
             return np.zeros(draws.n_agents, dtype=np.bool_)
-        return np.asarray(draws.uniforms(Purpose.LOSS) < self.probability)
+        return np.less(draws.uniforms(Purpose.LOSS), self.probability)

@@ -73,7 +73,9 @@ class CoupledCosts:
         self.quadratic = checks.array(
             "quadratic", np.zeros((n, m, m)) if quadratic is None else quadratic, (n, m, m)
         )
-        self.weights = checks.array("weights", np.zeros((n, m)) if weights is None else weights, (n, m), low=0.0)
+        self.weights = checks.array(
+            "weights", np.zeros((n, m)) if weights is None else weights, (n, m), low=0.0
+        )
         self.sum_exponents = powers
         self.sum_coefficients = checks.array(
             "sum_coefficients",
@@ -170,4 +172,6 @@ class CoupledCosts:
         curvature = self.sum_slopes[1:] * np.arange(1, len(self.sum_slopes))[:, None]
         bend = horner(curvature, self._weighted_sum(allocation))
         outer = self.weights[:, :, None] * self.weights[:, None, :]
-        return np.asarray(self.separable_part.hessian(allocation) + self.quadratic + bend[:, None, None] * outer)
+        return np.asarray(
+            self.separable_part.hessian(allocation) + self.quadratic + bend[:, None, None] * outer
+        )

@@ -50,8 +50,9 @@ class CustomCosts:
 
     Examples
     --------
-    >>> costs = CustomCosts(2, 1, value=lambda i, x: (i + 1) * x[0] ** 2,
-    ...                     gradient=lambda i, x: [2 * (i + 1) * x[0]])
+    >>> costs = CustomCosts(
+    ...     2, 1, value=lambda i, x: (i + 1) * x[0] ** 2, gradient=lambda i, x: [2 * (i + 1) * x[0]]
+    ... )
     >>> costs.gradient(np.array([[1.0], [1.0]])).tolist()
     [[2.0], [4.0]]
     """
@@ -106,7 +107,9 @@ class CustomCosts:
         ndarray, shape (n, m)
             In units of cost per unit of the resource.
         """
-        rows = [np.asarray(self.agent_gradient(agent, row), dtype=float) for agent, row in enumerate(allocation)]
+        rows = [
+            np.asarray(self.agent_gradient(agent, row), dtype=float) for agent, row in enumerate(allocation)
+        ]
         for agent, row in enumerate(rows):
             if row.shape != (self.n_resources,):
                 raise InputError.of(f"shape of gradient(agent={agent})", row.shape, f"({self.n_resources},)")
@@ -126,7 +129,9 @@ class CustomCosts:
             In units of cost per product of the two resources' units.
         """
         if self.agent_hessian is not None:
-            return np.array([self.agent_hessian(agent, row) for agent, row in enumerate(allocation)], dtype=float)
+            return np.array(
+                [self.agent_hessian(agent, row) for agent, row in enumerate(allocation)], dtype=float
+            )
         columns = []
         for resource in range(self.n_resources):
             ahead, behind, width = _straddle(allocation, resource)

@@ -37,7 +37,20 @@ def dense_slopes(exponents: Sequence[int], coefficients: FloatArray) -> FloatArr
 
 
 def horner(rows: FloatArray, x: FloatArray) -> FloatArray:
-    """Evaluate the polynomial with coefficients `rows` (lowest power first) at `x`, elementwise."""
+    """Evaluate polynomials elementwise by Horner's scheme.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (D, ...)
+        Coefficients, lowest power first.
+    x : ndarray, shape (...)
+        The arguments.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        The values.
+    """
     total = np.zeros_like(x)
     for row in rows[::-1]:
         total = total * x + row
@@ -87,7 +100,9 @@ class PolynomialCosts:
             remedy="give one finite number for each agent, resource and exponent",
         )
         if 0 in self.coefficients.shape:
-            raise InputError.of("shape of coefficients", self.coefficients.shape, "at least 1 in each direction")
+            raise InputError.of(
+                "shape of coefficients", self.coefficients.shape, "at least 1 in each direction"
+            )
         #: (D, n, m): the derivative by each resource as a dense polynomial, lowest power first.
         self.slopes = dense_slopes(powers, self.coefficients)
 
@@ -103,7 +118,7 @@ class PolynomialCosts:
 
     @property
     def proven(self) -> bool:
-        """True if no coefficient is negative and every polynomial has a term: then nothing need be sampled."""
+        """True if no coefficient is negative and every polynomial has a term: nothing need be sampled."""
         return bool((self.coefficients >= 0).all() and (self.coefficients > 0).any(axis=2).all())
 
     def value(self, allocation: FloatArray) -> FloatArray:

@@ -9,8 +9,9 @@ while tau goes to 0; w^j, the mean price paid for resource j, puts resources of 
 scale.  A step costs n solves with the m x m blocks of the agents and one with the m x m Schur
 complement, so the work is linear in n.
 
-Source: J. Nocedal and S. J. Wright, Numerical Optimization, 2nd ed., 2006: chapter 14.2 for
-predictor and corrector, 16.6 for quadratic and 19.2 for general costs.
+Sources: J. Nocedal and S. J. Wright, Numerical Optimization, 2nd ed., 2006, chapter 14.2 for predictor
+and corrector, 16.6 for quadratic and 19.2 for general costs; M. Colombo and J. Gondzio, Comput.
+Optim. Appl. 41 (2008), for the weight of the corrector.
 """
 
 from dataclasses import dataclass
@@ -139,10 +140,16 @@ def _newton_step(scaled: ScaledCosts, point: Point) -> Point | None:
     np.einsum("ijj->ij", blocks)[...] += z / y
     inverse = _inverse(blocks)
     predictor = _newton_direction(point, inverse, y * z)
-    target = _centring(point, predictor) * price
-    # The corrector saves steps but need not lead downhill; without it the direction does.
-    for corrector, halvings in ((predictor.shares * predictor.bound_multipliers, 3), (0.0, 40)):
-        direction = _newton_direction(point, inverse, y * z + corrector - target)
+    reach_y = _step_to_bound(y, predictor.shares, 1.0)
+    reach_z = _step_to_bound(z, predictor.bound_multipliers, 1.0)
+    products = (y + reach_y * predictor.shares) * (z + reach_z * predictor.bound_multipliers)
+    # Mehrotra's rule: aim low if the predictor could go far.
+    centring = np.clip((float((products / price).mean()) / point.tau) ** 3, 1e-6, 1.0)
+    target = max(centring * point.tau, _SMALLEST_TAU) * price
+    # The corrector saves steps, but misleads where the predictor could not go far, and may lead uphill.
+    corrector = min(reach_y, reach_z) ** 2 * predictor.shares * predictor.bound_multipliers
+    for correction, halvings in ((corrector, 3), (0.0, 40)):
+        direction = _newton_direction(point, inverse, y * z + correction - target)
         found = _line_search(scaled, point, direction, target, halvings)
         if found is not None:
             break
@@ -185,15 +192,6 @@ def _newton_direction(point: Point, inverse: FloatArray, products: FloatArray) -
     multipliers = scale * np.linalg.solve(schur, scale * lacking)
     shares = free + inverse @ multipliers
     return _Direction(shares, multipliers, -(products + z * shares) / y)
-
-
-def _centring(point: Point, predictor: _Direction) -> float:
-    """Return the next tau by Mehrotra's rule: low if the predictor could go far."""
-    y, z = point.shares, point.bound_multipliers
-    ahead_y = y + _step_to_bound(y, predictor.shares, 1.0) * predictor.shares
-    ahead_z = z + _step_to_bound(z, predictor.bound_multipliers, 1.0) * predictor.bound_multipliers
-    ratio = float((ahead_y * ahead_z / point.price).mean()) / point.tau
-    return max(float(np.clip(ratio**3, 1e-6, 1.0)) * point.tau, _SMALLEST_TAU)
 
 
 def _step_to_bound(values: FloatArray, direction: FloatArray, fraction: float) -> float:

@@ -16,9 +16,9 @@ from aimd_des.errors import InputError
 __all__ = ["in_f_delta", "normalization_factors"]
 
 _N_SAMPLES = 64
-# The search moves by this factor at first; after all its halvings, by one part in 1e7.
+# The search moves by this factor at first, and halves the move wherever it leads no further up.
 _FIRST_FACTOR = 2.0
-_ROUNDS = 24
+_ROUNDS = 48
 # Where the box reaches down to 0, samples stop at this part of its upper corner: 0 is looked at on its own.
 _NEAREST_ZERO = 1e-9
 # Rounding in a Hessian's eigenvalues is of the order of its norm times the machine epsilon.

@@ -1,0 +1,27 @@
+"""Columns of tidy frames."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+__all__ = ["categorical"]
+
+
+def categorical(codes: npt.NDArray[np.integer], names: Sequence[str]) -> "pd.Categorical[str]":
+    """Turn indices into names.
+
+    Parameters
+    ----------
+    codes : ndarray of int
+        Indices; -1 for a missing name.
+    names : sequence of str
+        All names there are.
+
+    Returns
+    -------
+    pandas.Categorical
+        With the names as categories.
+    """
+    return pd.Categorical.from_codes(codes.tolist(), categories=pd.Index(names))

@@ -1,0 +1,78 @@
+"""The event log: every broadcast, copy and answer of a run, in the order in which they happened."""
+
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from aimd_des.checks import FloatArray
+from aimd_des.frames import categorical
+
+__all__ = ["Entry", "EventLog"]
+
+
+class Entry(IntEnum):
+    """What an entry tells; what its `value` is stands behind."""
+
+    SIGNAL = 0
+    """A capacity signal is broadcast (agent -1); total demand."""
+    LOST = 1
+    """A copy that will not arrive; 0."""
+    DELIVER = 2
+    """A copy arrives; 0, or 1 for a duplicate."""
+    RESPOND = 3
+    """An agent decreases its demand; by how much."""
+    HOLD = 4
+    """An agent answers without a decrease; 0."""
+    CHANGE = 5
+    """A demand is set from outside; the change (number -1)."""
+
+
+class EventLog:
+    """Entries in the order of events: time, then kind, then broadcast and agent."""
+
+    def __init__(self) -> None:
+        self._entries: list[tuple[float, int, int, int, int, float]] = []
+        self.add = self._entries.append
+
+    def columns(self) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray]:
+        """Return the entries as arrays.
+
+        Returns
+        -------
+        time : ndarray, shape (e,)
+            In units of time.
+        entry : ndarray of int, shape (e, 4)
+            Kind (`Entry`), resource, agent (-1: all), number of the broadcast.
+        value : ndarray, shape (e,)
+            As `Entry` tells.
+        """
+        rows = np.array(self._entries, dtype=np.float64).reshape(-1, 6)
+        return rows[:, 0], rows[:, 1:5].astype(np.int64), rows[:, 5]
+
+    def frame(self, resource_names: tuple[str, ...], agent_names: tuple[str, ...]) -> pd.DataFrame:
+        """Return the entries as a frame.
+
+        Parameters
+        ----------
+        resource_names, agent_names : tuple of str
+            m and n names.
+
+        Returns
+        -------
+        DataFrame
+            time, kind, resource, agent (missing where an entry is about all), number, value.
+        """
+        time, entry, value = self.columns()
+        kinds = [kind.name.lower() for kind in Entry]
+        return pd.DataFrame(
+            {
+                "time": time,
+                "kind": categorical(entry[:, 0], kinds),
+                "resource": categorical(entry[:, 1], resource_names),
+                "agent": categorical(entry[:, 2], agent_names),
+                "number": entry[:, 3],
+                "value": value,
+            }
+        )

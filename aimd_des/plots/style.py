@@ -1,0 +1,225 @@
+"""What all panels look like: colours, labels, axes, legends."""
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+from aimd_des.problem import Problem, Resource
+from aimd_des.results import Result
+
+__all__ = [
+    "REFERENCE",
+    "axis_label",
+    "colour",
+    "frame",
+    "name_resources",
+    "note",
+    "number_axis",
+    "resource_label",
+    "shared_legend",
+    "time_axis",
+]
+
+# Okabe and Ito's colours, which stay apart for all common kinds of colour blindness; yellow is
+# left out as too pale for lines.
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+
+#: Grey of what is held against the curves: optimum and capacity.
+REFERENCE = "0.35"
+
+_LONGEST_LABEL = 28
+
+
+def colour(resource: int) -> str:
+    """Give the colour of a resource.
+
+    Parameters
+    ----------
+    resource : int
+        j, counted from 0.
+
+    Returns
+    -------
+    str
+        The same in all panels; they repeat after seven.
+    """
+    return _COLOURS[resource % len(_COLOURS)]
+
+
+def axis_label(what: str, unit: str) -> str:
+    """Compose the label of an axis.
+
+    Parameters
+    ----------
+    what : str
+        What the axis shows.
+    unit : str
+        In which unit; may be empty.
+
+    Returns
+    -------
+    str
+        ``what (unit)``, in two lines where it is long.
+    """
+    if not unit:
+        return what
+    gap = " " if len(what) + len(unit) <= _LONGEST_LABEL else "\n"
+    return f"{what}{gap}({unit})"
+
+
+def resource_label(resource: Resource) -> str:
+    """Name a resource together with its unit.
+
+    Parameters
+    ----------
+    resource : Resource
+        The resource.
+
+    Returns
+    -------
+    str
+        For the legend.
+    """
+    return f"{resource.name} ({resource.unit})" if resource.unit else resource.name
+
+
+def name_resources(axes: Axes, problem: Problem, reference: str = "") -> None:
+    """Put the resources, and what the dashed lines mean, into the legend of these axes.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where.
+    problem : Problem
+        Whose resources.
+    reference : str
+        What dashed lines mean; empty where there are none.
+    """
+    for j, resource in enumerate(problem.resources):
+        axes.plot([], [], color=colour(j), linewidth=2.0, label=resource_label(resource))
+    if reference:
+        axes.plot([], [], "--", color=REFERENCE, linewidth=1.2, label=reference)
+
+
+def shared_legend(figure: Figure) -> Legend | None:
+    """Put one legend below the panels, with each entry of theirs once.
+
+    Parameters
+    ----------
+    figure : Figure
+        Laid out with ``layout="constrained"``.
+
+    Returns
+    -------
+    Legend or None
+        None where no panel has anything to name.
+    """
+    entries: dict[str, Artist] = {}
+    for axes in figure.axes:
+        handles, labels = axes.get_legend_handles_labels()
+        for handle, label in zip(handles, labels, strict=True):
+            entries.setdefault(str(label), handle)
+    if not entries:
+        return None
+    # About fourteen letters an inch, and ten for the handle: what does not fit goes into rows of equal length.
+    letters = sum(len(label) + 10 for label in entries)
+    rows = int(np.ceil(letters / (14 * figure.get_figwidth())))
+    return figure.legend(
+        list(entries.values()),
+        list(entries),
+        loc="outside lower center",
+        ncols=-(-len(entries) // rows),
+        frameon=False,
+        handlelength=1.8,
+    )
+
+
+def _number(value: float, _position: int | None = None) -> str:
+    return f"{value:,.10g}"
+
+
+def _percent(share: float, _position: int | None = None) -> str:
+    return f"{100 * share:.10g} %"
+
+
+def number_axis(axis: Axis, *, percent: bool = False, whole: bool = False) -> None:
+    """Let an axis show plain numbers with grouped digits, at 1, 2 and 5 where it is logarithmic and short.
+
+    Parameters
+    ----------
+    axis : Axis
+        What to dress, with scale and limits set.
+    percent : bool
+        Whether to show shares as percentages.
+    whole : bool
+        Whether only whole numbers make sense.
+    """
+    if axis.get_scale() == "log":
+        low, high = axis.get_view_interval()
+        subs = (1.0,) if high / low > 200 else (1.0, 2.0, 5.0)
+        axis.set_major_locator(LogLocator(10.0, subs=subs))
+        axis.set_minor_formatter(NullFormatter())
+    else:
+        axis.set_major_locator(MaxNLocator(5, integer=whole, steps=[1, 2, 2.5, 5, 10]))
+    axis.set_major_formatter(FuncFormatter(_percent if percent else _number))
+
+
+def time_axis(axes: Axes, result: Result, *, log: bool = False) -> None:
+    """Dress the axis of time, and the axes around it.
+
+    Parameters
+    ----------
+    axes : Axes
+        What to dress, with everything drawn.
+    result : Result
+        The run: decides whether time counts steps.
+    log : bool
+        Whether the axis is logarithmic.
+    """
+    steps = result.dynamics == "discrete"
+    axes.set_xlabel("time step" if steps else "time")
+    if log:
+        axes.set_xscale("log")
+    number_axis(axes.xaxis, whole=steps)
+    frame(axes)
+
+
+def frame(axes: Axes) -> None:
+    """Give axes the light grid and the open frame that all panels have.
+
+    Parameters
+    ----------
+    axes : Axes
+        What to dress.
+    """
+    axes.grid(visible=True, color="0.9", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def note(axes: Axes, text: str) -> Axes:
+    """Say in the axes why nothing is drawn.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where.
+    text : str
+        The reason and what to do about it.
+
+    Returns
+    -------
+    Axes
+        The same.
+    """
+    axes.text(
+        0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", fontsize="small", color=REFERENCE
+    )
+    axes.set_xticks([])
+    axes.set_yticks([])
+    frame(axes)
+    return axes

@@ -1,0 +1,198 @@
+"""The compiled steps of Algorithms 1 and 2: the control unit looks, agents answer, observers watch."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.checks import FloatArray
+from aimd_des.compiled import kernel
+from aimd_des.gradients import CostTable, gradient_row
+from aimd_des.metrics import fold_overshoot
+from aimd_des.population import Law, State, observe, totals
+from aimd_des.response import DISCRETE, answer_row, average_row
+from aimd_des.streams import Key, uniforms_row
+
+__all__ = [
+    "Control",
+    "Scratch",
+    "Watch",
+    "answer_signal",
+    "average_all",
+    "conclude",
+    "look",
+    "measure",
+    "take_steps",
+    "watch_step",
+]
+
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+class Control(NamedTuple):
+    """The control unit: the totals of this look, S(k) in force, what is broadcast, and measures.
+
+    All arrays have shape (m,) but `moment`, (1,), the step at hand, and `broadcast`, (K, m):
+    whether step k broadcast for resource j.
+    """
+
+    moment: FloatArray
+    total: FloatArray
+    signal: BoolArray
+    sent: IntArray
+    broadcast: BoolArray
+    peak: FloatArray
+    above: FloatArray
+    excess: FloatArray
+
+
+class Scratch(NamedTuple):
+    """Working memory, so that nothing is allocated per step."""
+
+    average: FloatArray
+    gradient: FloatArray
+    uniform: FloatArray
+    spare: FloatArray
+
+
+class Watch(NamedTuple):
+    """Buffers of the observers; `cursor` has the looks of either kind that are done, and the next step."""
+
+    demand_steps: FloatArray
+    total_demand: FloatArray
+    total_average: FloatArray
+    allocation_steps: FloatArray
+    demand: FloatArray
+    average: FloatArray
+    cursor: IntArray
+
+
+@kernel
+def measure(law: Law, control: Control) -> None:
+    """Fold the totals of one step into peak, time above capacity and mean excess."""
+    fold_overshoot(control.total, law.capacity, 1.0, control.peak, control.above, control.excess)
+
+
+@kernel
+def watch_step(state: State, law: Law, watch: Watch, control: Control) -> None:
+    """Keep totals and allocations of x(k), k being the next step that is asked for."""
+    row, page, step = watch.cursor[0], watch.cursor[1], watch.cursor[2]
+    demand, average = watch.demand[page], watch.average[page]
+    observe(state, law, control.moment, DISCRETE, demand, average)
+    if watch.demand_steps[row] == step:
+        for j in range(control.total.shape[0]):
+            used = 0.0
+            for i in range(average.shape[1]):
+                used += average[j, i]
+            watch.total_demand[row, j] = control.total[j]
+            watch.total_average[row, j] = used
+        watch.cursor[0] += 1
+    if watch.allocation_steps[page] == step:
+        watch.cursor[1] += 1
+    # Both end with the end of the run, so neither runs out before the other.
+    if watch.cursor[0] < watch.demand_steps.shape[0]:
+        watch.cursor[2] = min(watch.demand_steps[watch.cursor[0]], watch.allocation_steps[watch.cursor[1]])
+
+
+@kernel
+def look(state: State, law: Law, step: int, lag: int, control: Control, watch: Watch) -> bool:
+    """Let the control unit look at x(k): Algorithm 1.  Tells whether agents must act on a signal at k."""
+    control.moment[0] = step
+    totals(state, law, control.moment, DISCRETE, control.total)
+    if step > 0:  # demand is x(k) over (k-1, k], the interval that this look closes
+        measure(law, control)
+    if step == watch.cursor[2]:
+        watch_step(state, law, watch, control)
+    acting = False
+    for j in range(law.limit.shape[0]):
+        due = control.total[j] > law.limit[j]
+        control.broadcast[step, j] = due
+        if lag == 0:
+            control.signal[j] = due
+            control.sent[j] += due
+        acting = acting or control.signal[j]
+    return acting
+
+
+@kernel
+def conclude(law: Law, step: int, lag: int, control: Control) -> None:
+    """Put S(k+1) in force."""
+    if lag == 1:
+        for j in range(law.limit.shape[0]):
+            control.signal[j] = control.broadcast[step, j]
+            control.sent[j] += control.signal[j]
+
+
+@kernel
+def average_all(state: State, law: Law, step: int, scratch: Scratch) -> None:
+    """Bring the averages of all resources to step k."""
+    for j in range(state.demand.shape[0]):
+        average_row(
+            state.demand[j],
+            state.accumulated[j],
+            state.anchor[j],
+            law.increase[j],
+            float(step),
+            DISCRETE,
+            scratch.average[j],
+        )
+
+
+@kernel
+def answer_signal(
+    state: State, law: Law, step: int, resource: int, number: int, key: Key, scratch: Scratch
+) -> None:
+    """Let all agents answer broadcast b for resource j; averages and derivatives are in `scratch`."""
+    uniforms_row(key, resource, number, 0, scratch.uniform)
+    answer_row(
+        state.demand[resource],
+        state.accumulated[resource],
+        state.anchor[resource],
+        state.responses[resource],
+        state.saturated[resource],
+        law.increase[resource],
+        law.decrease[resource],
+        law.normalization[resource],
+        scratch.average[resource],
+        scratch.gradient[resource],
+        scratch.uniform,
+        float(step),
+        DISCRETE,
+    )
+
+
+@kernel
+def take_steps(
+    state: State,
+    law: Law,
+    table: CostTable,
+    steps: int,
+    lag: int,
+    key: Key,
+    control: Control,
+    watch: Watch,
+    scratch: Scratch,
+) -> None:
+    """Take all steps in compiled code."""
+    coupled = table.weights.shape[0] > 0
+    for step in range(steps):
+        if look(state, law, step, lag, control, watch):
+            # Averages must be taken before anybody answers: coupled costs read all of them.
+            if coupled:
+                average_all(state, law, step, scratch)
+            for j in range(law.limit.shape[0]):
+                if control.signal[j]:
+                    if not coupled:
+                        average_row(
+                            state.demand[j],
+                            state.accumulated[j],
+                            state.anchor[j],
+                            law.increase[j],
+                            float(step),
+                            DISCRETE,
+                            scratch.average[j],
+                        )
+                    gradient_row(table, scratch.average, j, scratch.gradient[j], scratch.spare)
+                    answer_signal(state, law, step, j, control.sent[j] - 1, key, scratch)
+        conclude(law, step, lag, control)

@@ -1,0 +1,284 @@
+"""The synchronous algorithm beside a plain reading of the paper's Algorithms 1 and 2, step by step."""
+
+import math
+import re
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from aimd_des import InputError, Problem, Recording, run_discrete
+from aimd_des.streams import Purpose
+from tests.conftest import (
+    as_custom,
+    assert_same_run,
+    problems,
+    quadratic_problem,
+    quietly,
+    random_problem,
+    reference_derivative,
+    reference_draws,
+    signals_of,
+)
+
+
+@dataclass
+class Stepped:
+    """What the paper's algorithms do, taken literally."""
+
+    signals: list[tuple[float, int, int]] = field(default_factory=list)
+    demand: list[list[list[float]]] = field(default_factory=list)  # x(k)[i][j]
+    average: list[list[list[float]]] = field(default_factory=list)  # x-bar(k)[i][j]
+    responses: int = 0
+    saturated: int = 0
+    margin: float = math.inf  # how near a decision was to the other one
+
+
+def step_by_step(problem: Problem, steps: int, seed: int, lag: int) -> Stepped:
+    """Algorithms 1 and 2 in plain Python; only the uniform draws are shared with the program."""
+    n, m = problem.n_agents, problem.n_resources
+    run = Stepped()
+    x = [[0.0] * m for _ in range(n)]
+    average = [[0.0] * m for _ in range(n)]
+    signal, used = [False] * m, [0] * m
+    for k in range(steps):
+        run.demand.append([list(row) for row in x])
+        run.average.append([list(row) for row in average])
+        limits = [problem.threshold[j] * problem.capacity[j] for j in range(m)]
+        totals = [sum(row[j] for row in x) for j in range(m)]
+        run.margin = min(run.margin, *(abs(t / limit - 1) for t, limit in zip(totals, limits, strict=True)))
+        due = [total > limit for total, limit in zip(totals, limits, strict=True)]
+        run.signals += [(float(k), j, used[j] + (lag and signal[j])) for j in range(m) if due[j]]
+        if lag == 0:
+            signal = due
+        draws = {j: reference_draws(seed, Purpose.RESPONSE, j, used[j], n) for j in range(m) if signal[j]}
+        before = [list(row) for row in average]
+        for i in range(n):
+            for j in range(m):
+                if signal[j]:
+                    slope = reference_derivative(problem.costs, i, before[i], j)
+                    probability = problem.normalization[j] * slope / before[i][j] if before[i][j] > 0 else 0.0
+                    run.margin = min(run.margin, abs(probability - draws[j][i]), abs(probability - 1))
+                    if draws[j][i] < probability:
+                        x[i][j] = problem.decrease[i, j] * x[i][j]
+                        run.responses += 1
+                        run.saturated += probability > 1
+                else:
+                    x[i][j] += problem.increase[i, j]
+                average[i][j] = (k + 1) / (k + 2) * average[i][j] + 1 / (k + 2) * x[i][j]
+        for j in range(m):
+            used[j] += signal[j]
+        signal = due
+    run.demand.append(x)
+    run.average.append(average)
+    return run
+
+
+@given(problems(), st.integers(1, 60), st.integers(0, 2**32), st.sampled_from([0, 1]))
+def test_it_is_the_paper_step_by_step(problem: Problem, steps: int, seed: int, lag: int) -> None:
+    paper = step_by_step(problem, steps, seed, lag)
+    assume(paper.margin > 1e-9)  # no decision hangs on the last bits of a float
+    every_step = Recording(demand=1.0, allocations=1.0)
+    result = quietly(run_discrete, problem, steps=steps, seed=seed, lag=lag, recording=every_step)
+    assert signals_of(result) == paper.signals
+    assert result.account.responses.sum() == paper.responses
+    assert result.account.saturated.sum() == paper.saturated
+    seen = result.observations
+    assert seen.allocation_times.tolist() == list(range(steps + 1))
+    for ours, theirs in ((seen.demand, paper.demand), (seen.average, paper.average)):
+        np.testing.assert_allclose(
+            ours.transpose(0, 2, 1), theirs, rtol=1e-9, atol=1e-9 * problem.capacity.min()
+        )
+    np.testing.assert_allclose(seen.total_demand, np.sum(paper.demand, axis=1), rtol=1e-9)
+    np.testing.assert_allclose(seen.total_average, np.sum(paper.average, axis=1), rtol=1e-9)
+
+
+def test_random_problems_are_no_idle_ones() -> None:
+    """Were there no signals, no responses or no saturation, the test above would show little."""
+    runs = [step_by_step(random_problem(seed, 5, 2), 60, seed, 1) for seed in range(40)]
+    assert sum(len(run.signals) > 10 for run in runs) >= 36
+    assert sum(run.responses > 20 for run in runs) >= 36
+    assert sum(run.saturated > 0 for run in runs) >= 1
+    assert sum(run.margin > 1e-9 for run in runs) >= 36
+
+
+@given(problems(("polynomial", "coupled", "custom")), st.integers(2, 50), st.integers(0, 1), st.data())
+def test_a_shorter_run_is_the_beginning_of_a_longer_one(
+    problem: Problem, steps: int, lag: int, data: st.DataObject
+) -> None:
+    k = data.draw(st.integers(1, steps - 1))
+    watching = Recording(demand=[float(k)], allocations=[float(k)])
+    long = quietly(run_discrete, problem, steps=steps, seed=3, lag=lag, recording=watching)
+    short = quietly(run_discrete, problem, steps=k, seed=3, lag=lag)
+    assert signals_of(short) == [signal for signal in signals_of(long) if signal[0] < k]
+    assert np.array_equal(long.observations.demand[0], short.observations.demand[-1])
+    assert np.array_equal(long.observations.average[0], short.observations.average[-1])
+    assert np.array_equal(long.observations.total_demand[0], short.observations.total_demand[-1])
+    assert np.array_equal(long.observations.total_average[0], short.observations.total_average[-1])
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 5), st.integers(1, 3), st.integers(0, 1))
+def test_costs_from_functions_give_the_run_of_the_family_that_they_wrap(
+    seed: int, n: int, m: int, lag: int
+) -> None:
+    problem = random_problem(seed, n, m, threshold=True)
+    wrapped = Problem(problem.resources, as_custom(problem.costs))
+    every_step = Recording(demand=1.0, allocations=1.0)
+    one, other = (
+        quietly(run_discrete, each, steps=50, seed=seed, lag=lag, recording=every_step)
+        for each in (problem, wrapped)
+    )
+    assert_same_run(one, other)
+
+
+@given(problems(("polynomial", "coupled")), st.integers(1, 60), st.integers(0, 1))
+def test_overshoot_is_what_the_totals_of_every_step_give(problem: Problem, steps: int, lag: int) -> None:
+    result = quietly(run_discrete, problem, steps=steps, seed=0, lag=lag, recording=Recording(demand=1.0))
+    totals = result.observations.total_demand
+    assert len(totals) == steps + 1
+    for j, capacity in enumerate(problem.capacity):
+        excess = [max(total - capacity, 0.0) for total in totals[1:, j]]  # x(k) is held over (k - 1, k]
+        overshoot = result.observations.overshoot
+        assert overshoot.peak[j] == totals[:, j].max() / capacity
+        assert overshoot.time[j] == sum(value > 0 for value in excess) / steps
+        assert overshoot.mean[j] == pytest.approx(math.fsum(excess) / steps / capacity, rel=1e-12)
+
+
+def binary_problem(**changes: Any) -> Problem:
+    """Four agents whose demands are sums of quarters, so that totals are exact."""
+    return quadratic_problem([1.0, 2.0, 3.0, 4.0], **{"capacity": 8.0, "increase": 0.25, **changes})
+
+
+def test_demand_at_the_capacity_is_no_excess() -> None:
+    # The total is k: 8 at k = 8 is not above the capacity, 9 at k = 9 is.
+    totals = run_discrete(binary_problem(), steps=10, seed=0, recording=Recording(demand=1.0))
+    assert totals.observations.total_demand[:10, 0].tolist() == [float(k) for k in range(10)]
+    assert signals_of(totals)[0] == (9.0, 0, 0)
+
+
+def test_a_threshold_below_one_brings_signals_before_the_capacity() -> None:
+    result = run_discrete(binary_problem(threshold=0.75), steps=10, seed=0)
+    assert signals_of(result)[0] == (7.0, 0, 0)  # 0.75 * 8 = 6 is not above 6, 7 is
+
+
+def test_with_the_lag_a_signal_acts_one_step_after_the_excess() -> None:
+    # All respond for certain and give everything back: lambda = 2 Gamma c >= 1 for the smallest c.
+    problem = binary_problem(decrease=0.0, normalization=0.5)
+    every_step = Recording(demand=1.0)
+    lagged, at_once = (
+        quietly(run_discrete, problem, steps=13, seed=0, lag=lag, recording=every_step) for lag in (1, 0)
+    )
+    rise = [float(k) for k in range(10)]
+    # x(9) = 9 is seen at 9; at 9 the agents still grow, at 10 they act on it; 10 is above the capacity, too.
+    assert lagged.observations.total_demand[:, 0].tolist() == [*rise, 10.0, 0.0, 0.0, 1.0]
+    assert [time for time, _, _ in signals_of(lagged)] == [9.0, 10.0]
+    assert at_once.observations.total_demand[:, 0].tolist() == [*rise, 0.0, 1.0, 2.0, 3.0]
+    assert [time for time, _, _ in signals_of(at_once)] == [9.0]
+
+
+def test_nobody_responds_with_probability_zero_and_everybody_holds() -> None:
+    problem = binary_problem(normalization=1e-300)
+    result = run_discrete(problem, steps=50, seed=0, recording=Recording(demand=1.0))
+    assert result.account.responses.sum() == 0
+    # Growth ends with the first signal in force, at k = 10.
+    assert result.observations.total_demand[10:, 0].tolist() == [10.0] * 41
+
+
+def test_one_agent_alone() -> None:
+    problem = quadratic_problem([1.0], capacity=1.0, increase=0.3, decrease=0.5, normalization=0.3)
+    result = run_discrete(problem, steps=200, seed=1, recording=Recording(allocations=1.0))
+    paper = step_by_step(problem, 200, 1, 1)
+    assert signals_of(result) == paper.signals
+    assert len(paper.signals) > 20
+    np.testing.assert_allclose(
+        result.observations.average[:, 0, 0], np.array(paper.average)[:, 0, 0], rtol=1e-9
+    )
+    assert result.demand_at_end.shape == result.average_at_end.shape == (1, 1)
+
+
+def test_every_copy_of_every_signal_arrives() -> None:
+    result = run_discrete(random_problem(4, 5, 3), steps=60, seed=0)
+    summary = result.summary()
+    assert summary["signals"].sum() > 10
+    assert (summary["delivered"] == 5 * summary["signals"]).all()
+    assert (summary[["lost", "in_flight"]] == 0).all(axis=None)
+
+
+def test_saturated_responses_are_counted_and_warned_about_once() -> None:
+    # lambda is 0.5 for the first agent and 1.5 for the second, whatever the averages.
+    problem = quadratic_problem([1.0, 3.0], capacity=1.0, increase=0.03, normalization=0.25)
+    with pytest.warns(RuntimeWarning) as caught:
+        result = run_discrete(problem, steps=400, seed=0)
+    assert len(caught) == 1
+    acted = len([time for time, _, _ in signals_of(result) if time < 399])
+    assert acted > 20
+    assert result.account.saturated.tolist() == [[0, acted]]
+    assert result.account.responses[0, 1] == acted
+    assert 0 < result.account.responses[0, 0] < acted
+    total = result.account.responses.sum()
+    assert str(caught[0].message) == (
+        f"{acted} of {total} responses had a probability above 1 and were certain: "
+        "the normalization factor is too large for these costs"
+    )
+
+
+def test_a_probability_of_one_is_not_above_one() -> None:
+    # lambda = 2 * 0.5 * 1 = 1 up to rounding of x-bar / x-bar, which is exact.
+    problem = quadratic_problem([1.0], capacity=1.0, increase=0.25, normalization=0.5)
+    result = run_discrete(problem, steps=100, seed=0)
+    assert result.account.saturated.sum() == 0
+    assert result.account.responses.sum() == len([time for time, _, _ in signals_of(result) if time < 99])
+
+
+def test_the_same_seed_gives_the_same_run_and_another_another() -> None:
+    problem = random_problem(1, 6, 2)
+    runs = [quietly(run_discrete, problem, steps=80, seed=seed) for seed in (5, 5, 6)]
+    assert_same_run(runs[0], runs[1])
+    assert runs[0].digest != runs[2].digest
+
+
+def test_an_agent_more_does_not_change_the_luck_of_the_others() -> None:
+    # Cost factors make lambda constant, so that who responds depends on the draws alone.
+    few, many = [1.0, 4.0, 2.0], [1.0, 4.0, 2.0, 3.0]
+    one = run_discrete(quadratic_problem(few, capacity=3.0, normalization=0.1), steps=400, seed=2)
+    other = run_discrete(quadratic_problem(many, capacity=4.0, normalization=0.1), steps=400, seed=2)
+    draws = np.array([reference_draws(2, Purpose.RESPONSE, 0, b, 4) for b in range(1000)])
+    for result, factors in ((one, few), (other, many)):
+        acted = len([time for time, _, _ in signals_of(result) if time < 399])
+        expected = (draws[:acted, : len(factors)] < 0.2 * np.array(factors)).sum(axis=0)
+        assert acted > 20
+        assert result.account.responses[0].tolist() == expected.tolist()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"steps": 0}, "steps = 0: must be an integer of at least 1"),
+        ({"steps": 2.0}, "steps = 2.0: must be an integer of at least 1"),
+        ({"steps": True}, "steps = True: must be an integer of at least 1"),
+        ({"lag": 2}, "lag = 2: must be an integer of at least 0 and at most 1"),
+        ({"lag": -1}, "lag = -1: must be an integer of at least 0 and at most 1"),
+        ({"seed": "a"}, "seed = 'a': must be an integer of at least 0"),
+        ({"seed": -1}, "seed = -1: must be an integer of at least 0"),
+        ({"seed": 0.5}, "seed = 0.5: must be an integer of at least 0"),
+        ({"recording": Recording(demand=0.5)}, "demand = 0.5: must be whole numbers: the discrete algorithm"),
+        (
+            {"recording": Recording(allocations=[1.0, 11.0])},
+            "allocations = 11.0: must be times of at most 10",
+        ),
+    ],
+)
+def test_it_refuses_by_name(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=f"^{re.escape(message)}"):
+        run_discrete(binary_problem(), **{"steps": 10, "seed": 0, **options})
+
+
+def test_a_run_does_not_change_its_problem() -> None:
+    problem = random_problem(0, 3, 2)
+    names = ("capacity", "limit", "normalization", "increase", "decrease")
+    before = {name: getattr(problem, name).copy() for name in names}
+    quietly(run_discrete, problem, steps=300, seed=0)
+    assert all(np.array_equal(getattr(problem, name), value) for name, value in before.items())

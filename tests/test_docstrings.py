@@ -1,0 +1,232 @@
+"""Docstrings say everything: each parameter of each public signature, and what comes back."""
+
+import enum
+import importlib
+import inspect
+import pkgutil
+import re
+from collections.abc import Callable, Iterator
+from types import ModuleType
+from typing import Any, Protocol, get_type_hints
+
+import click
+import pytest
+
+import aimd_des
+import models
+
+MODULES = sorted(
+    {"models"}
+    | {
+        info.name
+        for package in (aimd_des, models)
+        for info in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
+        if not info.name.endswith("__main__")
+    }
+)
+
+
+def sections(docstring: str | None) -> dict[str, list[str]]:
+    """Split a NumPy docstring: the lines below each underlined heading."""
+    lines = inspect.cleandoc(docstring or "").splitlines()
+    found: dict[str, list[str]] = {}
+    current: list[str] = []
+    for line, following in zip(lines, [*lines[1:], ""], strict=True):
+        if line and re.fullmatch("-{3,}", following):
+            current = found.setdefault(line, [])
+        else:
+            current.append(line)
+    return found
+
+
+def documented(docstring: str | None, *headings: str) -> set[str]:
+    """Names that stand in the sections: `a, b : type` and `*args` without its stars."""
+    lines = (line for heading in headings for line in sections(docstring).get(heading, ()))
+    entries = (line.split(" : ")[0] for line in lines if line and not line.startswith((" ", "-")))
+    return {name.strip().lstrip("*") for entry in entries for name in entry.split(",")}
+
+
+def parameters(thing: Callable[..., Any]) -> set[str]:
+    """Names in the signature, without `self`, `cls` and what is private."""
+    return {
+        name
+        for position, name in enumerate(inspect.signature(thing).parameters)
+        if not name.startswith("_") and not (position == 0 and name in {"self", "cls"})
+    }
+
+
+def compare(name: str, wanted: set[str], found: set[str]) -> Iterator[str]:
+    yield from (f"{name}: parameter {missing!r} is not documented" for missing in sorted(wanted - found))
+    yield from (f"{name}: documents {stale!r}, which it does not take" for stale in sorted(found - wanted))
+
+
+def function_gaps(
+    name: str, function: Callable[..., Any], inherited: set[str] | None = None
+) -> Iterator[str]:
+    """What the docstring of a function or method leaves out; `inherited` is documented with its class."""
+    text = function.__doc__
+    if not text:
+        yield f"{name}: no docstring"
+        return
+    wanted = parameters(function)
+    yield from compare(
+        name, wanted, documented(text, "Parameters", "Other Parameters") | (wanted & (inherited or set()))
+    )
+    returned = get_type_hints(function).get("return", type(None))
+    if returned is not type(None) and not {"Returns", "Yields"} & set(sections(text)):
+        yield f"{name}: no Returns"
+
+
+def class_parameters(cls: type) -> set[str]:
+    """What the constructor takes; nothing for classes that are not constructed by our own signature."""
+    own = any(
+        "__init__" in vars(base) for base in cls.__mro__[:-1] if base.__module__ not in {"builtins", "typing"}
+    )
+    if not own or issubclass(cls, enum.Enum) or getattr(cls, "_is_protocol", False):
+        return set()
+    return parameters(cls)
+
+
+def described_fields(cls: type) -> set[str]:
+    """Fields of a pydantic model that are described where they are declared."""
+    fields = getattr(cls, "model_fields", {})
+    return {name for name, field in fields.items() if getattr(field, "description", None)}
+
+
+def class_gaps(name: str, cls: type) -> Iterator[str]:
+    """What the docstrings of a class and of its own public methods leave out."""
+    if not cls.__doc__:
+        yield f"{name}: no docstring"
+        return
+    listed = documented(cls.__doc__, "Parameters", "Other Parameters")
+    known = listed | documented(cls.__doc__, "Attributes")
+    if not issubclass(cls, BaseException):  # the exceptions take the one message that all exceptions take
+        wanted = class_parameters(cls)
+        # What a run hands out lists its fields as attributes.
+        yield from compare(name, wanted, listed | (wanted & (known | described_fields(cls))))
+    for key, member in vars(cls).items():
+        if key.startswith("_") and key != "__call__":
+            continue
+        is_property = isinstance(member, property)
+        function = member.fget if is_property else inspect.unwrap(getattr(member, "__func__", member))
+        if not inspect.isfunction(function):
+            continue
+        one_line = "\n" not in (function.__doc__ or "\n").strip()
+        if getattr(cls, "_is_protocol", False) and (one_line or key in known):
+            continue  # those who implement a protocol document its methods
+        if is_property:
+            if not function.__doc__ and key not in known:
+                yield f"{name}.{key}: no docstring"
+        else:
+            yield from function_gaps(f"{name}.{key}", function, listed)
+
+
+def command_gaps(name: str, command: click.Command) -> Iterator[str]:
+    """A command is documented for those who type it: by its help and by that of its options."""
+    if not command.help:
+        yield f"{name}: no help"
+    for parameter in command.params:
+        if isinstance(parameter, click.Option) and not parameter.help:
+            yield f"{name}: option {parameter.opts[0]} has no help"
+    if isinstance(command, click.Group):
+        for key, inner in command.commands.items():
+            yield from command_gaps(f"{name} {key}", inner)
+
+
+def gaps(module: ModuleType) -> list[str]:
+    """What the docstrings of a module leave out."""
+    found = [] if module.__doc__ else [f"{module.__name__}: no docstring"]
+    for key, thing in vars(module).items():
+        if key.startswith("_") or getattr(thing, "__module__", None) not in {module.__name__, None}:
+            continue
+        name = f"{module.__name__}.{key}"
+        function = getattr(thing, "py_func", thing)  # what numba compiled
+        if isinstance(thing, click.Command):
+            found += command_gaps(name, thing)
+        elif inspect.isclass(thing):
+            found += class_gaps(name, thing)
+        elif inspect.isfunction(function):
+            found += function_gaps(name, inspect.unwrap(function))
+    return found
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_docstrings_are_complete(name: str) -> None:
+    assert gaps(importlib.import_module(name)) == []
+
+
+class _Fake:
+    """A class.
+
+    Parameters
+    ----------
+    first, second : int
+        Two numbers.
+    """
+
+    def __init__(self, first: int, second: int, third: int) -> None:
+        """Take three."""
+
+    def method(self, first: int) -> int:
+        """Do."""
+        return first
+
+    @property
+    def size(self) -> int:
+        return 0
+
+
+class _Rule(Protocol):
+    """A protocol."""
+
+    def method(self, first: int) -> int:
+        """Do."""
+        ...
+
+
+def _full(first: int, *rest: int, **options: int) -> int:
+    """Add.
+
+    Parameters
+    ----------
+    first : int
+        One - and a line
+        of more.
+    *rest : int
+        More.
+    **options
+        Any.
+
+    Returns
+    -------
+    int
+        The sum.
+    """
+    return first + sum(rest) + sum(options.values())
+
+
+def _stale(first: int) -> None:
+    """Add.
+
+    Parameters
+    ----------
+    second : int
+        Was here once.
+    """
+
+
+def test_what_is_left_out_is_found() -> None:
+    assert list(function_gaps("full", _full)) == []
+    assert list(function_gaps("stale", _stale)) == [
+        "stale: parameter 'first' is not documented",
+        "stale: documents 'second', which it does not take",
+    ]
+    assert list(class_gaps("fake", _Fake)) == [
+        "fake: parameter 'third' is not documented",
+        "fake.method: no Returns",
+        "fake.size: no docstring",
+    ]
+    assert list(class_gaps("rule", _Rule)) == []
+    assert list(function_gaps("none", lambda: None)) == ["none: no docstring"]
+    bare = click.Command("bare", params=[click.Option(["--seed"])])
+    assert list(command_gaps("bare", bare)) == ["bare: no help", "bare: option --seed has no help"]

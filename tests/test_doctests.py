@@ -1,0 +1,86 @@
+"""Every example is run: those in docstrings, and the Python blocks of the README and of the pages in docs."""
+
+import doctest
+import importlib
+import pkgutil
+import re
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+import aimd_des
+import models
+
+ROOT = Path(__file__).resolve().parents[1]
+MODULES = sorted(
+    info.name
+    for package in (aimd_des, models)
+    for info in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
+    if not info.name.endswith("__main__")
+)
+PAGES = [Path("README.md"), *sorted(path.relative_to(ROOT) for path in (ROOT / "docs").rglob("*.md"))]
+OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
+BLOCK = re.compile(
+    r"^(?P<indent> *)```(?P<language>\w*)[^\n]*\n(?P<body>.*?)^(?P=indent)```\s*$", re.MULTILINE | re.DOTALL
+)
+
+
+def python_blocks(page: str) -> list[tuple[int, str]]:
+    """First line and source of every Python block of a page."""
+    return [
+        (
+            page.count("\n", 0, match.start("body")) + 1,
+            re.sub(f"^{match['indent']}", "", match["body"], flags=re.MULTILINE),
+        )
+        for match in BLOCK.finditer(page)
+        if match["language"] in {"python", "pycon"}
+    ]
+
+
+def run_page(page: str, name: str) -> int:
+    """Run the blocks of a page in order, in one fresh namespace; return how many there were."""
+    namespace: dict[str, object] = {"__name__": "__page__"}
+    blocks = python_blocks(page)
+    for line, source in blocks:
+        if source.lstrip().startswith(">>>"):
+            example = doctest.DocTestParser().get_doctest(source, namespace, name, name, line - 1)
+            outcome = doctest.DocTestRunner(optionflags=OPTIONS).run(example, clear_globs=False)
+            assert outcome.failed == 0, f"{name}:{line}"
+            namespace = example.globs
+        else:
+            # The empty lines let a traceback name the line of the page.
+            exec(compile("\n" * (line - 1) + source, name, "exec"), namespace)
+    return len(blocks)
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder_without_a_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    mpl.use("Agg")
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_in_docstrings(name: str) -> None:
+    module = importlib.import_module(name)
+    assert doctest.testmod(module, extraglobs={"np": np}, optionflags=OPTIONS).failed == 0
+
+
+@pytest.mark.parametrize("page", PAGES, ids=str)
+def test_examples_in_pages(page: Path) -> None:
+    run_page((ROOT / page).read_text(encoding="utf-8"), str(page))
+
+
+def test_the_readme_shows_python() -> None:
+    assert python_blocks((ROOT / "README.md").read_text(encoding="utf-8"))
+
+
+def test_blocks_share_a_page_and_a_wrong_one_fails() -> None:
+    page = "text\n```python\na = 1\n```\n```text\nnot python\n```\n"
+    page += "- item\n  ```python\n  >>> a + 1\n  2\n  ```\n"
+    assert run_page(page, "page") == 2
+    with pytest.raises(AssertionError, match="page:2"):
+        run_page("```python\n>>> 1 + 1\n3\n```\n", "page")
+    with pytest.raises(NameError):
+        run_page("```python\na\n```\n", "page")

@@ -1,0 +1,467 @@
+"""The event-driven system: bit for bit the synchronous algorithm where it must be, and literal elsewhere."""
+
+import math
+import re
+from collections.abc import Generator
+from heapq import heappop, heappush
+from itertools import count
+from typing import Any
+
+import numpy as np
+import pytest
+import simpy
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from aimd_des import InputError, Problem, Recording, Result, run_discrete
+from aimd_des.agents import Camera
+from aimd_des.channel import BroadcastChannel
+from aimd_des.clock import Clock
+from aimd_des.control_unit import Sampled
+from aimd_des.environment import Kind
+from aimd_des.simulation import Simulation
+from aimd_des.streams import Purpose
+from models import smart_cameras
+from tests.conftest import (
+    assert_same_run,
+    problems,
+    python,
+    quadratic_problem,
+    quietly,
+    random_problem,
+    reference_derivative,
+    reference_draws,
+    signals_of,
+)
+
+EVERY_STEP = Recording(demand=1.0, allocations=1.0)
+
+
+def simulate(problem: Problem, until: float, seed: int = 0, **parts: Any) -> Result:
+    channel = BroadcastChannel(latency=parts.pop("latency", 0.0), loss=parts.pop("loss", 0.0))
+    return quietly(Simulation(problem, channel=channel, seed=seed, **parts).run, until)
+
+
+# -- the same as the synchronous algorithm ---------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("latency", [0.5, 1.0])
+def test_behind_a_latency_of_up_to_a_period_it_is_the_synchronous_algorithm(
+    latency: float, seed: int
+) -> None:
+    problem = smart_cameras(seed=seed)
+    recording = Recording(demand=1.0, allocations=500.0, tail=100)
+    reference = run_discrete(problem, steps=30_000, seed=seed, recording=recording)
+    assert len(reference.signals) > 25_000
+    assert_same_run(simulate(problem, 30_000, seed, latency=latency, recording=recording), reference)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(5))
+def test_without_latency_a_signal_acts_in_the_very_step(seed: int) -> None:
+    # Signals are broadcast at a look, copies without latency arrive at once, and agents act after that.
+    problem = smart_cameras(seed=seed)
+    recording = Recording(demand=1.0, allocations=500.0, tail=100)
+    at_once, printed = (
+        run_discrete(problem, steps=30_000, seed=seed, lag=lag, recording=recording) for lag in (0, 1)
+    )
+    run = simulate(problem, 30_000, seed, latency=0.0, recording=recording)
+    assert_same_run(run, at_once)
+    assert run.digest != printed.digest
+    # The first signal is the same; already the first response is a step earlier.
+    assert signals_of(run)[0] == signals_of(printed)[0]
+    assert (run.observations.overshoot.peak < printed.observations.overshoot.peak).all()
+
+
+@given(problems(), st.integers(1, 40), st.integers(0, 2**32), st.sampled_from([0.0, 1e-9, 0.3, 0.5, 1.0]))
+def test_random_problems_run_as_the_synchronous_algorithm(
+    problem: Problem, steps: int, seed: int, latency: float
+) -> None:
+    lag = 1 if latency else 0
+    reference = quietly(run_discrete, problem, steps=steps, seed=seed, lag=lag, recording=EVERY_STEP)
+    assert_same_run(simulate(problem, steps, seed, latency=latency, recording=EVERY_STEP), reference)
+
+
+@given(problems(("polynomial", "coupled")), st.integers(1, 40), st.integers(0, 2**32), st.data())
+def test_agents_may_have_different_latencies_within_a_period(
+    problem: Problem, steps: int, seed: int, data: st.DataObject
+) -> None:
+    size = problem.n_agents
+    latency = data.draw(st.lists(st.floats(1e-9, 1.0), min_size=size, max_size=size))
+    reference = quietly(run_discrete, problem, steps=steps, seed=seed, recording=EVERY_STEP)
+    assert_same_run(simulate(problem, steps, seed, latency=latency, recording=EVERY_STEP), reference)
+
+
+_ABSORBED = pytest.mark.xfail(strict=True, reason="q * 0.1 + 0.1 is not always (q + 1) * 0.1")
+
+
+@pytest.mark.parametrize(
+    ("period", "latency"),
+    [
+        (0.1, 0.05),
+        (0.3, 0.2),
+        (1 / 3, 0.3),
+        (7.0, 0.1),
+        (7.0, 7.0),
+        (0.125, 0.125),
+        pytest.param(0.1, 0.1, marks=_ABSORBED),
+    ],
+)
+def test_the_unit_of_time_does_not_matter(period: float, latency: float) -> None:
+    # Ticks and looks at q * period coincide exactly, also where adding periods would drift apart.
+    problem = random_problem(3, 5, 2)
+    reference = run_discrete(problem, steps=400, seed=1)
+    clocks = {"clock": Clock(period), "control_unit": Sampled(period)}
+    run = simulate(problem, 400 * period, 1, latency=latency, **clocks)
+    assert len(reference.signals) > 50
+    assert run.signals_sent.time.tolist() == [step * period for step in reference.signals_sent.time]
+    for name in ("resource", "number"):
+        assert getattr(run.signals_sent, name).tolist() == getattr(reference.signals_sent, name).tolist()
+    assert np.array_equal(run.demand_at_end, reference.demand_at_end)
+    assert np.array_equal(run.average_at_end, reference.average_at_end)
+
+
+def test_a_latency_beyond_a_period_is_another_system() -> None:
+    problem = random_problem(3, 5, 2)
+    reference = run_discrete(problem, steps=100, seed=1)
+    assert simulate(problem, 100, 1, latency=1.0).digest == reference.digest
+    assert simulate(problem, 100, 1, latency=1.0 + 1e-9).digest != reference.digest
+
+
+# -- the rules, taken literally --------------------------------------------------------------------------
+
+
+class Literal:
+    """The asynchronous system in plain Python: a heap, a tick of every agent, a latch for every bit.
+
+    Only the uniform draws are shared with the program.
+    """
+
+    def __init__(self, problem: Problem, seed: int, latency: list[float], loss: list[float]) -> None:
+        n, m = problem.n_agents, problem.n_resources
+        self.problem, self.seed, self.latency, self.loss = problem, seed, latency, loss
+        self.x = [[0.0] * m for _ in range(n)]
+        self.average = [[0.0] * m for _ in range(n)]
+        self.latch: list[list[int | None]] = [[None] * m for _ in range(n)]
+        self.signals: list[tuple[float, int, int]] = []
+        self.lost, self.delivered, self.responses = [0] * m, [0] * m, [0] * m
+        self.margin = math.inf
+        self.heap: list[tuple[float, str, int, Any]] = []
+        self.turn = count()
+        self.ticks = 0
+
+    def push(self, time: float, kind: str, what: Any = None) -> None:
+        # The letters are in the order of the kinds: arrivals, the look, the tick.
+        heappush(self.heap, (time, kind, next(self.turn), what))
+
+    def run(self, until: float, looks: tuple[float, float], ticks: tuple[float, float]) -> None:
+        self.push(looks[1], "B look", 0)
+        self.push(ticks[1], "C tick", 0)
+        while self.heap[0][0] < until:
+            time, kind, _, what = heappop(self.heap)
+            if kind == "A arrival":
+                self.arrive(*what)
+            elif kind == "B look":
+                self.look(time)
+                self.push(looks[1] + (what + 1) * looks[0], kind, what + 1)
+            else:
+                self.tick(what)
+                self.push(ticks[1] + (what + 1) * ticks[0], kind, what + 1)
+        self.fold(self.ticks)  # the average at the end counts the present demand
+
+    def look(self, time: float) -> None:
+        for j in range(self.problem.n_resources):
+            total = sum(row[j] for row in self.x)
+            limit = self.problem.threshold[j] * self.problem.capacity[j]
+            self.margin = min(self.margin, abs(total / limit - 1))
+            if total > limit:
+                number = sum(signal[1] == j for signal in self.signals)
+                self.signals.append((time, j, number))
+                draws = reference_draws(self.seed, Purpose.LOSS, j, number, len(self.x))
+                for i, draw in enumerate(draws):
+                    if draw < self.loss[i]:
+                        self.lost[j] += 1
+                    else:
+                        self.push(time + self.latency[i], "A arrival", (i, j, number))
+
+    def arrive(self, i: int, j: int, number: int) -> None:
+        self.delivered[j] += 1
+        if self.latch[i][j] is None:
+            self.latch[i][j] = number
+
+    def fold(self, k: int) -> None:
+        for i, row in enumerate(self.x):
+            for j, held in enumerate(row):
+                self.average[i][j] = k / (k + 1) * self.average[i][j] + held / (k + 1)
+
+    def tick(self, k: int) -> None:
+        self.ticks += 1
+        self.fold(k)
+        for i, row in enumerate(self.x):
+            for j in range(len(row)):
+                number, self.latch[i][j] = self.latch[i][j], None
+                if number is None:
+                    row[j] += self.problem.increase[i, j]
+                elif self.responds(i, j, number):
+                    row[j] *= self.problem.decrease[i, j]
+                    self.responses[j] += 1
+
+    def responds(self, i: int, j: int, number: int) -> bool:
+        average = self.average[i]
+        if average[j] == 0:
+            return False
+        slope = reference_derivative(self.problem.costs, i, average, j)
+        probability = self.problem.normalization[j] * slope / average[j]
+        draw = reference_draws(self.seed, Purpose.RESPONSE, j, number, len(self.x))[i]
+        self.margin = min(self.margin, abs(probability - draw))
+        return bool(draw < probability)
+
+
+CLOCKS = st.tuples(st.sampled_from([1.0, 0.5, 0.7, 2.3]), st.sampled_from([0.0, 0.25, 0.5, 1.0, 3.0]))
+
+
+@given(problems(("polynomial", "coupled", "custom")), st.integers(0, 2**32), CLOCKS, CLOCKS, st.data())
+def test_it_is_the_model_event_by_event(
+    problem: Problem, seed: int, looks: tuple[float, float], ticks: tuple[float, float], data: st.DataObject
+) -> None:
+    size = problem.n_agents
+    latency = data.draw(
+        st.lists(st.sampled_from([0.0, 0.5, 1.0, 1.7, 2.0, 4.6]), min_size=size, max_size=size), "latency"
+    )
+    loss = data.draw(st.lists(st.sampled_from([0.0, 0.2, 0.9]), min_size=size, max_size=size), "loss")
+    until = data.draw(st.sampled_from([0.5, 1.0, 7.0, 40.0, 43.21]), "until")
+    literal = Literal(problem, seed, latency, loss)
+    literal.run(until, looks, ticks)
+    assume(literal.margin > 1e-9)  # no decision hangs on the last bits of a float
+    result = simulate(
+        problem, until, seed, latency=latency, loss=loss, clock=Clock(*ticks), control_unit=Sampled(*looks)
+    )
+    assert signals_of(result) == literal.signals
+    assert result.account.responses.sum(axis=1).tolist() == literal.responses
+    scale = 1e-9 * problem.capacity.min()
+    np.testing.assert_allclose(result.demand_at_end, literal.x, rtol=1e-9, atol=scale)
+    np.testing.assert_allclose(result.average_at_end, literal.average, rtol=1e-9, atol=scale)
+    if min(sum(held) for held in zip(*literal.average, strict=True)) > 0:
+        summary = result.summary()
+        assert summary["lost"].tolist() == literal.lost
+        assert summary["delivered"].tolist() == literal.delivered
+        copies = size * summary["signals"]
+        assert (summary["delivered"] + summary["lost"] + summary["in_flight"] == copies).all()
+
+
+@pytest.mark.parametrize(
+    ("looks", "ticks", "latency"), [((0.5, 0.0), (1.0, 0.25), 1.7), ((1.0, 0.5), (0.7, 0.0), 0.0)]
+)
+def test_the_model_event_by_event_does_respond(
+    looks: tuple[float, float], ticks: tuple[float, float], latency: float
+) -> None:
+    """Were there no signals and responses, the test above would show little."""
+    literal = Literal(random_problem(2, 5, 2), 0, [latency] * 5, [0.2] * 5)
+    literal.run(43.21, looks, ticks)
+    assert len(literal.signals) > 15
+    assert min(literal.responses) > 3
+    assert min(literal.lost) > 3
+
+
+@given(problems(("polynomial",)), CLOCKS, st.sampled_from([0.0, 0.5, 2.0]), st.sampled_from([7.0, 43.21]))
+def test_overshoot_is_what_the_totals_between_ticks_give(
+    problem: Problem, ticks: tuple[float, float], latency: float, until: float
+) -> None:
+    clock = Clock(*ticks)
+    times = sorted({clock.time(q) for q in range(clock.next_tick(until))} | {0.0, until})
+    result = simulate(problem, until, latency=latency, clock=clock, recording=Recording(demand=times))
+    lengths = np.diff(times)
+    overshoot, totals = result.observations.overshoot, result.observations.total_demand
+    assert len(totals) == len(times)
+    for j, capacity in enumerate(problem.capacity):
+        # A total that is seen at a tick was held since the tick before.
+        excess = np.maximum(totals[1:, j] - capacity, 0.0)
+        assert overshoot.peak[j] == totals[:, j].max() / capacity
+        assert overshoot.time[j] == pytest.approx(lengths[excess > 0].sum() / until, abs=1e-12)
+        assert overshoot.mean[j] == pytest.approx((lengths * excess).sum() / until / capacity, abs=1e-12)
+
+
+@given(problems(("polynomial",)), st.integers(2, 40), st.sampled_from([0.0, 0.5, 2.3]), st.data())
+def test_a_shorter_run_is_the_beginning_of_a_longer_one(
+    problem: Problem, until: int, latency: float, data: st.DataObject
+) -> None:
+    k = data.draw(st.integers(1, until - 1))
+    watching = Recording(demand=[float(k)], allocations=[float(k)])
+    long = simulate(problem, until, latency=latency, recording=watching)
+    short = simulate(problem, k, latency=latency, recording=watching)
+    assert signals_of(short) == [signal for signal in signals_of(long) if signal[0] < k]
+    for name in ("demand", "average", "total_demand", "total_average"):
+        assert np.array_equal(getattr(long.observations, name)[0], getattr(short.observations, name)[-1])
+
+
+def test_an_observer_at_a_tick_sees_the_demand_before_it() -> None:
+    problem = quadratic_problem([1.0, 1.0], capacity=100.0, increase=0.25)
+    seen = simulate(problem, 4.0, recording=Recording(demand=[0.0, 0.5, 1.0, 1.5, 2.0])).demand
+    assert seen["time"].tolist() == [0.0, 0.5, 1.0, 1.5, 2.0, 4.0]
+    assert seen["total"].tolist() == [0.0, 0.5, 0.5, 1.0, 1.0, 2.0]
+
+
+# -- luck ------------------------------------------------------------------------------------------------
+
+
+FACTORS = [1.0, 3.0, 2.0, 4.5]
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.5, 2.7, [0.0, 0.3, 1.0, 6.5]])
+@pytest.mark.parametrize("loss", [0.0, 0.4, [0.0, 0.9, 0.1, 0.5]])
+def test_a_change_of_the_channel_does_not_change_the_luck(latency: Any, loss: Any) -> None:
+    # Quadratic costs: agent i responds to broadcast b if its draw is below 2 Gamma c_i, and with latencies
+    # that are constant every copy that is not lost finds the latch free.
+    problem = quadratic_problem(FACTORS, capacity=3.0, normalization=0.1)
+    result = simulate(problem, 500, 11, latency=latency, loss=loss)
+    times = result.signals_sent.time
+    assert len(times) > 50
+    rows = [
+        [reference_draws(11, purpose, 0, b, 4) for b in range(len(times) + 1)]
+        for purpose in (Purpose.RESPONSE, Purpose.LOSS)
+    ]
+    response_draws, loss_draws = np.array(rows)
+    # The last ones are answered only if a tick before the end comes after their arrival.
+    answered = np.ceil(times[:, None] + np.broadcast_to(latency, 4)) < 500
+    kept = loss_draws[:-1] >= loss
+    expected = (answered & kept & (response_draws[:-1] < 0.2 * np.array(FACTORS))).sum(axis=0)
+    assert result.account.responses[0].tolist() == expected.tolist()
+    shifted = (answered & kept & (response_draws[1:] < 0.2 * np.array(FACTORS))).sum(axis=0)
+    assert shifted.tolist() != expected.tolist()  # the draws of the next broadcasts would not do
+
+
+class Late:
+    """A camera that is made, and starts to live, in an order that is not that of the agents."""
+
+    order: list[int]
+    waiting: dict[int, "Late"]
+
+    def __init__(self, index: int, system: Any) -> None:
+        self.index, self.system = index, system
+        self.waiting[index] = self
+        if len(self.waiting) == len(self.order):
+            for agent in self.order:
+                self.waiting[agent].camera = Camera(agent, system)
+            self.waiting.clear()
+
+    def receive(self, resource: int, number: int) -> None:
+        self.camera.receive(resource, number)
+
+    def process(self) -> Generator[simpy.Event, Any, None]:
+        yield self.system.env.at(0.0, Kind.INTERVENE, self.order.index(self.index))
+        yield from self.camera.process()
+
+
+@given(
+    problems(("polynomial", "coupled")), st.sampled_from([0.0, 0.5, 1.7]), st.randoms(use_true_random=False)
+)
+def test_the_order_in_which_agents_are_made_and_started_does_not_matter(
+    problem: Problem, latency: float, shuffler: Any
+) -> None:
+    order = list(range(problem.n_agents))
+    shuffler.shuffle(order)
+    late = type("Late", (Late,), {"order": order, "waiting": {}})
+    one, other = (
+        simulate(problem, 30, 1, latency=latency, loss=0.1, agents=agents, recording=EVERY_STEP)
+        for agents in (Camera, late)
+    )
+    assert_same_run(one, other)
+
+
+def test_a_second_run_of_the_same_simulation_is_the_same() -> None:
+    channel = BroadcastChannel(latency=1.5, loss=0.3)
+    simulation = Simulation(random_problem(1, 5, 2), channel=channel, seed=4)
+    assert_same_run(quietly(simulation.run, 60.0), quietly(simulation.run, 60.0))
+
+
+def test_another_seed_is_another_run() -> None:
+    problem = random_problem(1, 5, 2)
+    assert simulate(problem, 60, 4).digest != simulate(problem, 60, 5).digest
+
+
+def test_another_process_gives_the_same_run() -> None:
+    program = """
+from aimd_des import run_discrete
+from aimd_des.channel import BroadcastChannel
+from aimd_des.simulation import Simulation
+from models import smart_cameras
+problem = smart_cameras(seed=3, n_cameras=7)
+print(Simulation(problem, channel=BroadcastChannel(latency=1.5, loss=0.2), seed=8).run(600).digest)
+print(run_discrete(problem, steps=600, seed=8).digest)
+"""
+    outcome = python("-c", program, PYTHONHASHSEED="123")
+    assert outcome.returncode == 0, outcome.stderr
+    problem = smart_cameras(seed=3, n_cameras=7)
+    here = simulate(problem, 600, 8, latency=1.5, loss=0.2), run_discrete(problem, steps=600, seed=8)
+    assert outcome.stdout.split() == [result.digest for result in here]
+    assert all(len(result.signals) > 100 for result in here)
+
+
+# -- arguments -------------------------------------------------------------------------------------------
+
+
+def test_defaults_are_a_perfect_channel_and_clocks_in_phase() -> None:
+    problem = random_problem(1, 4, 2)
+    bare = quietly(Simulation(problem, seed=2).run, 50)
+    spelled = simulate(problem, 50, 2, control_unit=Sampled(1.0, 0.0), clock=Clock(1.0, 0.0), agents=Camera)
+    assert_same_run(bare, spelled)
+
+
+@pytest.mark.parametrize("until", [0.0, -1.0, math.nan, math.inf, "10", None, True])
+def test_an_end_that_is_none_is_refused(until: Any) -> None:
+    with pytest.raises(InputError, match=r"^until = .*: must be a finite number greater than 0$"):
+        Simulation(quadratic_problem([1.0]), seed=0).run(until)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"seed": -1}, "seed = -1: must be an integer of at least 0"),
+        ({"seed": 1.5}, "seed = 1.5: must be an integer of at least 0"),
+        (
+            {"seed": 0, "agents": "Camera"},
+            "agents = 'Camera': must be a class or function that makes an agent",
+        ),
+    ],
+)
+def test_it_refuses_by_name(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=f"^{re.escape(message)}"):
+        Simulation(quadratic_problem([1.0]), **options)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Sampled(period=0.0), "period = 0.0: must be a finite number greater than 0"),
+        (lambda: Sampled(period=math.nan), "period = nan: must be a finite number greater than 0"),
+        (lambda: Sampled(phase=-1.0), "phase = -1.0: must be a finite number at least 0"),
+    ],
+)
+def test_a_control_unit_refuses_by_name(make: Any, message: str) -> None:
+    with pytest.raises(InputError, match=f"^{re.escape(message)}$"):
+        make()
+
+
+def test_times_beyond_the_end_are_refused() -> None:
+    simulation = Simulation(quadratic_problem([1.0]), seed=0, recording=Recording(demand=[1.0, 6.0]))
+    with pytest.raises(InputError, match=r"^demand = 6\.0: must be times of at most 5, the end of the run$"):
+        simulation.run(5.0)
+
+
+def test_a_watcher_hears_the_end() -> None:
+    heard: list[tuple[float, int]] = []
+    simulation = Simulation(quadratic_problem([1.0] * 4), seed=0)
+    simulation.run(3000.0, lambda now, events: heard.append((now, events)))
+    assert [now for now, _ in heard] == sorted(now for now, _ in heard)
+    assert heard[-1][0] == 3000.0
+    assert heard[-1][1] > 3000
+
+
+def test_saturated_responses_are_counted_and_warned_about_once() -> None:
+    simulation = Simulation(quadratic_problem([3.0], capacity=1.0, normalization=0.25), seed=0)
+    with pytest.warns(RuntimeWarning, match=r"^(\d+) of \1 responses had a probability above 1 ") as caught:
+        result = simulation.run(300)
+    assert len(caught) == 1
+    assert result.account.saturated.sum() == result.account.responses.sum() == len(result.signals) > 0
