@@ -10,7 +10,8 @@ from aimd_des import checks
 from aimd_des.clock import Clock
 from aimd_des.environment import Kind
 from aimd_des.errors import SimulationError
-from aimd_des.system import ProcessGenerator, System
+from aimd_des.system import System
+from aimd_des.transport import ProcessGenerator
 
 __all__ = ["ControlUnit", "Crossing", "Sampled"]
 

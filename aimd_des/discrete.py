@@ -9,47 +9,15 @@ import numpy as np
 from aimd_des import checks, streams
 from aimd_des.gradients import cost_table
 from aimd_des.metrics import Overshoot
-from aimd_des.population import Law, State, law_of, start, totals
+from aimd_des.population import State, law_of, start
 from aimd_des.problem import Problem
 from aimd_des.recording import Observations, Recording, Signals
 from aimd_des.response import DISCRETE
 from aimd_des.results import Account, Result
-from aimd_des.steps import (
-    Control,
-    Scratch,
-    Watch,
-    answer_signal,
-    average_all,
-    conclude,
-    look,
-    measure,
-    take_steps,
-    watch_step,
-)
-from aimd_des.streams import Key, Purpose
+from aimd_des.steps import Control, Scratch, Watch, close_books, take_custom_steps, take_steps
+from aimd_des.streams import Purpose
 
 __all__ = ["run_discrete"]
-
-
-def _run_custom(
-    problem: Problem,
-    state: State,
-    law: Law,
-    steps: int,
-    lag: int,
-    key: Key,
-    control: Control,
-    watch: Watch,
-    scratch: Scratch,
-) -> None:
-    """Take all steps with derivatives from the user's own functions, which kernels cannot call."""
-    for step in range(steps):
-        if look(state, law, step, lag, control, watch):
-            average_all(state, law, step, scratch)
-            scratch.gradient[:] = problem.costs.gradient(scratch.average.T).T
-            for j in np.flatnonzero(control.signal):
-                answer_signal(state, law, step, int(j), int(control.sent[j]) - 1, key, scratch)
-        conclude(law, step, lag, control)
 
 
 def run_discrete(
@@ -107,11 +75,8 @@ def run_discrete(
     if table.n_agents:
         take_steps(state, law, table, steps, lag, key, control, watch, scratch)
     else:
-        _run_custom(problem, state, law, steps, lag, key, control, watch, scratch)
-    control.moment[0] = steps
-    totals(state, law, control.moment, DISCRETE, control.total)
-    measure(law, control)
-    watch_step(state, law, watch, control)
+        take_custom_steps(problem.costs, state, law, steps, lag, key, control, watch, scratch)
+    close_books(state, law, steps, control, watch)
     return _result(problem, seed, steps, state, control, watch)
 
 

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from aimd_des.checks import FloatArray
 from aimd_des.compiled import formula, kernel
 
-__all__ = ["exp", "exps", "log", "log1p", "logs", "standard_normal", "standard_normals"]
+__all__ = ["exp", "expm1", "exps", "log", "log1p", "logs", "standard_normal", "standard_normals"]
 
 # log 2 in two parts. The first has 20 bits to spare, so that its product with an exponent is exact.
 _LOG2_HIGH, _LOG2_LOW = float.fromhex("0x1.62e42fee00000p-1"), float.fromhex("0x1.a39ef35793c76p-33")
@@ -118,6 +118,27 @@ def exp(x: float) -> float:
     # Two factors: 2**1024 is no number, and results below 2**-1022 must be rounded once only.
     first = k // 2
     return value * math.ldexp(1.0, first) * math.ldexp(1.0, k - first)
+
+
+@formula
+def expm1(x: float) -> float:
+    """Return exp(x) - 1 without loss where x is small.
+
+    Parameters
+    ----------
+    x : float
+        Any number.
+
+    Returns
+    -------
+    float
+        Within 3 units in the last place.
+    """
+    power = exp(x)
+    if power == 1.0 or not -40.0 < x < _EXP_HIGHEST:
+        return x if power == 1.0 else power - 1.0
+    # The rounding error of the power is in its logarithm too, and cancels (W. Kahan).
+    return (power - 1.0) * (x / log(power))
 
 
 @formula

@@ -9,7 +9,7 @@ import pandas as pd
 __all__ = ["categorical"]
 
 
-def categorical(codes: npt.NDArray[np.integer], names: Sequence[str]) -> "pd.Categorical[str]":
+def categorical(codes: npt.NDArray[np.int64], names: Sequence[str]) -> pd.Categorical:  # type: ignore[type-arg]  # generic in the stubs only
     """Turn indices into names.
 
     Parameters

@@ -14,7 +14,8 @@ from aimd_des.compiled import kernel
 from aimd_des.environment import Kind
 from aimd_des.metrics import Overshoot, fold_overshoot
 from aimd_des.recording import Observations, Recording
-from aimd_des.system import ProcessGenerator, System
+from aimd_des.system import System
+from aimd_des.transport import ProcessGenerator
 
 __all__ = ["ConstantPieces", "LinearPieces", "Observer"]
 

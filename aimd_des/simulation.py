@@ -17,7 +17,8 @@ from aimd_des.problem import Problem
 from aimd_des.recording import Recording, Signals
 from aimd_des.results import Account, Result
 from aimd_des.streams import Purpose
-from aimd_des.system import Agent, ProcessGenerator, System
+from aimd_des.system import System
+from aimd_des.transport import Agent, ProcessGenerator
 
 __all__ = ["Simulation"]
 

@@ -7,24 +7,14 @@ import numpy.typing as npt
 
 from aimd_des.checks import FloatArray
 from aimd_des.compiled import kernel
+from aimd_des.costs import Costs
 from aimd_des.gradients import CostTable, gradient_row
 from aimd_des.metrics import fold_overshoot
 from aimd_des.population import Law, State, observe, totals
 from aimd_des.response import DISCRETE, answer_row, average_row
 from aimd_des.streams import Key, uniforms_row
 
-__all__ = [
-    "Control",
-    "Scratch",
-    "Watch",
-    "answer_signal",
-    "average_all",
-    "conclude",
-    "look",
-    "measure",
-    "take_steps",
-    "watch_step",
-]
+__all__ = ["Control", "Scratch", "Watch", "close_books", "take_custom_steps", "take_steps"]
 
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
@@ -69,13 +59,13 @@ class Watch(NamedTuple):
 
 
 @kernel
-def measure(law: Law, control: Control) -> None:
+def _measure(law: Law, control: Control) -> None:
     """Fold the totals of one step into peak, time above capacity and mean excess."""
     fold_overshoot(control.total, law.capacity, 1.0, control.peak, control.above, control.excess)
 
 
 @kernel
-def watch_step(state: State, law: Law, watch: Watch, control: Control) -> None:
+def _watch_step(state: State, law: Law, watch: Watch, control: Control) -> None:
     """Keep totals and allocations of x(k), k being the next step that is asked for."""
     row, page, step = watch.cursor[0], watch.cursor[1], watch.cursor[2]
     demand, average = watch.demand[page], watch.average[page]
@@ -96,14 +86,14 @@ def watch_step(state: State, law: Law, watch: Watch, control: Control) -> None:
 
 
 @kernel
-def look(state: State, law: Law, step: int, lag: int, control: Control, watch: Watch) -> bool:
+def _look(state: State, law: Law, step: int, lag: int, control: Control, watch: Watch) -> bool:
     """Let the control unit look at x(k): Algorithm 1.  Tells whether agents must act on a signal at k."""
     control.moment[0] = step
     totals(state, law, control.moment, DISCRETE, control.total)
     if step > 0:  # demand is x(k) over (k-1, k], the interval that this look closes
-        measure(law, control)
+        _measure(law, control)
     if step == watch.cursor[2]:
-        watch_step(state, law, watch, control)
+        _watch_step(state, law, watch, control)
     acting = False
     for j in range(law.limit.shape[0]):
         due = control.total[j] > law.limit[j]
@@ -116,7 +106,7 @@ def look(state: State, law: Law, step: int, lag: int, control: Control, watch: W
 
 
 @kernel
-def conclude(law: Law, step: int, lag: int, control: Control) -> None:
+def _conclude(law: Law, step: int, lag: int, control: Control) -> None:
     """Put S(k+1) in force."""
     if lag == 1:
         for j in range(law.limit.shape[0]):
@@ -125,7 +115,7 @@ def conclude(law: Law, step: int, lag: int, control: Control) -> None:
 
 
 @kernel
-def average_all(state: State, law: Law, step: int, scratch: Scratch) -> None:
+def _average_all(state: State, law: Law, step: int, scratch: Scratch) -> None:
     """Bring the averages of all resources to step k."""
     for j in range(state.demand.shape[0]):
         average_row(
@@ -140,7 +130,7 @@ def average_all(state: State, law: Law, step: int, scratch: Scratch) -> None:
 
 
 @kernel
-def answer_signal(
+def _answer_signal(
     state: State, law: Law, step: int, resource: int, number: int, key: Key, scratch: Scratch
 ) -> None:
     """Let all agents answer broadcast b for resource j; averages and derivatives are in `scratch`."""
@@ -174,13 +164,35 @@ def take_steps(
     watch: Watch,
     scratch: Scratch,
 ) -> None:
-    """Take all steps in compiled code."""
+    """Take all steps in compiled code.
+
+    Parameters
+    ----------
+    state : State
+        State of all agents.
+    law : Law
+        Parameters of their rule.
+    table : CostTable
+        The private costs.
+    steps : int
+        K.
+    lag : int
+        1: a signal acts one step after the excess; 0: in the same step.
+    key : tuple of two uint64
+        The key of the response draws.
+    control : Control
+        The control unit.
+    watch : Watch
+        Buffers of the observers.
+    scratch : Scratch
+        Working memory.
+    """
     coupled = table.weights.shape[0] > 0
     for step in range(steps):
-        if look(state, law, step, lag, control, watch):
+        if _look(state, law, step, lag, control, watch):
             # Averages must be taken before anybody answers: coupled costs read all of them.
             if coupled:
-                average_all(state, law, step, scratch)
+                _average_all(state, law, step, scratch)
             for j in range(law.limit.shape[0]):
                 if control.signal[j]:
                     if not coupled:
@@ -194,5 +206,70 @@ def take_steps(
                             scratch.average[j],
                         )
                     gradient_row(table, scratch.average, j, scratch.gradient[j], scratch.spare)
-                    answer_signal(state, law, step, j, control.sent[j] - 1, key, scratch)
-        conclude(law, step, lag, control)
+                    _answer_signal(state, law, step, j, control.sent[j] - 1, key, scratch)
+        _conclude(law, step, lag, control)
+
+
+def take_custom_steps(
+    costs: Costs,
+    state: State,
+    law: Law,
+    steps: int,
+    lag: int,
+    key: Key,
+    control: Control,
+    watch: Watch,
+    scratch: Scratch,
+) -> None:
+    """Take all steps with derivatives from the user's own functions, which kernels cannot call.
+
+    Parameters
+    ----------
+    costs : Costs
+        The private costs.
+    state : State
+        State of all agents.
+    law : Law
+        Parameters of their rule.
+    steps : int
+        K.
+    lag : int
+        1: a signal acts one step after the excess; 0: in the same step.
+    key : tuple of two uint64
+        The key of the response draws.
+    control : Control
+        The control unit.
+    watch : Watch
+        Buffers of the observers.
+    scratch : Scratch
+        Working memory.
+    """
+    for step in range(steps):
+        if _look(state, law, step, lag, control, watch):
+            _average_all(state, law, step, scratch)
+            scratch.gradient[:] = costs.gradient(scratch.average.T).T
+            for j in np.flatnonzero(control.signal):
+                _answer_signal(state, law, step, int(j), int(control.sent[j]) - 1, key, scratch)
+        _conclude(law, step, lag, control)
+
+
+def close_books(state: State, law: Law, steps: int, control: Control, watch: Watch) -> None:
+    """Measure and watch x(K), to which the last step has led.
+
+    Parameters
+    ----------
+    state : State
+        State of all agents.
+    law : Law
+        Parameters of their rule.
+    steps : int
+        K.
+    control : Control
+        The control unit.
+    watch : Watch
+        Buffers of the observers.
+    """
+    control.moment[0] = steps
+    totals(state, law, control.moment, DISCRETE, control.total)
+    _measure(law, control)
+    _watch_step(state, law, watch, control)

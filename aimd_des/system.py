@@ -1,57 +1,27 @@
 """One run in progress: what the control unit, the channel, the agents and observers share."""
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 import numpy as np
-import simpy
 
 from aimd_des import streams
 from aimd_des.channel import Broadcast, Channel
 from aimd_des.checks import FloatArray
 from aimd_des.clock import AgentClocks, Clocks
-from aimd_des.environment import Kind, OrderedEnvironment, Reminder
+from aimd_des.environment import OrderedEnvironment
 from aimd_des.log import Entry, EventLog
 from aimd_des.population import law_of, observe, start, total_of, totals
 from aimd_des.problem import Problem
 from aimd_des.response import CONTINUOUS, DISCRETE, accumulated_at, demand_at, time_average
 from aimd_des.streams import Purpose
+from aimd_des.transport import Agent, Flight, Signal
 
-__all__ = ["Agent", "ProcessGenerator", "Signal", "System"]
-
-ProcessGenerator = Generator[simpy.Event, Any, Any]
+__all__ = ["System"]
 
 # Rows of response draws kept at hand; one that is gone is drawn again, to the same bits.
 _ROWS_KEPT = 256
-
-
-class Signal(NamedTuple):
-    """What arrives at an agent: one bit.  That it arrives is the 1; silence is the 0.
-
-    Attributes
-    ----------
-    resource : int
-        j: which of the m one-bit signals is set.
-    number, copy : int
-        The address of the agent's draw, and of entries in the log: no agent decides by them.
-    """
-
-    resource: int
-    number: int
-    copy: int = 0
-
-
-class Agent(Protocol):
-    """Anything that takes part in the sharing."""
-
-    def receive(self, signal: Signal) -> None:
-        """Take note of a capacity signal that arrives now."""
-        ...
-
-    def process(self) -> ProcessGenerator:
-        """Live: the SimPy process of the agent."""
-        ...
 
 
 class System:
@@ -294,41 +264,12 @@ class System:
         if len(receivers):
             times = arrival[receivers]
             turn = np.argsort(times, kind="stable")
-            _Flight(self, signal, times[turn].tolist(), receivers[turn].tolist(), first_order)
-
-
-class _Flight:
-    """The copies of one broadcast on their way: one reminder, for the next of them to land."""
-
-    __slots__ = ("agents", "first_order", "position", "receivers", "reminder", "signal", "system", "times")
-
-    def __init__(
-        self, system: System, signal: Signal, times: list[float], receivers: list[int], first_order: int
-    ) -> None:
-        self.system = system
-        self.signal = signal
-        self.times = times
-        self.receivers = receivers
-        self.agents = system.agents
-        self.first_order = first_order
-        self.position = 0
-        self.reminder = Reminder(system.env, self.land)
-        self.reminder.at(times[0], Kind.DELIVER, first_order + receivers[0])
-
-    def land(self, event: simpy.Event) -> None:
-        """Hand the signal to all whose copies arrive now, in the order of their index."""
-        times, receivers, position, log = self.times, self.receivers, self.position, self.system.log
-        now = times[position]
-        while True:
-            agent = receivers[position]
-            if log is not None:
-                signal = self.signal
-                log.add((now, Entry.DELIVER, signal.resource, agent, signal.number, float(signal.copy)))
-            self.agents[agent].receive(self.signal)
-            position += 1
-            if position == len(times):
-                return
-            if times[position] != now:
-                break
-        self.position = position
-        self.reminder.at(times[position], Kind.DELIVER, self.first_order + receivers[position])
+            Flight(
+                self.env,
+                self.agents,
+                self.log,
+                signal,
+                times[turn].tolist(),
+                receivers[turn].tolist(),
+                first_order,
+            )

@@ -34,7 +34,8 @@ from aimd_des.recording import Recording
 from aimd_des.results import Result
 from aimd_des.simulation import Simulation
 from models.smart_cameras import smart_cameras
-from scenarios._paper_text import caption, grid, markdown, sentences, table
+from scenarios._paper_table import ERROR_BOUND, caption, grid, table
+from scenarios._paper_text import markdown, sentences
 
 __all__ = ["FULL", "QUICK", "PaperStudy", "figures", "main", "run", "write"]
 
@@ -191,8 +192,9 @@ def figures(study: PaperStudy) -> dict[str, Figure]:
     """
     drawn = paper_figures(study.results, study.optimum)
     errors = drawn["figure2"].axes[1]
-    errors.axhline(0.05, color="0.35", linewidth=1.2, linestyle=":")
-    errors.text(0.03, 0.05, "the paper: below 5 %", transform=errors.get_yaxis_transform(), va="bottom")
+    errors.axhline(ERROR_BOUND, color="0.35", linewidth=1.2, linestyle=":")
+    beside, words = errors.get_yaxis_transform(), f"the paper: below {100 * ERROR_BOUND:g} %"
+    errors.text(0.03, ERROR_BOUND, words, transform=beside, va="bottom")
     return drawn
 
 
@@ -229,7 +231,7 @@ def write(study: PaperStudy, out: Path, *, overwrite: bool = False) -> None:
     with new_folder(out) as place:
         for name, figure in figures(study).items():
             figure.savefig(place / f"{name}.png", dpi=_DPI)
-        table(study.measures, study.steps).to_csv(place / "table.csv", index=False)
+        table(study).to_csv(place / "table.csv", index=False)
         (place / "table.md").write_text(markdown(study), encoding="utf-8")
         (place / MARK).write_text(json.dumps(provenance, indent=2) + "\n", encoding="utf-8")
 

@@ -5,12 +5,15 @@ import re
 from bisect import bisect_left
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from aimd_des import InputError
-from aimd_des.clock import Clock
+from aimd_des.clock import AgentClocks, Clock, Clocks
+from aimd_des.streams import Purpose, key
+from tests.conftest import reference_draws
 
 PERIODS = st.one_of(st.sampled_from([0.1, 0.3, 1.0, 1 / 3, 7e-4]), st.floats(1e-4, 1e4))
 PHASES = st.one_of(st.sampled_from([0.0, 0.1, 0.5, 1e6]), st.floats(0.0, 1e6))
@@ -83,3 +86,94 @@ def test_a_clock_cannot_be_changed_and_is_equal_to_its_like() -> None:
     assert (type(clock.period), type(clock.phase)) == (float, float)
     with pytest.raises(AttributeError):
         clock.period = 3.0  # type: ignore[misc]
+
+
+def start(n: int = 3, seed: int = 5, **options: Any) -> AgentClocks:
+    return Clocks(**options).start(n, key(seed, Purpose.CLOCK))
+
+
+def test_all_agents_share_a_clock_unless_something_tells_them_apart() -> None:
+    clocks = start(period=0.1, phase=0.5)
+    assert clocks.common
+    assert [clocks.time(agent, 7) for agent in range(3)] == [Clock(0.1, 0.5).time(7)] * 3
+    assert clocks.next_ticks(1.0).tolist() == [Clock(0.1, 0.5).next_tick(1.0)]
+    assert start(period=[0.1, 0.1, 0.1]).common
+    for own in (
+        {"period": [1.0, 1.0, 2.0]},
+        {"phase": "random"},
+        {"drift": [0.0, 0.0, 0.1]},
+        {"jitter": 0.5},
+    ):
+        assert not start(**own).common
+
+
+def test_each_agent_may_have_its_own_period_phase_and_drift() -> None:
+    clocks = start(period=[1.0, 0.5, 2.0], phase=[0.0, 0.25, 3.0], drift=[0.0, 0.1, -0.5])
+    for tick in range(20):
+        assert clocks.time(0, tick) == tick
+        assert clocks.time(1, tick) == pytest.approx(0.25 + 0.55 * tick, rel=1e-15)
+        assert clocks.time(2, tick) == 3.0 + tick
+
+
+def test_random_phases_are_draws_within_a_period() -> None:
+    clocks = start(n=50, seed=9, period=4.0, phase="random")
+    expected = 4.0 * reference_draws(9, Purpose.CLOCK, 1, 0, 50)
+    assert [clocks.time(agent, 0) for agent in range(50)] == expected.tolist()
+    assert (clocks.time(7, 3) - clocks.time(7, 0)) == pytest.approx(12.0)
+
+
+def test_jitter_delays_each_tick_by_a_draw_of_its_own() -> None:
+    clocks = start(n=4, seed=9, period=1.0, jitter=[0.0, 0.5, 0.9, 0.999])
+    for tick in range(50):
+        draws = reference_draws(9, Purpose.CLOCK, 0, tick, 4)
+        expected = [tick + jitter * draw for jitter, draw in zip([0.0, 0.5, 0.9, 0.999], draws, strict=True)]
+        assert [clocks.time(agent, tick) for agent in range(4)] == expected
+    ticks = [clocks.time(3, tick) for tick in range(200)]
+    assert ticks == sorted(ticks)
+
+
+@given(PERIODS, st.floats(0.0, 0.99), st.integers(0, 2**32), st.integers(0, 100), st.floats(-1.0, 101.0))
+def test_the_next_tick_of_each_agent_is_what_a_search_finds(
+    period: float, jitter: float, seed: int, tick: int, elsewhere: float
+) -> None:
+    clocks = start(
+        n=3,
+        seed=seed,
+        period=[period, 2 * period, period],
+        phase="random",
+        jitter=[0.0, 0.0, jitter * period],
+    )
+    ticks = [[clocks.time(agent, q) for q in range(120)] for agent in range(3)]
+    exact = [row[tick] for row in ticks]
+    near = [math.nextafter(time, to) for time in exact for to in (-math.inf, time, math.inf)]
+    for time in [*near, elsewhere * period]:
+        expected = [bisect_left(row, time) for row in ticks]
+        assert [clocks.next_tick(agent, time) for agent in range(3)] == expected
+        assert clocks.next_ticks(time).tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"period": 0.0}, "period = 0.0: must be a finite number greater than 0"),
+        ({"period": [1.0, math.nan]}, "period[1] = nan: must be a finite number greater than 0"),
+        ({"phase": "anything"}, "phase = 'anything': must be 'random', a number or an array of numbers"),
+        ({"phase": [-1.0]}, "phase[0] = -1.0: must be a finite number at least 0"),
+        ({"drift": -1.0}, "drift = -1.0: must be a finite number greater than -1"),
+        ({"jitter": -0.1}, "jitter = -0.1: must be a finite number at least 0"),
+    ],
+)
+def test_clocks_refuse_by_name(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=f"^{re.escape(message)}"):
+        Clocks(**options)
+
+
+@pytest.mark.parametrize("name", ["period", "phase", "drift", "jitter"])
+def test_a_value_for_each_agent_must_be_one_for_each(name: str) -> None:
+    with pytest.raises(InputError, match=rf"^shape of {name} = \(2,\): must be \(3,\)"):
+        start(n=3, **{name: [0.5, 0.5]})
+
+
+def test_jitter_must_be_less_than_the_period_with_its_drift() -> None:
+    with pytest.raises(InputError, match=r"^jitter of agent 1 = 0\.6: must be less than the period, 0\.5$"):
+        start(n=2, period=1.0, drift=[0.0, -0.5], jitter=0.6)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aimd_des import InputError, SimulationError
-from aimd_des.environment import Kind, OrderedEnvironment
+from aimd_des.environment import Kind, Mailbox, OrderedEnvironment, Reminder
 
 Log = list[Any]
 
@@ -167,27 +167,60 @@ def test_the_clock_stands_at_the_end_even_if_nothing_happened(env: OrderedEnviro
     assert env.now == 2.5
 
 
-def test_those_who_wait_for_a_fired_event_go_on_within_the_present_event(env: OrderedEnvironment) -> None:
+def test_a_mailbox_resumes_who_waits_within_the_present_event(env: OrderedEnvironment) -> None:
     log: Log = []
-    signal = env.event()
+    mailbox = Mailbox(env)
 
-    def wait(name: str) -> Generator[simpy.Event, Any, None]:
-        yield signal
-        log.append((name, env.now))
+    def wait() -> Generator[simpy.Event, Any, None]:
+        while True:
+            letter = yield mailbox
+            log.append((letter, env.now))
 
-    def fire(event: simpy.Event) -> None:
+    def hand(event: simpy.Event) -> None:
         log.append("before")
-        env.fire(signal)
+        mailbox.hand("first")
+        mailbox.hand("second")
         log.append("after")
 
-    for name in ("first", "second"):
-        env.process(wait(name))
-    call_at(env, 1.0, Kind.DELIVER, fire)
+    env.process(wait())
+    call_at(env, 1.0, Kind.DELIVER, hand)
     call_at(env, 1.0, Kind.DELIVER, note(log, "next event"))
+    call_at(env, 2.5, Kind.DELIVER, lambda event: mailbox.hand("third"))
+    env.run_to(3.0)
+    assert log == ["before", ("first", 1.0), ("second", 1.0), "after", "next event", ("third", 2.5)]
+
+
+def test_an_event_of_simpy_would_queue_behind_others_of_its_instant(env: OrderedEnvironment) -> None:
+    log: Log = []
+    letter = env.event()
+    letter.callbacks.append(note(log, "letter"))
+
+    def hand(event: simpy.Event) -> None:
+        letter.succeed()
+        log.append("after")
+
+    call_at(env, 1.0, Kind.DELIVER, hand)
     env.run_to(2.0)
-    assert log == ["before", ("first", 1.0), ("second", 1.0), "after", "next event"]
-    assert signal.triggered
-    assert signal.processed
+    assert log == ["after", "letter"]
+
+
+def test_a_reminder_comes_every_time_it_is_scheduled(env: OrderedEnvironment) -> None:
+    log: Log = []
+
+    def remind(reminder: Reminder) -> None:
+        log.append(("reminder", env.now))
+        if env.now < 3.0:
+            reminder.at(env.now + 1.0, Kind.SENSE, 7)
+
+    reminder = Reminder(env, remind)
+    reminder.at(1.0, Kind.SENSE, 7)
+    for order in (6, 8):
+        call_at(env, 2.0, Kind.SENSE, note(log, order), order=order)
+    call_at(env, 2.0, Kind.DELIVER, note(log, "arrival"))
+    env.run_to(5.0)
+    assert log == [("reminder", 1.0), "arrival", 6, ("reminder", 2.0), 8, ("reminder", 3.0)]
+    with pytest.raises(InputError, match=r"^time = 4\.0: must be finite and not before the present, 5\.0$"):
+        reminder.at(4.0, Kind.SENSE, 7)
 
 
 def test_an_error_in_a_process_ends_the_run_with_its_own_message(env: OrderedEnvironment) -> None:

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from aimd_des import InputError, Problem, Recording, Result, run_discrete
 from aimd_des.agents import Camera
 from aimd_des.channel import BroadcastChannel
-from aimd_des.clock import Clock
+from aimd_des.clock import Clock, Clocks
 from aimd_des.control_unit import Sampled
 from aimd_des.environment import Kind
 from aimd_des.simulation import Simulation
@@ -113,7 +113,7 @@ def test_the_unit_of_time_does_not_matter(period: float, latency: float) -> None
     # Ticks and looks at q * period coincide exactly, also where adding periods would drift apart.
     problem = random_problem(3, 5, 2)
     reference = run_discrete(problem, steps=400, seed=1)
-    clocks = {"clock": Clock(period), "control_unit": Sampled(period)}
+    clocks = {"clocks": Clocks(period), "control_unit": Sampled(period)}
     run = simulate(problem, 400 * period, 1, latency=latency, **clocks)
     assert len(reference.signals) > 50
     assert run.signals_sent.time.tolist() == [step * period for step in reference.signals_sent.time]
@@ -236,7 +236,7 @@ def test_it_is_the_model_event_by_event(
     literal.run(until, looks, ticks)
     assume(literal.margin > 1e-9)  # no decision hangs on the last bits of a float
     result = simulate(
-        problem, until, seed, latency=latency, loss=loss, clock=Clock(*ticks), control_unit=Sampled(*looks)
+        problem, until, seed, latency=latency, loss=loss, clocks=Clocks(*ticks), control_unit=Sampled(*looks)
     )
     assert signals_of(result) == literal.signals
     assert result.account.responses.sum(axis=1).tolist() == literal.responses
@@ -271,7 +271,9 @@ def test_overshoot_is_what_the_totals_between_ticks_give(
 ) -> None:
     clock = Clock(*ticks)
     times = sorted({clock.time(q) for q in range(clock.next_tick(until))} | {0.0, until})
-    result = simulate(problem, until, latency=latency, clock=clock, recording=Recording(demand=times))
+    result = simulate(
+        problem, until, latency=latency, clocks=Clocks(*ticks), recording=Recording(demand=times)
+    )
     lengths = np.diff(times)
     overshoot, totals = result.observations.overshoot, result.observations.total_demand
     assert len(totals) == len(times)
@@ -346,8 +348,8 @@ class Late:
                 self.waiting[agent].camera = Camera(agent, system)
             self.waiting.clear()
 
-    def receive(self, resource: int, number: int) -> None:
-        self.camera.receive(resource, number)
+    def receive(self, signal: Any) -> None:
+        self.camera.receive(signal)
 
     def process(self) -> Generator[simpy.Event, Any, None]:
         yield self.system.env.at(0.0, Kind.INTERVENE, self.order.index(self.index))
@@ -405,7 +407,7 @@ print(run_discrete(problem, steps=600, seed=8).digest)
 def test_defaults_are_a_perfect_channel_and_clocks_in_phase() -> None:
     problem = random_problem(1, 4, 2)
     bare = quietly(Simulation(problem, seed=2).run, 50)
-    spelled = simulate(problem, 50, 2, control_unit=Sampled(1.0, 0.0), clock=Clock(1.0, 0.0), agents=Camera)
+    spelled = simulate(problem, 50, 2, control_unit=Sampled(1.0, 0.0), clocks=Clocks(1.0, 0.0), agents=Camera)
     assert_same_run(bare, spelled)
 
 

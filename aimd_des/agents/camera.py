@@ -5,7 +5,8 @@ from aimd_des.gradients import marginal_cost
 from aimd_des.log import Entry
 from aimd_des.population import State
 from aimd_des.response import accumulated_at, answered, demand_at, time_average
-from aimd_des.system import ProcessGenerator, Signal, System
+from aimd_des.system import System
+from aimd_des.transport import ProcessGenerator, Signal
 
 __all__ = ["Camera"]
 

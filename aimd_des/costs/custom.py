@@ -167,8 +167,9 @@ class CustomCosts:
                 wrong = ~(np.abs(slope - gradient[:, resource]) <= _TOLERANCE * scale + noise)
                 if wrong.any():
                     agent = int(np.argmax(wrong))
+                    where = np.array2string(point, precision=6, separator=", ")
                     raise InputError.of(
-                        f"gradient(agent={agent})[{resource}] at x = {np.array2string(point, separator=', ')}",
+                        f"gradient(agent={agent})[{resource}] at x = {where}",
                         float(gradient[agent, resource]),
                         f"the derivative of value, {slope[agent]:.9g} by central differences",
                         "correct the gradient function",

@@ -125,7 +125,7 @@ def shared_legend(figure: Figure) -> Legend | None:
             entries.setdefault(str(label), handle)
     if not entries:
         return None
-    # About fourteen letters an inch, and ten for the handle: what does not fit goes into rows of equal length.
+    # About fourteen letters an inch, ten of them for the handle; else rows of equal length.
     letters = sum(len(label) + 10 for label in entries)
     rows = int(np.ceil(letters / (14 * figure.get_figwidth())))
     return figure.legend(

@@ -1,16 +1,13 @@
-"""How long the copies of a signal are on their way."""
+"""What every model of latency does, and what those with parameters share."""
 
-from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
-import numpy as np
-import numpy.typing as npt
-
-from aimd_des import checks
 from aimd_des.channel.draws import Draws
+from aimd_des.channel.parameters import fit
 from aimd_des.checks import FloatArray
+from aimd_des.streams import Purpose
 
-__all__ = ["Constant", "Latency"]
+__all__ = ["Inverted", "Latency", "Parametrised"]
 
 
 @runtime_checkable
@@ -26,28 +23,13 @@ class Latency(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class Constant:
-    """The same latency for every broadcast.
+class Parametrised:
+    """A model whose parameters are one for all agents or one for each."""
 
-    Parameters
-    ----------
-    value : float or array_like, shape (n,)
-        Latency of all agents or of each, at least 0, in units of time.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
-    """
-
-    value: npt.ArrayLike
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "value", checks.per_agent("latency", self.value, low=0.0))
+    _each: ClassVar[tuple[str, ...]]
 
     def check(self, n_agents: int) -> None:
-        """Refuse a latency for each agent where their number is not n.
+        """Refuse parameters that are given for each agent and do not number n.
 
         Parameters
         ----------
@@ -59,7 +41,18 @@ class Constant:
         InputError
             Naming both lengths.
         """
-        checks.fits("latency", self.value, n_agents)
+        fit(self, self._each, n_agents)
+
+
+class Inverted(Parametrised):
+    """A model that turns one uniform number into a latency by its quantile function.
+
+    The larger the number, the longer the latency: two such models with the same seed are late for
+    the same agents and broadcasts, which makes comparisons between them sharp.
+    """
+
+    def _quantile(self, uniform: FloatArray) -> FloatArray:
+        raise NotImplementedError
 
     def draw(self, draws: Draws) -> FloatArray:
         """Return the latency of each agent's copy.
@@ -74,4 +67,4 @@ class Constant:
         ndarray, shape (n,)
             In units of time.
         """
-        return np.broadcast_to(np.asarray(self.value, dtype=np.float64), (draws.n_agents,))
+        return self._quantile(draws.uniforms(Purpose.LATENCY))

@@ -1,0 +1,75 @@
+"""The same latency for every broadcast."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des import checks
+from aimd_des.channel.draws import Draws
+from aimd_des.channel.parameters import LONGEST, scalar_or_row
+from aimd_des.checks import FloatArray
+
+__all__ = ["Constant"]
+
+
+@dataclass(frozen=True, eq=False)
+class Constant:
+    """The same latency for every broadcast.
+
+    Parameters
+    ----------
+    value : float or array_like, shape (n,)
+        Latency of all agents or of each, at least 0, in units of time.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range.
+    """
+
+    value: npt.ArrayLike
+
+    def __post_init__(self) -> None:
+        # Named as the channel's argument: mostly it is given there, as a bare number.
+        object.__setattr__(self, "value", checks.per_agent("latency", self.value, low=0.0, high=LONGEST))
+
+    @property
+    def mean(self) -> float | FloatArray:
+        """The value itself, in units of time."""
+        return scalar_or_row(self.value)
+
+    @property
+    def variance(self) -> float | FloatArray:
+        """Zero."""
+        return scalar_or_row(np.zeros(np.shape(self.value)))
+
+    def check(self, n_agents: int) -> None:
+        """Refuse a latency for each agent where their number is not n.
+
+        Parameters
+        ----------
+        n_agents : int
+            n.
+
+        Raises
+        ------
+        InputError
+            Naming both lengths.
+        """
+        checks.fits("latency", self.value, n_agents)
+
+    def draw(self, draws: Draws) -> FloatArray:
+        """Return the latency of each agent's copy.
+
+        Parameters
+        ----------
+        draws : Draws
+            The broadcast's random numbers.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            In units of time.
+        """
+        return np.broadcast_to(np.asarray(self.value, dtype=np.float64), (draws.n_agents,))

@@ -1,0 +1,116 @@
+"""Several causes of loss at once."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.channel.draws import Draws
+from aimd_des.channel.loss.base import BoolArray, Loss, LossProcess
+from aimd_des.channel.loss.independent import Bernoulli
+from aimd_des.channel.loss.trace import Trace
+from aimd_des.channel.parameters import scalar_or_row
+from aimd_des.checks import FloatArray
+from aimd_des.errors import InputError
+from aimd_des.streams import Purpose
+
+__all__ = ["Combined"]
+
+# Each part draws from lanes of its own; those of the first are what it would have alone.
+_LANES_PER_PART = 1 << 16
+
+
+class Combined:
+    """A copy is lost if any of several models says so; they are independent of each other.
+
+    Parameters
+    ----------
+    *losses : Loss, float or array_like, shape (n,)
+        Models of loss, or probabilities of independent losses.
+
+    Attributes
+    ----------
+    losses : tuple of Loss
+        The models; those of a `Combined` among them one by one.
+
+    Raises
+    ------
+    InputError
+        If there is none, or a number is outside its range.
+    """
+
+    def __init__(self, *losses: Loss | npt.ArrayLike) -> None:
+        if not losses:
+            raise InputError.of("Combined.losses", losses, "at least one model of loss")
+        parts: list[Loss] = []
+        for given in losses:
+            if isinstance(given, Combined):
+                parts += given.losses
+            else:
+                parts.append(given if isinstance(given, Loss) else Bernoulli(given))
+        self.losses: tuple[Loss, ...] = tuple(parts)
+
+    @property
+    def mean(self) -> float | FloatArray:
+        """Share of copies that are lost in the long run, 1 - (1 - p_1) * (1 - p_2) * ...
+
+        Raises
+        ------
+        InputError
+            If it is not known: of two traces, which may lose the same broadcasts, and of models
+            that do not say their own.
+        """
+        if sum(isinstance(part, Trace) for part in self.losses) > 1:
+            raise InputError("mean of Combined: two traces are not independent; join their records first")
+        kept: Any = 1.0
+        for part in self.losses:
+            if not hasattr(part, "mean"):
+                raise InputError(f"mean of Combined: {type(part).__name__} has no attribute `mean`")
+            kept = kept * (1.0 - part.mean)
+        return scalar_or_row(1.0 - kept)
+
+    def start(self, n_agents: int) -> "_Parts":
+        """Begin a run of every model.
+
+        Parameters
+        ----------
+        n_agents : int
+            n.
+
+        Returns
+        -------
+        LossProcess
+            All of them.
+
+        Raises
+        ------
+        InputError
+            If there is a value for each agent somewhere and their number is not n.
+        """
+        return _Parts([part.start(n_agents) for part in self.losses])
+
+
+class _Parts:
+    """The models of one run, side by side."""
+
+    def __init__(self, processes: list[LossProcess]) -> None:
+        self._processes = processes
+
+    def draw(self, draws: Draws) -> BoolArray:
+        """Ask every model, also for copies that another one has lost: what it remembers must be kept up."""
+        lost = np.zeros(draws.n_agents, dtype=np.bool_)
+        for part, process in enumerate(self._processes):
+            lost |= process.draw(_PartDraws(**vars(draws), part=part))
+        return lost
+
+
+@dataclass(frozen=True)
+class _PartDraws(Draws):
+    """The random numbers of one broadcast for one of several models."""
+
+    part: int = 0
+
+    def uniforms(self, purpose: Purpose, attempt: int = 0) -> FloatArray:
+        """Draw one uniform number for each agent."""
+        return super().uniforms(purpose, attempt + self.part * _LANES_PER_PART)

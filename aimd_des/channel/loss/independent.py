@@ -1,0 +1,139 @@
+"""Losses that remember nothing: of single copies, and of whole broadcasts."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des import checks
+from aimd_des.channel.draws import Draws
+from aimd_des.channel.loss.base import BoolArray
+from aimd_des.channel.parameters import scalar_or_row
+from aimd_des.checks import FloatArray
+from aimd_des.streams import Purpose
+
+__all__ = ["Bernoulli", "CommonMode"]
+
+
+@dataclass(frozen=True, eq=False)
+class Bernoulli:
+    """Every copy is lost with a probability of its own, independent of all others.
+
+    Parameters
+    ----------
+    probability : float or array_like, shape (n,)
+        Probability of loss for all agents or for each, from 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range.
+    """
+
+    probability: npt.ArrayLike
+
+    def __post_init__(self) -> None:
+        # Named as the channel's argument: mostly it is given there, as a bare number.
+        clean = checks.per_agent("loss", self.probability, low=0.0, high=1.0)
+        object.__setattr__(self, "probability", clean)
+
+    @property
+    def mean(self) -> float | FloatArray:
+        """Share of copies that are lost: the probability."""
+        return scalar_or_row(self.probability)
+
+    def start(self, n_agents: int) -> "Bernoulli":
+        """Begin a run: independent losses remember nothing.
+
+        Parameters
+        ----------
+        n_agents : int
+            n.
+
+        Returns
+        -------
+        Bernoulli
+            Itself.
+
+        Raises
+        ------
+        InputError
+            If there is a probability for each agent and their number is not n.
+        """
+        checks.fits("loss", self.probability, n_agents)
+        return self
+
+    def draw(self, draws: Draws) -> BoolArray:
+        """Return whether each agent's copy is lost.
+
+        Parameters
+        ----------
+        draws : Draws
+            The broadcast's random numbers.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+            True where the copy is lost.
+        """
+        if not np.any(self.probability):
+            return np.zeros(draws.n_agents, dtype=np.bool_)
+        return np.less(draws.uniforms(Purpose.LOSS), self.probability)
+
+
+@dataclass(frozen=True, eq=False)
+class CommonMode:
+    """A whole broadcast is lost, for all agents at once, independent of all other broadcasts.
+
+    Parameters
+    ----------
+    probability : float
+        Probability that a broadcast is lost, from 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If the value is outside its range.
+    """
+
+    probability: float
+
+    def __post_init__(self) -> None:
+        clean = checks.number("CommonMode.probability", self.probability, low=0.0, high=1.0)
+        object.__setattr__(self, "probability", clean)
+
+    @property
+    def mean(self) -> float:
+        """Share of copies that are lost: the probability."""
+        return self.probability
+
+    def start(self, n_agents: int) -> "CommonMode":
+        """Begin a run: independent losses remember nothing.
+
+        Parameters
+        ----------
+        n_agents : int
+            n.
+
+        Returns
+        -------
+        CommonMode
+            Itself.
+        """
+        return self
+
+    def draw(self, draws: Draws) -> BoolArray:
+        """Return whether the broadcast is lost.
+
+        Parameters
+        ----------
+        draws : Draws
+            The broadcast's random numbers.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+            All True or all False.
+        """
+        # The first agent's number decides for all: it is there however many agents there are.
+        return np.full(draws.n_agents, draws.uniforms(Purpose.LOSS)[0] < self.probability)
