@@ -71,7 +71,8 @@ def run_discrete(
         excess=np.zeros(m),
     )
     watch = _openwatch_step(recording, steps, n, m)
-    scratch = Scratch(np.zeros((m, n)), np.zeros((m, n)), np.zeros(n), np.zeros((2, n)))
+    folded, average, gradient = np.zeros((3, m, n))
+    scratch = Scratch(folded, average, gradient, np.zeros(n), np.zeros((2, n)))
     if table.n_agents:
         take_steps(state, law, table, steps, lag, key, control, watch, scratch)
     else:

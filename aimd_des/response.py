@@ -27,7 +27,6 @@ __all__ = [
     "DISCRETE",
     "accumulated_at",
     "answer_row",
-    "answered",
     "average_row",
     "demand_at",
     "response_probability",
@@ -129,52 +128,6 @@ def response_probability(normalization: float, gradient: float, average: float) 
     return normalization * gradient / average if average > 0.0 else 0.0
 
 
-@formula
-def answered(
-    demand: float,
-    accumulated: float,
-    since: float,
-    grain: float,
-    increase: float,
-    decrease: float,
-    normalization: float,
-    gradient: float,
-    average: float,
-    uniform: float,
-) -> tuple[float, float, bool, bool]:
-    """Answer a capacity signal: Algorithm 2, the branch S = 1.
-
-    Parameters
-    ----------
-    demand, accumulated : float
-        At the anchor.
-    since : float
-        Moments since the anchor.
-    grain : float
-        Grain of time.
-    increase, decrease, normalization : float
-        alpha, beta, Gamma.
-    gradient, average : float
-        Derivative of the cost, and average, at this moment.
-    uniform : float
-        The agent's draw for this signal, on [0, 1).
-
-    Returns
-    -------
-    demand, accumulated : float
-        At the new anchor, which is this moment.
-    decreases : bool
-        Whether the agent responded.
-    certain : bool
-        Whether the response probability was above 1.
-    """
-    present = demand_at(demand, increase, since, grain)
-    probability = response_probability(normalization, gradient, average)
-    decreases = uniform < probability
-    folded = accumulated_at(accumulated, demand, increase, since, grain)
-    return (present * decrease if decreases else present), folded, decreases, probability > 1.0
-
-
 @kernel
 def average_row(
     demand: FloatArray,
@@ -183,7 +136,8 @@ def average_row(
     increase: FloatArray,
     moment: float,
     grain: float,
-    out: FloatArray,
+    folded: FloatArray,
+    average: FloatArray,
 ) -> None:
     """Compute the averages that all agents have at one moment.
 
@@ -197,12 +151,12 @@ def average_row(
         The moment at hand, common to all.
     grain : float
         Grain of time.
-    out : ndarray, shape (n,)
-        Receives the averages, in units of the resource.
+    folded, average : ndarray, shape (n,)
+        Receive the demand accumulated up to this moment, and the average.
     """
     for i in range(demand.shape[0]):
-        folded = accumulated_at(accumulated[i], demand[i], increase[i], moment - anchor[i], grain)
-        out[i] = time_average(folded, moment, grain)
+        folded[i] = accumulated_at(accumulated[i], demand[i], increase[i], moment - anchor[i], grain)
+        average[i] = time_average(folded[i], moment, grain)
 
 
 @kernel
@@ -215,6 +169,7 @@ def answer_row(
     increase: FloatArray,
     decrease: FloatArray,
     normalization: float,
+    folded: FloatArray,
     average: FloatArray,
     gradient: FloatArray,
     uniform: FloatArray,
@@ -233,8 +188,8 @@ def answer_row(
         alpha and beta.
     normalization : float
         Gamma.
-    average, gradient : ndarray, shape (n,)
-        Averages, and derivatives of the costs there.
+    folded, average, gradient : ndarray, shape (n,)
+        Demand accumulated up to this moment, averages, and derivatives of the costs there.
     uniform : ndarray, shape (n,)
         The draw of each agent for this broadcast.
     moment : float
@@ -243,18 +198,11 @@ def answer_row(
         Grain of time.
     """
     for i in range(demand.shape[0]):
-        demand[i], accumulated[i], decreases, certain = answered(
-            demand[i],
-            accumulated[i],
-            moment - anchor[i],
-            grain,
-            increase[i],
-            decrease[i],
-            normalization,
-            gradient[i],
-            average[i],
-            uniform[i],
-        )
+        present = demand_at(demand[i], increase[i], moment - anchor[i], grain)
+        probability = response_probability(normalization, gradient[i], average[i])
+        decreases = uniform[i] < probability
+        demand[i] = present * decrease[i] if decreases else present
+        accumulated[i] = folded[i]
         anchor[i] = moment
         responses[i] += decreases
-        saturated[i] += certain
+        saturated[i] += probability > 1.0

@@ -40,6 +40,7 @@ class Control(NamedTuple):
 class Scratch(NamedTuple):
     """Working memory, so that nothing is allocated per step."""
 
+    folded: FloatArray
     average: FloatArray
     gradient: FloatArray
     uniform: FloatArray
@@ -125,6 +126,7 @@ def _average_all(state: State, law: Law, step: int, scratch: Scratch) -> None:
             law.increase[j],
             float(step),
             DISCRETE,
+            scratch.folded[j],
             scratch.average[j],
         )
 
@@ -144,6 +146,7 @@ def _answer_signal(
         law.increase[resource],
         law.decrease[resource],
         law.normalization[resource],
+        scratch.folded[resource],
         scratch.average[resource],
         scratch.gradient[resource],
         scratch.uniform,
@@ -203,6 +206,7 @@ def take_steps(
                             law.increase[j],
                             float(step),
                             DISCRETE,
+                            scratch.folded[j],
                             scratch.average[j],
                         )
                     gradient_row(table, scratch.average, j, scratch.gradient[j], scratch.spare)

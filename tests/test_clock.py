@@ -5,7 +5,6 @@ import re
 from bisect import bisect_left
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
@@ -143,7 +142,7 @@ def test_the_next_tick_of_each_agent_is_what_a_search_finds(
         phase="random",
         jitter=[0.0, 0.0, jitter * period],
     )
-    ticks = [[clocks.time(agent, q) for q in range(120)] for agent in range(3)]
+    ticks = [[clocks.time(agent, q) for q in range(220)] for agent in range(3)]
     exact = [row[tick] for row in ticks]
     near = [math.nextafter(time, to) for time in exact for to in (-math.inf, time, math.inf)]
     for time in [*near, elsewhere * period]:

@@ -4,7 +4,7 @@ from aimd_des.environment import Kind, Mailbox
 from aimd_des.gradients import marginal_cost
 from aimd_des.log import Entry
 from aimd_des.population import State
-from aimd_des.response import accumulated_at, answered, demand_at, time_average
+from aimd_des.response import accumulated_at, demand_at, response_probability, time_average
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator, Signal
 
@@ -32,13 +32,15 @@ class Camera:
         self.resources = range(system.problem.n_resources)
         self.marginal_cost = marginal_cost(system.problem.costs, agent)
         self.separable = system.problem.costs.separable
-        # Views of the shared arrays that hand out Python floats: several times faster than NumPy's.
-        self.state = State(*(memoryview(array) for array in system.state))  # type: ignore[arg-type]
+        # Views of the shared rows that hand out Python floats: several times faster than NumPy's.
+        self.state = State(*([memoryview(row) for row in array] for array in system.state))  # type: ignore[arg-type]
         self.increase = system.law.increase[:, agent].tolist()
         self.decrease = system.law.decrease[:, agent].tolist()
         self.normalization = system.law.normalization.tolist()
         self._mailbox = Mailbox(system.env)
         self._latch: dict[int, Signal] = {}
+        self._folded = [0.0] * len(self.resources)
+        self._averages = [0.0] * len(self.resources)
         self._discrete = system.clocks is not None
 
     def receive(self, signal: Signal) -> None:
@@ -84,31 +86,6 @@ class Camera:
             signal = yield self._mailbox
             self.answer([signal], self.system.env.now)
 
-    def averages(self, moment: float, needed: range | list[int]) -> list[float]:
-        """Compute the averages at a moment.
-
-        Parameters
-        ----------
-        moment : float
-            Index of the tick, or time.
-        needed : sequence of int
-            The resources whose averages are needed.
-
-        Returns
-        -------
-        list of float, length m
-            In units of the resources; 0 where not needed.
-        """
-        state, i, grain = self.state, self.agent, self.system.grain
-        averages = [0.0] * len(self.resources)
-        for j in needed:
-            since = moment - state.anchor[j, i]
-            folded = accumulated_at(
-                state.accumulated[j, i], state.demand[j, i], self.increase[j], since, grain
-            )
-            averages[j] = time_average(folded, moment, grain)
-        return averages
-
     def answer(self, signals: list[Signal], moment: float) -> None:
         """Answer signals for different resources: Algorithm 2, the branch S = 1.
 
@@ -119,32 +96,27 @@ class Camera:
         moment : float
             Index of the tick, or time.
         """
-        state, i, grain = self.state, self.agent, self.system.grain
+        demand, accumulated, anchor, responses, saturated = self.state
+        system, i, grain, increase = self.system, self.agent, self.system.grain, self.increase
         # Averages are taken before any answer: coupled costs read all of them.
         needed = [signal.resource for signal in signals] if self.separable else self.resources
-        averages = self.averages(moment, needed)
+        for j in needed:
+            since = moment - anchor[j][i]
+            folded = accumulated_at(accumulated[j][i], demand[j][i], increase[j], since, grain)
+            self._folded[j] = folded
+            self._averages[j] = time_average(folded, moment, grain)
         for signal in signals:
             j = signal.resource
-            since = moment - state.anchor[j, i]
-            demand, accumulated, decreases, certain = answered(
-                state.demand[j, i],
-                state.accumulated[j, i],
-                since,
-                grain,
-                self.increase[j],
-                self.decrease[j],
-                self.normalization[j],
-                self.marginal_cost(averages, j),
-                averages[j],
-                self.system.response_draws(signal)[i],
-            )
-            cut = 0.0
+            present = demand_at(demand[j][i], increase[j], moment - anchor[j][i], grain)
+            gradient = self.marginal_cost(self._averages, j)
+            probability = response_probability(self.normalization[j], gradient, self._averages[j])
+            decreases = system.response_draws(signal)[i] < probability
+            kept = present * self.decrease[j] if decreases else present
+            demand[j][i], accumulated[j][i], anchor[j][i] = kept, self._folded[j], moment
             if decreases:
-                cut = demand_at(state.demand[j, i], self.increase[j], since, grain) - demand
-                state.responses[j, i] += 1
-                state.saturated[j, i] += certain
-                self.system.changed(j, -cut)
-            state.demand[j, i], state.accumulated[j, i], state.anchor[j, i] = demand, accumulated, moment
-            if self.system.log is not None:
+                responses[j][i] += 1
+                saturated[j][i] += probability > 1.0
+                system.changed(j, kept - present)
+            if system.log is not None:
                 kind = Entry.RESPOND if decreases else Entry.HOLD
-                self.system.log.add((self.system.env.now, kind, j, i, signal.number, cut))
+                system.log.add((system.env.now, kind, j, i, signal.number, present - kept))

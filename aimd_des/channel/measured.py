@@ -62,7 +62,7 @@ def _table(path: str | Path) -> pd.DataFrame:
         with warnings.catch_warnings():
             # A row with more cells than there are names is an error, not a warning.
             warnings.simplefilter("error", pd.errors.ParserWarning)
-            return pd.read_csv(
+            table = pd.read_csv(
                 path,
                 dtype=str,
                 keep_default_na=False,
@@ -74,6 +74,7 @@ def _table(path: str | Path) -> pd.DataFrame:
         raise InputError(f"{path}: there is no such file") from None
     except (OSError, ValueError, pd.errors.ParserWarning) as error:  # ParserError is a ValueError
         raise InputError(f"{path}: cannot be read as CSV ({str(error).strip()})") from None
+    return table.fillna("")  # cells that are not there at all, at the end of a short row
 
 
 def _parsed(place: str, cells: list[str], parse: Callable[[str], _Cell], allowed: str) -> list[_Cell]:
@@ -81,6 +82,6 @@ def _parsed(place: str, cells: list[str], parse: Callable[[str], _Cell], allowed
     for row, cell in enumerate(cells, start=1):
         try:
             values.append(parse(cell))
-        except (TypeError, ValueError):  # a cell that is not there at all is no text
+        except ValueError:
             raise InputError.of(f"{place}, row {row}", cell, allowed) from None
     return values

@@ -28,8 +28,6 @@ __all__ = ["Point", "follow_central_path", "kkt_residual"]
 _REGULARIZATION = 1e-14
 # Where share and reduced gradient both vanish, each ends at the square root of this.
 _SMALLEST_TAU = 1e-22
-# How far z may stray from the central path: A. Waechter and L. T. Biegler, Math. Program. 106 (2006), eq. 16.
-_STRAY = 1e10
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,13 +154,11 @@ def _newton_step(scaled: ScaledCosts, point: Point) -> Point | None:
     else:
         return None
     step, gradient = found
-    shares = y + step * direction.shares
     step_z = _step_to_bound(z, direction.bound_multipliers, _fraction_to_bound(point.tau))
-    moved_z, central = z + step_z * direction.bound_multipliers, target / shares
     return Point(
-        shares,
+        y + step * direction.shares,
         point.multipliers + step * direction.multipliers,
-        np.clip(moved_z, central / _STRAY, central * _STRAY),
+        z + step_z * direction.bound_multipliers,
         gradient,
     )
 

@@ -7,6 +7,7 @@ below 1 is drawn as shape + 1 and multiplied by u**(1 / shape).  Attempt k of an
 of its own, so that what it gets depends on no other agent.
 """
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -16,7 +17,8 @@ from aimd_des.channel.draws import Draws
 from aimd_des.channel.latency.base import Parametrised
 from aimd_des.channel.parameters import LONGEST, fit, scalar_or_row, take
 from aimd_des.checks import FloatArray
-from aimd_des.elementary import exps, logs, standard_normals
+from aimd_des.compiled import kernel
+from aimd_des.elementary import exps, log, logs, standard_normal
 from aimd_des.streams import Purpose
 
 __all__ = ["ShiftedGamma"]
@@ -27,6 +29,9 @@ _SMALLEST_SHAPE, _LARGEST_SHAPE = 1e-6, 1e9
 
 # Far from the numbers of any attempt.
 _POWER = 1 << 31
+
+# No gamma number is negative.
+_WAITING = -1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,19 +98,28 @@ class ShiftedGamma(Parametrised):
 def _gamma(shape: FloatArray, draws: Draws) -> FloatArray:
     """Draw with scale 1 and a shape of at least 1 for each agent."""
     d = shape - 1.0 / 3.0
-    slope = 1.0 / np.sqrt(9.0 * d)
-    value = np.empty(len(shape))
-    waiting = np.arange(len(shape))
+    value = np.full(len(shape), _WAITING)
     attempt = 0
-    while len(waiting):
-        z = standard_normals(draws.uniforms(Purpose.LATENCY, 2 * attempt)[waiting])
-        chance = logs(1.0 - draws.uniforms(Purpose.LATENCY, 2 * attempt + 1)[waiting])
-        root = 1.0 + slope[waiting] * z
-        cube = root * root * root
-        # A root that is not above 0 gives -inf here, and is never accepted.
-        logarithm = logs(np.maximum(cube, 0.0))
-        accepted = chance < 0.5 * z * z + d[waiting] * (1.0 - cube + logarithm)
-        value[waiting[accepted]] = (d[waiting] * cube)[accepted]
-        waiting = waiting[~accepted]
+    waiting = len(shape)
+    while waiting:
+        normal = draws.uniforms(Purpose.LATENCY, 2 * attempt)
+        chance = draws.uniforms(Purpose.LATENCY, 2 * attempt + 1)
+        waiting = _accept(d, normal, chance, value)
         attempt += 1
     return value
+
+
+@kernel
+def _accept(d: FloatArray, normal: FloatArray, chance: FloatArray, value: FloatArray) -> int:
+    """Make one attempt for every agent that waits; return how many still do."""
+    waiting = 0
+    for i in range(value.shape[0]):
+        if value[i] == _WAITING:
+            z = standard_normal(normal[i])
+            root = 1.0 + z / math.sqrt(9.0 * d[i])
+            cube = root * root * root
+            if root > 0.0 and log(1.0 - chance[i]) < 0.5 * z * z + d[i] * (1.0 - cube + log(cube)):
+                value[i] = d[i] * cube
+            else:
+                waiting += 1
+    return waiting

@@ -1,0 +1,95 @@
+"""Costs with a weight for each agent: w_i f_i, in the family that f_i is of, so that it can be simulated too."""
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des import checks
+from aimd_des.checks import FloatArray
+from aimd_des.costs.base import Costs
+from aimd_des.costs.coupled import CoupledCosts
+from aimd_des.costs.custom import CustomCosts
+from aimd_des.costs.polynomial import PolynomialCosts
+from aimd_des.errors import InputError
+
+__all__ = ["weighted_costs"]
+
+
+def weighted_costs(costs: Costs, weights: npt.ArrayLike) -> Costs:
+    """Scale the costs of each agent.
+
+    Parameters
+    ----------
+    costs : PolynomialCosts, CoupledCosts or CustomCosts
+        The costs f_i of all agents.
+    weights : array_like, shape (n,) or (n, m)
+        w_i > 0, a pure number; or one for each part of a cost that is a sum over the resources:
+        sum_j w_ij f_ij(x^j).
+
+    Returns
+    -------
+    Costs
+        w_i f_i, of the same family.
+
+    Raises
+    ------
+    InputError
+        If the weights have another shape or are not positive; if they differ from resource to
+        resource and the costs are not `PolynomialCosts` (no function has derivatives w_ij grad_j f_i
+        where f_i couples resources, and functions of the user cannot be taken apart); or if the costs
+        are of a family that is not known here.
+
+    Examples
+    --------
+    >>> costs = PolynomialCosts([2], [[[1.0]], [[1.0]]])
+    >>> weighted_costs(costs, [1.0, 3.0]).gradient(np.array([[1.0], [1.0]])).tolist()
+    [[2.0], [6.0]]
+    """
+    n, m = costs.n_agents, costs.n_resources
+    shape = (n,) if np.ndim(weights) == 1 else (n, m)
+    table = checks.array("weights", weights, shape, low=0.0, low_open=True).reshape(n, -1)
+    if isinstance(costs, PolynomialCosts):
+        return PolynomialCosts(costs.exponents, costs.coefficients * table[:, :, None])
+    if (table != table[:, :1]).any():
+        raise InputError.of(
+            "weights", "that differ from resource to resource", "one number for each agent with these costs"
+        )
+    factors = table[:, 0]
+    if isinstance(costs, CoupledCosts):
+        return _weighted_coupled(costs, factors)
+    if isinstance(costs, CustomCosts):
+        return _weighted_custom(costs, factors)
+    raise InputError.of("costs", type(costs).__name__, "PolynomialCosts, CoupledCosts or CustomCosts")
+
+
+def _weighted_coupled(costs: CoupledCosts, factors: FloatArray) -> CoupledCosts:
+    own = costs.separable_part
+    return CoupledCosts(
+        PolynomialCosts(own.exponents, own.coefficients * factors[:, None, None]),
+        quadratic=costs.quadratic * factors[:, None, None],
+        weights=costs.weights,
+        sum_exponents=costs.sum_exponents,
+        sum_coefficients=costs.sum_coefficients * factors[:, None],
+    )
+
+
+def _weighted_custom(costs: CustomCosts, factors: FloatArray) -> CustomCosts:
+    second = costs.agent_hessian
+
+    def value(agent: int, allocation: FloatArray) -> float:
+        return float(factors[agent] * costs.agent_value(agent, allocation))
+
+    def gradient(agent: int, allocation: FloatArray) -> FloatArray:
+        return np.asarray(factors[agent] * np.asarray(costs.agent_gradient(agent, allocation)))
+
+    def hessian(agent: int, allocation: FloatArray) -> FloatArray:
+        assert second is not None
+        return np.asarray(factors[agent] * np.asarray(second(agent, allocation)))
+
+    return CustomCosts(
+        costs.n_agents,
+        costs.n_resources,
+        value,
+        gradient,
+        None if second is None else hessian,
+        separable=costs.separable,
+    )

@@ -1,0 +1,101 @@
+"""Checks of what the closed forms are given: numbers or arrays of any shape that broadcast together."""
+
+from typing import Literal, TypedDict, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des import checks
+from aimd_des.checks import FloatArray
+from aimd_des.errors import InputError
+
+__all__ = ["Dynamics", "arguments", "check_dynamics"]
+
+#: Which agents a formula is for: those that act at ticks, or those that grow all the time.
+Dynamics = Literal["discrete", "continuous"]
+
+
+class _Range(TypedDict, total=False):
+    low: float
+    high: float
+    low_open: bool
+    high_open: bool
+
+
+_POSITIVE: _Range = {"low": 0.0, "low_open": True}
+_NOT_NEGATIVE: _Range = {"low": 0.0}
+_BELOW_ONE: _Range = {"low": 0.0, "high": 1.0, "high_open": True}
+_PROBABILITY: _Range = {"low": 0.0, "low_open": True, "high": 1.0}
+
+# A name means the same in all formulas, so its range stands here once.
+_RANGES: dict[str, _Range] = {
+    "capacity": _POSITIVE,
+    "decrease": _BELOW_ONE,
+    "increase": _POSITIVE,
+    "latency": _NOT_NEGATIVE,
+    "loss": _BELOW_ONE,
+    "multiplier": _POSITIVE,
+    "n_agents": {"low": 1.0},
+    "normalization": _POSITIVE,
+    "packet_loss": _PROBABILITY,
+    "period": _NOT_NEGATIVE,
+    "probability": _PROBABILITY,
+    "rate": _POSITIVE,
+    "refractory": _NOT_NEGATIVE,
+    "share": _PROBABILITY,
+    "signal_share": _BELOW_ONE,
+}
+
+
+def arguments(**given: npt.ArrayLike) -> list[FloatArray]:
+    """Check the arguments of a formula.
+
+    Parameters
+    ----------
+    **given
+        Numbers or arrays under the names that the formulas share.
+
+    Returns
+    -------
+    list of ndarray
+        The same, as floats, in the order given; without dimensions where a number was given.
+
+    Raises
+    ------
+    InputError
+        Naming the first that is outside its range, or the shapes if they do not broadcast together.
+    """
+    clean = [_clean(name, value) for name, value in given.items()]
+    try:
+        np.broadcast_shapes(*(values.shape for values in clean))
+    except ValueError:
+        shapes = [values.shape for values in clean]
+        raise InputError.of(f"shapes of {', '.join(given)}", shapes, "such that they broadcast") from None
+    return clean
+
+
+def _clean(name: str, value: npt.ArrayLike) -> FloatArray:
+    try:
+        axes = np.ndim(value)
+    except ValueError:  # rows of different lengths
+        axes = 1
+    if axes == 0:
+        return np.array(checks.number(name, value, **_RANGES[name]))
+    return checks.array(name, value, [f"axis {axis}" for axis in range(axes)], **_RANGES[name])
+
+
+def check_dynamics(dynamics: str) -> None:
+    """Refuse a name of dynamics that is not known.
+
+    Parameters
+    ----------
+    dynamics : str
+        As the user gave it.
+
+    Raises
+    ------
+    InputError
+        If it is neither "discrete" nor "continuous".
+    """
+    if dynamics not in get_args(Dynamics):
+        raise InputError.of("dynamics", dynamics, "'discrete' or 'continuous'")

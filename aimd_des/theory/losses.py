@@ -1,0 +1,317 @@
+r"""What lost signals do: which optimum is reached, what agents can do about it, and what is survived.
+
+The balance of an agent on which a signal is lost with probability p_i:
+
+    continuous      alpha                  = rho * (1 - p_i) * (1 - beta) * Gamma * grad f_i
+    discrete clock  alpha * (1 - e + e p_i) = e  * (1 - p_i) * (1 - beta) * Gamma * grad f_i
+
+since on the clock a lost signal also costs the agent its hold: it grows in that step.  So it is a weight
+times the derivative that agents agree on, and the averages are the optimum of weighted costs.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des import checks
+from aimd_des.checks import FloatArray
+from aimd_des.costs import weighted_costs
+from aimd_des.errors import InputError, SimulationError
+from aimd_des.optimum import Optimum, solve_optimum
+from aimd_des.problem import Problem
+from aimd_des.theory.arguments import Dynamics, arguments, check_dynamics
+
+__all__ = [
+    "allocation_at",
+    "compensated_probability",
+    "critical_loss",
+    "loss_weights",
+    "reweighted_optimum",
+    "runaway_multiplier",
+]
+
+# A bisection halves an interval that the solution fills to a half at least: this reaches rounding.
+_HALVINGS = 60
+_DOUBLINGS = 1000
+_SWEEPS = 500
+
+
+def loss_weights(loss: npt.ArrayLike, signal_share: npt.ArrayLike = 0.0) -> FloatArray:
+    """Weights of the costs that i.i.d. loss amounts to, (1 - p_i) / (1 - e + e p_i).
+
+    Parameters
+    ----------
+    loss : array_like
+        p_i, the probability that a signal is lost on agent i.
+    signal_share : array_like
+        e, the share of steps with a signal, on the discrete clock; 0 for continuous agents, where the
+        weights are 1 - p_i.
+
+    Returns
+    -------
+    ndarray
+        Weights for `reweighted_optimum`; only their ratios matter.  For m resources give loss the shape
+        (n, 1) and the share (m,).
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range or shapes do not fit.
+
+    Notes
+    -----
+    Assumes that losses are independent of everything else, and no lambda above 1.  If all p_i are the
+    same, so are the weights, and the shares stay as they are.  Neglects, as `signal_rate` does, that
+    signals find an agent with a little more than its average.
+    """
+    p, e = arguments(loss=loss, signal_share=signal_share)
+    return np.asarray((1.0 - p) / (1.0 - e + e * p))
+
+
+def reweighted_optimum(
+    problem: Problem, weights: npt.ArrayLike, *, capacity: npt.ArrayLike | None = None
+) -> Optimum:
+    """Minimise sum_i w_i f_i instead of sum_i f_i.
+
+    Parameters
+    ----------
+    problem : Problem
+        The agents' costs and the capacities.
+    weights : array_like, shape (n,) or (n, m)
+        w_i > 0, as from `loss_weights`; with alpha and beta that differ from agent to agent multiply by
+        (1 - beta_i) / alpha_i.  One for each resource too if the costs are `PolynomialCosts`.
+    capacity : array_like, shape (m,), optional
+        Capacities > 0 to use instead of the problem's: the totals of the averages in a run.
+
+    Returns
+    -------
+    Optimum
+        Its multipliers are the weighted derivatives that agents have in common, its cost is the
+        weighted one.
+
+    Raises
+    ------
+    InputError
+        If weights or capacities have another shape or are not positive, or weights differ from
+        resource to resource for other costs.
+    SimulationError
+        If no optimum is found.
+
+    Examples
+    --------
+    A camera that loses half of its signals takes twice the share, if costs are quadratic:
+
+    >>> from aimd_des.costs import PolynomialCosts
+    >>> from aimd_des.problem import Resource
+    >>> memory = Resource("memory", capacity=3.0, increase=0.01, decrease=0.5, normalization=0.01)
+    >>> problem = Problem([memory], PolynomialCosts([2], [[[1.0]], [[1.0]]]))
+    >>> reweighted_optimum(problem, loss_weights([0.5, 0.0])).allocation.round(6).tolist()
+    [[2.0], [1.0]]
+    """
+    costs = weighted_costs(problem.costs, weights)
+    weighted = Problem(problem.resources, costs, agent_names=problem.agent_names)
+    return solve_optimum(weighted, capacity=capacity)
+
+
+def compensated_probability(
+    probability: npt.ArrayLike, loss: npt.ArrayLike, signal_share: npt.ArrayLike = 0.0
+) -> FloatArray:
+    """Response probability with which an agent makes good for the signals it loses.
+
+    Parameters
+    ----------
+    probability : array_like
+        lambda of eq. (prob_x), 0 < lambda <= 1.
+    loss : array_like
+        p_i, as the agent knows it.
+    signal_share : array_like
+        e, the share of steps with a signal, on the discrete clock; 0 for continuous agents, where it
+        is lambda / (1 - p_i).
+
+    Returns
+    -------
+    ndarray
+        lambda (1 - e + e p_i) / ((1 - e) (1 - p_i)): the optimum is restored while this stays below 1,
+        so it is not cut off here.
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range or shapes do not fit.
+
+    Notes
+    -----
+    Undoes `loss_weights`, normalized so that an agent without loss changes nothing.  An agent that does
+    not know e can put 1 - e (1 - p_i) = 1 - (the share of its own steps in which a signal came);
+    the factor 1 / (1 - e) is the same for all, and leaving it out only makes signals more frequent.
+    On the clock lambda / (1 - p_i) alone leaves the weights 1 / (1 - e + e p_i).
+    """
+    chance, p, e = arguments(probability=probability, loss=loss, signal_share=signal_share)
+    return np.asarray(chance * (1.0 - e + e * p) / ((1.0 - e) * (1.0 - p)))
+
+
+def critical_loss(
+    rate: npt.ArrayLike, dynamics: Dynamics = "continuous", *, refractory: npt.ArrayLike = 0.0
+) -> FloatArray:
+    """Loss up to which the capacity is held: 1 - rho r for continuous agents, 1 / (1 + rho) on the clock.
+
+    Parameters
+    ----------
+    rate : array_like
+        rho of `signal_rate` without loss, with mu at the optimum for all of the capacity.
+    dynamics : {"continuous", "discrete"}
+        Which agents.
+    refractory : array_like
+        r, the least time between two signals: the hold-off, or the period of a control unit that
+        samples.  Not used on the clock, where it is a step.
+
+    Returns
+    -------
+    ndarray
+        Probability of loss, the same for all agents; 0 where signals do not suffice even without.
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range or shapes do not fit.
+
+    Notes
+    -----
+    Loss p makes rho / (1 - p) signals necessary, and there can be 1 / r; on the clock e cannot exceed 1.
+    What is survived is a mean: near the limit the excess above capacity wanders widely, as a queue near
+    saturation does.
+    """
+    check_dynamics(dynamics)
+    rho, hold_off = arguments(rate=rate, refractory=refractory)
+    if dynamics == "discrete":
+        return np.asarray(1.0 / (1.0 + rho))
+    return np.maximum(1.0 - rho * hold_off, 0.0)
+
+
+def runaway_multiplier(
+    increase: npt.ArrayLike,
+    decrease: npt.ArrayLike,
+    normalization: npt.ArrayLike,
+    loss: npt.ArrayLike,
+    dynamics: Dynamics = "continuous",
+    *,
+    refractory: npt.ArrayLike = 0.0,
+) -> FloatArray:
+    """Derivative at which demand comes to rest beyond the critical loss.
+
+    Parameters
+    ----------
+    increase, decrease, normalization : array_like
+        alpha, beta and Gamma, the same for all agents.
+    loss : array_like
+        Probability p that a signal is lost on an agent; > 0 on the clock.
+    dynamics : {"continuous", "discrete"}
+        Which agents.
+    refractory : array_like
+        r > 0, the least time between two signals, for continuous agents.
+
+    Returns
+    -------
+    ndarray
+        mu, for `allocation_at`: alpha r / ((1 - p) (1 - beta) Gamma) for continuous agents, with p in
+        the place of r on the clock.
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range or shapes do not fit.
+
+    Notes
+    -----
+    The control unit signals as often as it can, and the balance of growth and cuts is reached where the
+    derivatives have grown to mu.  On the clock an agent grows only in the steps whose signal it loses.
+    Holds while Gamma mu / x_i, the response probability there, is below 1; averages move towards it as
+    slowly as all long-term averages do.
+    """
+    check_dynamics(dynamics)
+    alpha, beta, gamma, p, hold_off = arguments(
+        increase=increase,
+        decrease=decrease,
+        normalization=normalization,
+        loss=loss,
+        refractory=refractory,
+    )
+    grown = p if dynamics == "discrete" else hold_off
+    if (grown <= 0.0).any():
+        name = "loss" if dynamics == "discrete" else "refractory"
+        raise InputError.of(name, 0.0, "greater than 0", "otherwise demand cannot run away")
+    return np.asarray(alpha * grown / ((1.0 - p) * (1.0 - beta) * gamma))
+
+
+def allocation_at(problem: Problem, multipliers: npt.ArrayLike) -> FloatArray:
+    """Find what agents hold where their derivatives have given values.
+
+    Parameters
+    ----------
+    problem : Problem
+        The agents' costs; its capacities only set the scale of the search.
+    multipliers : array_like, shape (m,)
+        mu > 0, in units of cost per unit of the resource.
+
+    Returns
+    -------
+    ndarray, shape (n, m)
+        x with grad_j f_i(x_i) = mu_j, in units of the resources, or next to 0 where the derivative is
+        larger even there.  Column sums are the total demand.
+
+    Raises
+    ------
+    InputError
+        If multipliers have another shape or are not positive, or a derivative never reaches its own.
+    SimulationError
+        If coupled costs do not come to rest.
+
+    Notes
+    -----
+    Minimises f_i(x) - mu . x, one resource after the other, by bisection of the derivative for all
+    agents at once; costs that couple resources need several sweeps.
+    """
+    wanted = checks.array("multipliers", multipliers, (problem.n_resources,), low=0.0, low_open=True)
+    costs = problem.costs
+    allocation = np.tile(problem.capacity / problem.n_agents, (problem.n_agents, 1))
+    for _ in range(_SWEEPS):
+        before = allocation.copy()
+        for resource in range(problem.n_resources):
+
+            def slope(column: FloatArray, resource: int = resource) -> FloatArray:
+                trial = allocation.copy()
+                trial[:, resource] = column
+                return costs.gradient(trial)[:, resource]
+
+            allocation[:, resource] = _bisect(slope, float(wanted[resource]), allocation[:, resource])
+        moved = np.abs(allocation - before).max(axis=0)
+        if costs.separable or (moved <= 1e-12 * allocation.max(axis=0)).all():
+            return allocation
+    raise SimulationError(
+        f"no allocation found with derivatives {wanted.tolist()} after {_SWEEPS} sweeps: check that the costs"
+        " are strictly convex"
+    )
+
+
+def _bisect(slope: Callable[[FloatArray], FloatArray], wanted: float, start: FloatArray) -> FloatArray:
+    """Solve slope(x) = wanted for all agents at once; slopes do not decrease."""
+    high = start.copy()
+    # Steep costs may overflow on the way up: an infinite slope is high enough.
+    with np.errstate(over="ignore"):
+        for _ in range(_DOUBLINGS):
+            short = slope(high) < wanted
+            if not short.any():
+                break
+            high[short] *= 2.0
+        else:
+            agent = int(np.argmax(short))
+            raise InputError.of(
+                "multipliers", wanted, f"reached by the derivatives; that of agent {agent} stays below"
+            )
+        low = np.zeros_like(high)
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            above = slope(middle) >= wanted
+            high, low = np.where(above, middle, high), np.where(above, low, middle)
+    return high

@@ -1,0 +1,276 @@
+r"""Signals and what they buy: how often the bit is sent, and how well the capacity is used.
+
+All follow from one balance: in the long run an agent gives back what it adds.  With mu the
+derivative of the costs that the agents have in common at their averages, an agent that is reached by
+a signal gives back (1 - beta) * lambda_i * x_i = (1 - beta) * Gamma * mu in the mean, whatever its share:
+
+    alpha = rho * (1 - beta) * Gamma * mu     with rho the signals per unit of time.
+
+Sources: the paper, eqs. (AI), (MD) and (prob_x); M. Corless, C. King, R. Shorten and F. Wirth, AIMD
+Dynamics and Distributed Resource Allocation, SIAM, 2016, for the model; the rest is derived here.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des import checks
+from aimd_des.checks import FloatArray
+from aimd_des.theory.arguments import arguments
+
+__all__ = ["clock_offset", "peak_lift", "price_in_bits", "signal_rate", "signal_share", "utilisation"]
+
+
+def signal_rate(
+    increase: npt.ArrayLike,
+    decrease: npt.ArrayLike,
+    normalization: npt.ArrayLike,
+    multiplier: npt.ArrayLike,
+    loss: npt.ArrayLike = 0.0,
+) -> FloatArray:
+    """Signals per unit of time among continuous agents, rho = alpha / ((1 - beta) Gamma mu (1 - p)).
+
+    Parameters
+    ----------
+    increase, decrease, normalization : array_like
+        alpha, beta and Gamma, the same for all agents.
+    multiplier : array_like
+        mu, the derivative that all agents have in common at the averages in force: that of the optimum
+        for the capacity actually used, not for all of it.
+    loss : array_like
+        Probability p that a signal is lost on an agent, the same for all: each is worth 1 - p of one.
+
+    Returns
+    -------
+    ndarray
+        rho, per unit of time.
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range or shapes do not fit.
+
+    Notes
+    -----
+    Assumes that signals find an agent with its time average.  They come when the total is at its
+    highest, so they find it with about alpha / (2 rho) more: rho is too high by about
+    (1 - beta) lambda / 2, lambda being the mean response probability (`predict` corrects this).  Assumes
+    too that no lambda is cut off at 1, and that no hold-off or period forces signals apart:
+    rho * refractory < 1.
+    """
+    alpha, beta, gamma, mu, p = arguments(
+        increase=increase, decrease=decrease, normalization=normalization, multiplier=multiplier, loss=loss
+    )
+    return np.asarray(alpha / ((1.0 - beta) * gamma * mu * (1.0 - p)))
+
+
+def signal_share(rate: npt.ArrayLike, loss: npt.ArrayLike = 0.0) -> FloatArray:
+    """Share of steps with a signal on the discrete clock, e = rho / ((1 + rho) (1 - p)), at most 1.
+
+    Parameters
+    ----------
+    rate : array_like
+        rho of `signal_rate` without loss: signals per step of growth.
+    loss : array_like
+        Probability p that a signal is lost on an agent, the same for all.
+
+    Returns
+    -------
+    ndarray
+        e, a pure number.  1 from the critical loss on.
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range or shapes do not fit.
+
+    Notes
+    -----
+    An agent does not grow in the step in which it takes a signal: 1 - e (1 - p) steps of growth stand
+    against e (1 - p) signals, and their ratio is rho.  Neglects what `signal_rate` neglects.
+    """
+    rho, p = arguments(rate=rate, loss=loss)
+    return np.minimum(rho / ((1.0 + rho) * (1.0 - p)), 1.0)
+
+
+def utilisation(
+    n_agents: npt.ArrayLike,
+    decrease: npt.ArrayLike,
+    normalization: npt.ArrayLike,
+    multiplier: npt.ArrayLike,
+    capacity: npt.ArrayLike,
+) -> FloatArray:
+    """Share of the capacity that is used without latency, 1 - n (1 - beta) Gamma mu / (2 C).
+
+    Parameters
+    ----------
+    n_agents : array_like
+        n.
+    decrease, normalization : array_like
+        beta and Gamma, the same for all agents.
+    multiplier : array_like
+        mu, the derivative that all agents have in common at the averages in force.
+    capacity : array_like
+        C, in units of the resource (times the threshold, if that is not 1: the share is of that then).
+
+    Returns
+    -------
+    ndarray
+        A pure number; below 0 where the formula does not hold any more.
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range or shapes do not fit.
+
+    Notes
+    -----
+    Total demand is a saw between C and what one signal leaves of it; the formula is its mean, and
+    alpha drops out.  For continuous agents, control by exact crossings, no latency, and teeth of equal
+    size.  The teeth are random: with variance V of what a signal takes, V / (2 D C) is lost besides,
+    D being the mean of it; that is of the order 1 / n.  On the discrete clock, and where the control unit
+    only samples, overshoot adds to it: see `clock_offset`.
+    """
+    n, beta, gamma, mu, total = arguments(
+        n_agents=n_agents,
+        decrease=decrease,
+        normalization=normalization,
+        multiplier=multiplier,
+        capacity=capacity,
+    )
+    return np.asarray(1.0 - n * (1.0 - beta) * gamma * mu / (2.0 * total))
+
+
+def price_in_bits(
+    n_agents: npt.ArrayLike, increase: npt.ArrayLike, capacity: npt.ArrayLike
+) -> FloatArray:
+    """Price of using the capacity well, (1 - utilisation) * rho = n alpha / (2 C).
+
+    Parameters
+    ----------
+    n_agents : array_like
+        n.
+    increase : array_like
+        alpha, the mean of the agents' where they differ.
+    capacity : array_like
+        C, in units of the resource.
+
+    Returns
+    -------
+    ndarray
+        Bits per unit of time, times the share of the capacity that lies idle: to halve the idle
+        share takes twice the signals, whatever the costs are.
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range or shapes do not fit.
+
+    Notes
+    -----
+    The saw of `utilisation` falls by D = n alpha / rho at each signal and lacks D / 2 in the mean.  Costs
+    and probabilities have dropped out: for continuous agents that is exact but for random teeth, which
+    raise the price by their squared coefficient of variation.
+    """
+    n, alpha, total = arguments(n_agents=n_agents, increase=increase, capacity=capacity)
+    return np.asarray(n * alpha / (2.0 * total))
+
+
+def peak_lift(
+    n_agents: npt.ArrayLike,
+    increase: npt.ArrayLike,
+    latency: npt.ArrayLike,
+    period: npt.ArrayLike = 0.0,
+) -> FloatArray:
+    """How far total demand rises above its threshold before a signal acts, n alpha (d + period).
+
+    Parameters
+    ----------
+    n_agents : array_like
+        n.
+    increase : array_like
+        alpha, the mean of the agents' where they differ.
+    latency : array_like
+        d, common to all agents, in units of time.
+    period : array_like
+        Time between two looks of a control unit that samples; 0 for one that senses the crossing.
+
+    Returns
+    -------
+    ndarray
+        In units of the resource: every peak for exact crossings, the highest one for samples.
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range or shapes do not fit.
+
+    Notes
+    -----
+    Everybody goes on growing for d after the crossing.  Exact for continuous agents whenever one signal
+    brings demand back below the threshold; where a small cut makes a second one necessary, that
+    peak is higher by the growth over the hold-off, less the first cut.  On the discrete clock the
+    latency counts in whole steps, rounded up, and the period is 1.  If latencies differ, the lift
+    lies between those of the smallest and the largest.
+    """
+    n, alpha, delay, look = arguments(
+        n_agents=n_agents, increase=increase, latency=latency, period=period
+    )
+    return np.asarray(n * alpha * (delay + look))
+
+
+def clock_offset(share: npt.ArrayLike, lag: int = 0) -> FloatArray:
+    """Mean of total demand above its threshold on the discrete clock, in steps of growth of all agents.
+
+    Parameters
+    ----------
+    share : array_like
+        e, the share of steps with a signal, 0 < e <= 1.
+    lag : int
+        Steps after which a signal acts: 0, 1 as the paper's algorithms are printed, or more.
+
+    Returns
+    -------
+    ndarray
+        F, negative where the capacity is not used up: utilisation is threshold + F * n alpha / C.
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range.
+
+    Notes
+    -----
+    Total demand rises by 1 (in units of n alpha) in steps without and falls by d = (1 - e) / e in steps
+    with a signal.  Because its square does not drift either, it is d / 2 lower in the mean over all
+    steps than over those in which a signal acts.  For d >= 1 the step that crosses the threshold ends
+    evenly spread over (0, 1] above it; v = that + lag is reached before the first cut; as cuts
+    act `lag` steps late there are N = lag + ceil(v / d) of them, at v, v - d, ..., and so
+
+        F = E[N v - d N (N - 1) / 2] / E[N] - d / 2
+
+    with v uniform on (lag, lag + 1].  For d < 1 rise and fall change places: F(d) = -d F(1 / d).
+    Without lag F = (1 - d) / 2; with lag 1 and e <= 1/3 it is F = 3/2 - d.  Neglects that cuts are random
+    (`predict` adds that); the even spread is exact without lag, and good to a few tenths with a long one.
+
+    Examples
+    --------
+    >>> clock_offset([0.25, 0.5], lag=1).tolist()
+    [-1.5, 0.0]
+    """
+    steps = checks.integer("lag", lag, low=0)
+    (shares,) = arguments(share=share)
+    drop = (1.0 - shares) / shares
+    return np.array([_offset(float(value), steps) for value in drop.ravel()]).reshape(drop.shape)
+
+
+def _offset(drop: float, lag: int) -> float:
+    """Evaluate F at d = `drop`."""
+    if drop == 0.0:
+        return 0.5 * (lag + 1)  # the limit
+    if drop < 1.0:
+        return -drop * _offset(1.0 / drop, lag)
+    later = np.arange(1, lag + 2)  # ceil(v / d) where d >= 1
+    low, high = (np.clip(edge * drop, lag, lag + 1) for edge in (later - 1, later))
+    width, cuts = high - low, lag + later
+    sums = 0.5 * cuts * (high**2 - low**2) - 0.5 * drop * cuts * (cuts - 1) * width
+    return float(sums.sum() / (cuts * width).sum() - 0.5 * drop)

@@ -1,0 +1,155 @@
+"""Compiled code gives the bits of the source it is made from, and is made anew when any source changes."""
+
+import importlib.util
+import shutil
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from aimd_des.costs import Costs
+from aimd_des.gradients import cost_table, gradient_row, marginal_cost
+from tests.conftest import ROOT, python, random_problem
+
+SOURCE = """
+from aimd_des.compiled import formula, kernel
+
+@formula
+def line(x, alpha, steps):
+    return x + alpha * steps
+
+@kernel
+def lines(x, alpha, steps, out):
+    for i in range(out.shape[0]):
+        out[i] = line(x[i], alpha[i], steps[i])
+
+@kernel
+def total(values):
+    added = 0.0
+    for value in values:
+        added += value
+    return added
+
+@kernel
+def ratio(one, other):
+    return one / other
+"""
+
+
+@pytest.fixture(scope="module")
+def module(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+    """A module of its own, so that its compiled code is kept in a folder of its own."""
+    path = tmp_path_factory.mktemp("compiled") / "compiled_here.py"
+    path.write_text(SOURCE, encoding="utf-8")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec
+    assert spec.loader
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    return made
+
+
+def inputs(size: int) -> Any:
+    rng = np.random.default_rng(0)
+    return (
+        rng.uniform(0.0, 3.0, size),
+        rng.uniform(0.0, 0.1, size),
+        rng.integers(1, 10_000, size).astype(float),
+    )
+
+
+def test_a_kernel_multiplies_and_adds_with_two_roundings_as_python_does(module: ModuleType) -> None:
+    x, alpha, steps = inputs(20_000)
+    out = np.empty_like(x)
+    module.lines(x, alpha, steps, out)
+    rows = zip(x.tolist(), alpha.tolist(), steps.tolist(), strict=True)
+    assert out.tolist() == [module.line(*row) for row in rows]
+
+
+def test_one_rounding_would_be_noticed(module: ModuleType) -> None:
+    """A fused multiply-add, computed exactly and rounded once, differs for many of these inputs."""
+    rows = zip(*(values.tolist() for values in inputs(2000)), strict=True)
+    fused = [
+        float(Fraction(x) + Fraction(alpha) * Fraction(steps)) != module.line(x, alpha, steps)
+        for x, alpha, steps in rows
+    ]
+    assert sum(fused) > 100
+
+
+def test_a_kernel_adds_in_the_order_of_the_source(module: ModuleType) -> None:
+    values = np.random.default_rng(1).uniform(-1.0, 1.0, 100_001)
+    added = 0.0
+    for value in values.tolist():
+        added += value
+    assert module.total(values) == added
+    assert added != values.sum()  # NumPy adds pairwise, which is another sum
+
+
+def test_a_kernel_divides_by_zero_as_arrays_do(module: ModuleType) -> None:
+    assert module.ratio(1.0, 0.0) == np.inf
+
+
+def test_a_formula_is_the_function_and_a_kernel_keeps_its_source(module: ModuleType) -> None:
+    assert module.line(1.0, 0.5, 4.0) == 3.0
+    assert type(module.line) is type(test_a_kernel_divides_by_zero_as_arrays_do)
+    assert module.total.py_func(np.array([1.0, 2.0])) == 3.0
+
+
+def cached_program(package: Path) -> Callable[[], list[str]]:
+    """A copy of the package with a kernel that uses a formula of another file; run it in a fresh process."""
+    shutil.copytree(ROOT / "aimd_des", package / "aimd_des", ignore=shutil.ignore_patterns("__pycache__"))
+    (package / "aimd_des" / "outer.py").write_text(
+        "from aimd_des.compiled import kernel\nfrom aimd_des.inner import times\n\n"
+        "@kernel\ndef apply(x):\n    return times(x)\n",
+        encoding="utf-8",
+    )
+    program = "from aimd_des.outer import apply; print(apply(21.0), sum(apply.stats.cache_hits.values()))"
+
+    def run() -> list[str]:
+        outcome = python("-c", program, PYTHONPATH=str(package), NUMBA_CACHE_DIR="")
+        assert outcome.returncode == 0, outcome.stderr
+        return outcome.stdout.split()
+
+    return run
+
+
+def test_a_kernel_is_compiled_anew_when_a_formula_of_another_file_changes(tmp_path: Path) -> None:
+    inner = tmp_path / "aimd_des" / "inner.py"
+    run = cached_program(tmp_path)
+    formula = "from aimd_des.compiled import formula\n\n@formula\ndef times(x):\n    return {} * x\n"
+    inner.write_text(formula.format("2.0"), encoding="utf-8")
+    assert run() == ["42.0", "0"]
+    assert run() == ["42.0", "1"]  # from the cache
+    inner.write_text(formula.format("3.0"), encoding="utf-8")
+    assert run() == ["63.0", "0"]
+
+
+def derivatives(costs: Costs, averages: Any) -> Any:
+    """All derivatives at averages of shape (m, n), by the kernel."""
+    m, n = averages.shape
+    out, spare = np.empty((m, n)), np.empty((2, n))
+    for j in range(m):
+        gradient_row(cost_table(costs), averages, j, out[j], spare)
+    return out
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(1, 9),
+    st.integers(1, 3),
+    st.sampled_from(["polynomial", "coupled"]),
+)
+def test_one_agents_derivative_has_the_bits_of_the_kernel(seed: int, n: int, m: int, family: str) -> None:
+    costs = random_problem(seed, n, m, family).costs
+    averages = np.random.default_rng(seed).uniform(0.0, 3.0, (m, n))
+    compiled = derivatives(costs, averages)
+    singles = [marginal_cost(costs, i) for i in range(n)]
+    columns = averages.T.tolist()
+    assert compiled.tolist() == [[singles[i](columns[i], j) for i in range(n)] for j in range(m)]
+    np.testing.assert_allclose(compiled, costs.gradient(averages.T).T, rtol=1e-13)
