@@ -17,7 +17,7 @@ help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*## /\1  /p' Makefile | awk '{ printf "  make %-8s", $$1; $$1 = ""; print }'
 
 paper: $(READY)  ## the paper's experiment: figures and tables, in results/paper
-	@$(BIN)/aimd-des run scenarios/paper.toml --seed 0 --out results/paper --overwrite
+	@$(BIN)/python -m scenarios.paper --seed 0 --out results/paper --overwrite
 
 test: $(READY)  ## all tests, the slow ones too
 	@$(BIN)/python -m pytest -n auto

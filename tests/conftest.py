@@ -23,6 +23,42 @@ settings.register_profile("project", derandomize=True, deadline=None, database=N
 settings.register_profile("explore", deadline=None, database=None, max_examples=1000)
 settings.load_profile("project")
 
+#: A scenario with its problem written out: two resources, five agents.
+INLINE = """\
+title = "five agents, two resources"
+until = 60
+seed = 4
+
+[recording]
+tail = 5
+
+[costs]
+exponents = [2]
+coefficients = [
+    [[1.0], [2.0]],
+    [[3.0], [1.0]],
+    [[2.0], [2.0]],
+    [[4.0], [0.5]],
+    [[1.5], [1.0]],
+]
+
+[[resources]]
+name = "memory"
+capacity = 3.0
+increase = 0.05
+decrease = 0.7
+normalization = 0.1
+unit = "GB"
+
+[[resources]]
+name = "disk"
+capacity = 2.0
+increase = 0.03
+decrease = 0.85
+normalization = 0.1
+threshold = 0.95
+"""
+
 _Outcome = TypeVar("_Outcome")
 
 
@@ -161,9 +197,16 @@ def assert_same_run(first: Result, second: Result) -> None:
         assert np.array_equal(one, other), name
 
 
-def python(*arguments: str, **environment: str) -> "subprocess.CompletedProcess[str]":
-    """Run Python in a fresh process that finds the project, in the present folder."""
-    variables = {**os.environ, "PYTHONPATH": str(ROOT), **environment}
+def python(
+    *arguments: str, cwd: Path | None = None, path: Path = ROOT, **environment: str
+) -> "subprocess.CompletedProcess[str]":
+    """Run Python in a fresh process that finds what is in `path`, by default the project."""
     return subprocess.run(
-        [sys.executable, *arguments], env=variables, capture_output=True, text=True, check=False, timeout=300
+        [sys.executable, *arguments],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(path), **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
     )

@@ -112,7 +112,7 @@ def cached_program(package: Path) -> Callable[[], list[str]]:
     program = "from aimd_des.outer import apply; print(apply(21.0), sum(apply.stats.cache_hits.values()))"
 
     def run() -> list[str]:
-        outcome = python("-c", program, PYTHONPATH=str(package), NUMBA_CACHE_DIR="")
+        outcome = python("-c", program, cwd=package, path=package, NUMBA_CACHE_DIR="")
         assert outcome.returncode == 0, outcome.stderr
         return outcome.stdout.split()
 

@@ -319,6 +319,21 @@ def test_a_corrector_that_misleads_is_held_back(seed: int) -> None:
     check(problem, solve_optimum(problem))
 
 
+@pytest.mark.parametrize("seed", [0, 2, 5])
+def test_resources_that_replace_each_other(seed: int) -> None:
+    """Only one weighted sum of the resources matters, the same for all: each Hessian is singular alike."""
+    rng = np.random.default_rng(seed)
+    weights = rng.uniform(0.1, 2, 3)
+    costs = CoupledCosts(
+        PolynomialCosts([1], 1e-6 * 10.0 ** rng.uniform(-1, 1, (10, 3, 1))),
+        weights=np.tile(weights, (10, 1)),
+        sum_exponents=[2, 4],
+        sum_coefficients=10.0 ** rng.uniform(-1, 1, (10, 2)),
+    )
+    problem = problem_of(costs, 10.0 ** rng.uniform(-3, 1, 3))
+    check(problem, solve_optimum(problem))
+
+
 @dataclass(frozen=True)
 class Rescaled:
     """The same costs in other money and other units."""

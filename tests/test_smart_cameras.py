@@ -77,8 +77,7 @@ def test_the_printed_increase_of_disk_is_a_tenth() -> None:
 
 
 def test_factors_follow_the_price_table() -> None:
-    # Prices per unit times a thousand, rounded up to integers, lie within the ranges of a, b and c;
-    # memory's takes a share of the CPU's price besides.
+    # Prices lie in the ranges of a, b and c: memory in thousandths of a dollar, the others in hundredths.
     assert PRICES == {"memory": 0.017784, "disk": 0.283333, "bandwidth": 0.277775}
     for name, (low, high) in {"memory": (10, 20), "disk": (25, 35), "bandwidth": (22, 32)}.items():
         scale = 1000 if name == "memory" else 100

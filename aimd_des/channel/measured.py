@@ -63,7 +63,7 @@ def _table(path: str | Path) -> pd.DataFrame:
             # A row with more cells than there are names is an error, not a warning.
             warnings.simplefilter("error", pd.errors.ParserWarning)
             table = pd.read_csv(
-                path,
+                Path(path),  # and not an address on the net, which pandas would follow
                 dtype=str,
                 keep_default_na=False,
                 index_col=False,

@@ -209,23 +209,19 @@ def _line_search(
     """Halve the step until the barrier function sum_i f_i - sum target log(y) no longer rises steeply.
 
     Slopes decide, not values: near the optimum differences of values are rounding.  nu is taken off
-    the gradient because shares move along the capacity constraint, where it adds rounding and nothing
-    else.  Separable costs are a problem per resource, and no dear resource may hide a cheap one.
+    the gradient because shares move along the capacity constraint, where it adds nothing but rounding.
     """
 
-    def total(terms: FloatArray) -> FloatArray:
-        return np.asarray(terms.sum(axis=0 if scaled.costs.separable else None))
+    def slope(shares: FloatArray, gradient: FloatArray) -> float:
+        return float(((gradient - point.multipliers - target / shares) * direction.shares).sum())
 
-    def slope(shares: FloatArray, gradient: FloatArray) -> FloatArray:
-        return total((gradient - point.multipliers - target / shares) * direction.shares)
-
-    steepest = 0.5 * np.abs(slope(point.shares, point.gradient))
+    steepest = 0.5 * abs(slope(point.shares, point.gradient))
     step = _step_to_bound(point.shares, direction.shares, _fraction_to_bound(point.tau))
     for _ in range(halvings):
         shares = point.shares + step * direction.shares
         gradient = scaled.gradient(shares)
-        rounding = total(gradient * (1e-12 * np.abs(direction.shares) + 1e-15 * shares))
-        if np.isfinite(gradient).all() and (slope(shares, gradient) <= steepest + rounding).all():
+        rounding = float((gradient * (1e-12 * np.abs(direction.shares) + 1e-15 * shares)).sum())
+        if np.isfinite(gradient).all() and slope(shares, gradient) <= steepest + rounding:
             return step, gradient
         step /= 2
     return None

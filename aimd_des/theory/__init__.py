@@ -1,0 +1,51 @@
+"""Closed forms that runs are held against, each with its assumption, its derivation in short and its source.
+
+All are pure functions.  Arguments are numbers, or arrays with one value for each resource that broadcast
+together; names and symbols are those of the model.  `predict` puts them together for a `Problem`.
+"""
+
+from aimd_des.theory.allocations import allocation_at, reweighted_optimum
+from aimd_des.theory.classics import (
+    event_interval,
+    event_mean,
+    poisson_moment,
+    square_root_law,
+    synchronised_utilisation,
+)
+from aimd_des.theory.losses import (
+    compensated_probability,
+    critical_loss,
+    loss_weights,
+    runaway_multiplier,
+)
+from aimd_des.theory.prediction import Prediction, predict
+from aimd_des.theory.signals import (
+    clock_offset,
+    peak_lift,
+    price_in_bits,
+    signal_rate,
+    signal_share,
+    utilisation,
+)
+
+__all__ = [
+    "Prediction",
+    "allocation_at",
+    "clock_offset",
+    "compensated_probability",
+    "critical_loss",
+    "event_interval",
+    "event_mean",
+    "loss_weights",
+    "peak_lift",
+    "poisson_moment",
+    "predict",
+    "price_in_bits",
+    "reweighted_optimum",
+    "runaway_multiplier",
+    "signal_rate",
+    "signal_share",
+    "square_root_law",
+    "synchronised_utilisation",
+    "utilisation",
+]

@@ -1,0 +1,227 @@
+r"""What a run will come to, from the problem alone: the closed forms, made consistent with each other.
+
+How much of the capacity is used depends on the derivative mu at the averages, which depends on how much is
+used.  `predict` iterates the two, and takes the balance of growth and cuts to the next order:
+
+- a signal finds agent i with y_i = x_i + h_i, h_i = alpha_i / (2 rho), half a saw tooth above its average;
+- so all cuts of a signal, sum_i kappa_i (x_i + h_i) with kappa_i = (1 - p_i)(1 - beta_i) lambda_i, make up for
+  all growth since the last one, which is linear in rho or, on the clock, in the share e;
+- the teeth are random, and their variance V = sum_i (1 - beta_i)^2 q_i (1 - q_i) E y_i^2, q_i = (1 - p_i) lambda_i,
+  costs V / (2 D) of the capacity more, where E y^2 = (E y)^2 (2 - kappa) / (1 + beta).
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des import checks
+from aimd_des.checks import FloatArray
+from aimd_des.errors import InputError, SimulationError
+from aimd_des.optimum import Optimum, solve_optimum
+from aimd_des.problem import Problem
+from aimd_des.theory.allocations import reweighted_optimum
+from aimd_des.theory.arguments import Dynamics, check_dynamics
+from aimd_des.theory.signals import clock_offset
+
+__all__ = ["Prediction", "predict"]
+
+_TOLERANCE = 1e-9
+_MAX_ROUNDS = 500
+# Less used makes mu smaller and so lets more be used: half a step damps what would swing.
+_DAMPING = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What theory expects of a run.
+
+    Attributes
+    ----------
+    signals : ndarray, shape (m,)
+        Broadcasts per unit of time, or per step on the discrete clock.
+    utilisation : ndarray, shape (m,)
+        Sum of the averages over the capacity.
+    allocation : ndarray, shape (n, m)
+        Averages, in units of the resources.
+    probability : ndarray, shape (n, m)
+        Response probabilities at these averages, cut off at 1.
+    """
+
+    signals: FloatArray
+    utilisation: FloatArray
+    allocation: FloatArray
+    probability: FloatArray
+
+
+class _Setting(NamedTuple):
+    """What stays the same over the rounds; `loss` has shape (n, 1)."""
+
+    problem: Problem
+    discrete: bool
+    latency: float
+    period: float
+    loss: FloatArray
+
+
+def predict(
+    problem: Problem,
+    dynamics: Dynamics = "discrete",
+    *,
+    latency: float = 0.0,
+    period: float = 0.0,
+    loss: npt.ArrayLike = 0.0,
+) -> Prediction:
+    """Predict signals, utilisation and averages of a long run.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is shared; alpha and beta may differ from agent to agent.
+    dynamics : {"discrete", "continuous"}
+        Agents that act at ticks of one common clock of period 1, or agents that grow all the time.
+    latency : float
+        d >= 0, common to all agents.  On the clock it counts in whole steps, rounded up: 0 is ``lag=0`` of
+        `run_discrete`, anything up to 1 its ``lag=1``.
+    period : float
+        Time between two looks of a control unit that samples, for continuous agents; 0 for one that
+        senses the exact crossing, whose hold-off must then be at least `latency`.
+    loss : float or array_like, shape (n,)
+        Probability that a signal is lost on an agent, independent of all else.
+
+    Returns
+    -------
+    Prediction
+        Signals, utilisation, averages and response probabilities.
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range; if more signals are necessary than there can be (the loss
+        is beyond the critical one, or the period too long); or if weights would differ from resource to
+        resource for costs other than `PolynomialCosts`.
+    SimulationError
+        If the iteration does not come to rest.
+
+    Notes
+    -----
+    Neglects how cuts of an agent and of the others go together, which is of the order 1 / n, what
+    the long way to the averages costs, and the hold-off of a control unit that senses crossings: it
+    must hold rho * refractory < 1, and the nearer it comes to 1 the more often total demand stays above
+    the capacity for a while.  Averages are the optimum for what is used, of costs weighted by what
+    loss and differing alpha and beta make of them: the half saw tooth is left out of the shares.
+
+    Examples
+    --------
+    >>> from aimd_des import PolynomialCosts, Resource
+    >>> memory = Resource("memory", capacity=20.0, increase=0.02, decrease=0.5, normalization=0.1)
+    >>> problem = Problem([memory], PolynomialCosts([2], [[[1.0]]] * 20))
+    >>> expected = predict(problem, latency=1)
+    >>> bool(0.17 < expected.signals[0] < 0.18), bool(0.92 < expected.utilisation[0] < 0.94)
+    (True, True)
+    """
+    check_dynamics(dynamics)
+    delay = checks.number("latency", latency, low=0.0)
+    look = checks.number("period", period, low=0.0)
+    if dynamics == "discrete" and look not in (0.0, 1.0):
+        raise InputError.of("period", look, "left out on the discrete clock, where it is 1")
+    lost = checks.per_agent("loss", loss, low=0.0, high=1.0, high_open=True)
+    checks.fits("loss", lost, problem.n_agents)
+    column = np.full((problem.n_agents, 1), lost) if np.ndim(lost) == 0 else np.reshape(lost, (-1, 1))
+    return _iterate(_Setting(problem, dynamics == "discrete", delay, look, np.asarray(column)))
+
+
+def _iterate(setting: _Setting) -> Prediction:
+    """Let signals and use of the capacity settle on each other."""
+    problem = setting.problem
+    signals, used = np.zeros(problem.n_resources), np.array(problem.limit)
+    for _ in range(_MAX_ROUNDS):
+        allocation = _settled(setting, signals, used).allocation
+        gradient = problem.costs.gradient(allocation)
+        probability = np.minimum(problem.normalization * gradient / allocation, 1.0)
+        new_signals = _signals(setting, allocation, probability)
+        new_used = _used(setting, allocation, probability, new_signals)
+        moved = np.abs(np.concatenate([new_used / used, new_signals / np.where(signals, signals, np.inf)]) - 1.0)
+        signals, used = new_signals, used + _DAMPING * (new_used - used)
+        if (used <= 0.0).any():
+            break
+        if (moved <= _TOLERANCE).all():
+            _check_enough(setting, signals)
+            return Prediction(signals, used / problem.capacity, allocation, probability)
+    raise SimulationError(
+        f"no prediction: utilisation does not settle, last {(used / problem.capacity).tolist()}; one signal"
+        " takes too large a part of the capacity, so make Gamma or 1 - beta smaller"
+    )
+
+
+def _settled(setting: _Setting, signals: FloatArray, used: FloatArray) -> Optimum:
+    """Find the averages that agents tend to when `signals` are sent and `used` is what they hold together."""
+    problem = setting.problem
+    silent = signals * (1.0 - setting.loss) if setting.discrete else 0.0
+    weights = (1.0 - setting.loss) * (1.0 - problem.decrease) / (problem.increase * (1.0 - silent))
+    weights = weights / weights[0]  # exactly 1 where agents are alike
+    if (weights == 1.0).all():
+        return solve_optimum(problem, capacity=used)
+    if (weights == weights[:, :1]).all():
+        weights = weights[:, 0]
+    return reweighted_optimum(problem, weights, capacity=used)
+
+
+def _signals(setting: _Setting, allocation: FloatArray, probability: FloatArray) -> FloatArray:
+    """Balance growth and cuts of all agents: signals per unit of time, or the share of steps with one."""
+    alpha = setting.problem.increase
+    kappa = (1.0 - setting.loss) * (1.0 - setting.problem.decrease) * probability
+    growth = (alpha * (1.0 - 0.5 * kappa)).sum(axis=0)
+    cuts = (kappa * allocation).sum(axis=0)
+    if not setting.discrete:
+        return np.asarray(growth / cuts)
+    # Agents on which a signal is lost grow in that step.
+    return np.asarray(growth / (cuts + growth - (setting.loss * alpha).sum(axis=0)))
+
+
+def _used(
+    setting: _Setting, allocation: FloatArray, probability: FloatArray, signals: FloatArray
+) -> FloatArray:
+    """Compute the mean of total demand, (m,), in units of the resources."""
+    problem = setting.problem
+    growth = problem.increase.sum(axis=0)
+    if setting.discrete:
+        mean = growth * clock_offset(np.clip(signals, _TOLERANCE, 1.0), int(np.ceil(setting.latency)))
+        teeth = 0.5 * problem.increase * (1.0 - signals) / signals
+    elif setting.period > 0.0:
+        mean = growth * _sampled_offset(setting, signals)
+        teeth = 0.5 * problem.increase / signals
+    else:
+        mean = growth * (setting.latency - 0.5 / signals)
+        teeth = 0.5 * problem.increase / signals
+    keep = 1.0 - problem.decrease
+    hit = (1.0 - setting.loss) * probability
+    square = (allocation + teeth) ** 2 * (2.0 - keep * hit) / (1.0 + problem.decrease)
+    variance = (keep**2 * hit * (1.0 - hit) * square).sum(axis=0)
+    return np.asarray(problem.limit + mean - 0.5 * variance * signals / growth)
+
+
+def _sampled_offset(setting: _Setting, signals: FloatArray) -> FloatArray:
+    """Compute the mean offset of continuous agents from the threshold, in units of growth per unit of time.
+
+    Seen at the looks they are on a clock, with cuts that are smaller by the growth of the same
+    period; between the looks they have grown half a period, and are cut only after the latency.
+    """
+    look = setting.period
+    lag = max(int(np.ceil(setting.latency / look)) - 1, 0)
+    share = np.clip(signals * look, _TOLERANCE, 1.0)
+    return np.asarray(look * (clock_offset(share, lag) + setting.latency / look - lag - 0.5))
+
+
+def _check_enough(setting: _Setting, signals: FloatArray) -> None:
+    """Refuse what would need more signals than there can be."""
+    least = 1.0 if setting.discrete else setting.period
+    if (signals * least >= 1.0).any():
+        name, value = ("loss", setting.loss.max()) if setting.loss.any() else ("period", setting.period)
+        raise InputError.of(
+            name,
+            float(value),
+            "small enough for one signal at every look to suffice",
+            "demand runs away from the capacity: see critical_loss and runaway_multiplier",
+        )

@@ -1,0 +1,206 @@
+"""The folder of a run is written whole or not at all, and nobody else's is touched."""
+
+import errno
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from aimd_des import InputError, Result, solve_optimum
+from aimd_des.output import PROVENANCE, check_folder, new_folder, write_run
+from aimd_des.scenario import Scenario
+from aimd_des.scenario_file import load_scenario
+from tests.conftest import INLINE, quietly
+
+FILES = [
+    "allocations.parquet",
+    "demand.parquet",
+    "run.json",
+    "scenario.toml",
+    "signals.parquet",
+    "summary.csv",
+]
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def everything(folder: Path) -> dict[str, bytes]:
+    """All files below a folder, hidden ones too, and empty folders."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        name = str(path.relative_to(folder))
+        if path.is_file():
+            found[name] = path.read_bytes()
+        elif not any(path.iterdir()):
+            found[f"{name}/"] = b""
+    return found
+
+
+def earlier_results(folder: Path) -> Path:
+    folder.mkdir(parents=True)
+    (folder / PROVENANCE).write_text("{}", encoding="utf-8")
+    (folder / "old.csv").write_text("old", encoding="utf-8")
+    return folder
+
+
+def test_a_new_and_an_empty_folder_are_accepted_and_left_as_they_are() -> None:
+    Path("empty").mkdir()
+    for overwrite in (False, True):
+        check_folder(Path("new"), overwrite=overwrite)
+        check_folder(Path("empty"), overwrite=overwrite)
+    assert everything(Path()) == {"empty/": b""}
+
+
+def test_a_folder_with_something_in_it_is_refused_unless_it_may_be_replaced() -> None:
+    folder = earlier_results(Path("out"))
+    before = everything(Path())
+    with pytest.raises(
+        InputError, match=r"^output folder = 'out': must be new or empty; choose another, or say --overwrite$"
+    ):
+        check_folder(folder, overwrite=False)
+    check_folder(folder, overwrite=True)
+    assert everything(Path()) == before
+
+
+def test_a_folder_that_is_not_ours_is_never_replaced() -> None:
+    Path("precious").mkdir()
+    Path("precious/thesis.tex").write_text("years", encoding="utf-8")
+    with pytest.raises(
+        InputError,
+        match=r"^output folder = 'precious': must be one that this program wrote; it has no run\.json; ",
+    ):
+        check_folder(Path("precious"), overwrite=True)
+    with pytest.raises(InputError, match=r"it has no study\.json"):
+        check_folder(earlier_results(Path("out")), overwrite=True, mark="study.json")
+
+
+def test_a_file_is_no_folder() -> None:
+    Path("out").write_text("", encoding="utf-8")
+    for overwrite in (False, True):
+        with pytest.raises(
+            InputError, match=r"^output folder = 'out': must be a folder; it is a file; choose"
+        ):
+            check_folder(Path("out"), overwrite=overwrite)
+
+
+def test_a_folder_below_a_file_cannot_be_made() -> None:
+    Path("file").write_text("", encoding="utf-8")
+    with pytest.raises(InputError, match=r"^output folder 'file/out': cannot be written \("):
+        check_folder(Path("file/out"), overwrite=False)
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_anything_runs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # Who runs tests as root may write everywhere: the system's refusal is made up.
+    def refuse(*args: Any, **kwargs: Any) -> Any:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    monkeypatch.setattr(tempfile, "mkdtemp", refuse)
+    with pytest.raises(InputError, match=r"^output folder 'out': cannot be written \(Permission denied\)$"):
+        check_folder(Path("out"), overwrite=False)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere")
+def test_a_read_only_folder_is_refused() -> None:
+    Path("closed").mkdir(mode=0o500)
+    with pytest.raises(
+        InputError, match=r"^output folder 'closed/out': cannot be written \(Permission denied\)$"
+    ):
+        check_folder(Path("closed/out"), overwrite=False)
+
+
+@pytest.mark.parametrize("target", ["out", "deep/er/out"])
+def test_what_is_written_appears_at_once(target: str) -> None:
+    folder = Path(target)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with new_folder(folder) as place:
+        (place / "a.txt").write_text("a", encoding="utf-8")
+        assert not folder.exists()
+    assert everything(Path()) == {f"{target}/a.txt": b"a"}
+
+
+def test_the_folder_has_the_permissions_of_any_new_folder() -> None:
+    Path("other").mkdir()
+    with new_folder(Path("out")):
+        pass
+    assert Path("out").stat().st_mode == Path("other").stat().st_mode
+
+
+def test_earlier_results_are_replaced_as_a_whole() -> None:
+    folder = earlier_results(Path("out"))
+    with new_folder(folder) as place:
+        (place / "new.csv").write_text("new", encoding="utf-8")
+    assert everything(Path()) == {"out/new.csv": b"new"}
+
+
+def test_where_writing_fails_earlier_results_stay_and_nothing_else_is_left() -> None:
+    folder = earlier_results(Path("out"))
+    before = everything(Path())
+    with pytest.raises(ZeroDivisionError), new_folder(folder) as place:
+        (place / "half.csv").write_text("half", encoding="utf-8")
+        raise ZeroDivisionError
+    assert everything(Path()) == before
+
+
+def test_results_may_lie_behind_a_link() -> None:
+    earlier_results(Path("far/out"))
+    Path("link").symlink_to("far/out")
+    with new_folder(Path("link")) as place:
+        (place / "new.csv").write_text("new", encoding="utf-8")
+    assert Path("link").is_symlink()
+    assert everything(Path("far")) == {"out/new.csv": b"new"}
+
+
+@pytest.fixture
+def scenario() -> Scenario:
+    Path("five.toml").write_text(INLINE, encoding="utf-8")
+    loaded = load_scenario(Path("five.toml"))
+    Path("five.toml").unlink()
+    return loaded
+
+
+@pytest.fixture
+def result(scenario: Scenario) -> Result:
+    return quietly(scenario.run)
+
+
+def test_a_run_is_written_as_files_that_anybody_can_read(scenario: Scenario, result: Result) -> None:
+    optimum = solve_optimum(result.problem)
+    write_run(Path("out"), scenario, result, optimum, figures=False)
+    assert list(everything(Path("out"))) == FILES
+    for name in ("signals", "demand", "allocations"):
+        pd.testing.assert_frame_equal(pd.read_parquet(f"out/{name}.parquet"), getattr(result, name))
+    summary = pd.read_csv("out/summary.csv", index_col="resource")
+    pd.testing.assert_frame_equal(summary, result.summary(optimum), rtol=1e-15)
+    again = load_scenario(Path("out/scenario.toml"))
+    assert again == scenario.resolved()
+    assert quietly(again.run).digest == result.digest
+
+
+def test_the_provenance_names_digest_seed_and_versions(scenario: Scenario, result: Result) -> None:
+    write_run(Path("out"), scenario, result, solve_optimum(result.problem), figures=False)
+    written = json.loads(Path("out", PROVENANCE).read_text(encoding="utf-8"))
+    assert (written["digest"], written["seed"]) == (result.digest, 4)
+    assert {"aimd_des", "python", "numpy", "scipy", "numba", "simpy", "pandas"} <= set(written["versions"])
+    assert all(isinstance(text, str) and text for text in written["versions"].values())
+
+
+def test_a_run_is_written_whole_or_not_at_all(
+    scenario: Scenario, result: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*args: Any, **kwargs: Any) -> Any:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    optimum = solve_optimum(result.problem)
+    monkeypatch.setattr(pd.DataFrame, "to_parquet", fail)
+    with pytest.raises(OSError, match="No space left on device"):
+        write_run(Path("out"), scenario, result, optimum, figures=False)
+    assert everything(Path()) == {}
