@@ -254,7 +254,7 @@ def test_an_unknown_model_or_parameter_is_refused(changes: str, sentence: str) -
     assert sentence in found
 
 
-@pytest.mark.parametrize("text", ['until = 5\nmodel = "nowhere"\n', INLINE.replace('"disk"', '"memory"')])
+XX
 @pytest.mark.xfail(strict=True, reason="the folder above is made before the problem is looked at")
 def test_no_folder_is_made_for_a_run_that_is_refused(text: str) -> None:
     refusal(str(write(text)))
@@ -326,7 +326,7 @@ def test_a_disk_that_is_full_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         (["missing.toml"], "missing.toml: there is no such file"),
         (["folder"], "Invalid value for 'SCENARIO': File 'folder' is a directory."),
         ([], "Missing argument 'SCENARIO'."),
-        (["five.toml", "--sed", "1"], "No such option: --sed"),
+        (["five.toml", "--sed", "1"], "No such option"),
     ],
 )
 def test_what_is_no_scenario_is_refused(arguments: list[str], sentence: str) -> None:
@@ -428,7 +428,8 @@ def test_help_starts_without_what_is_slow_to_import() -> None:
         "import sys, click.testing, aimd_des.cli as cli\n"
         "outcome = click.testing.CliRunner().invoke(cli.main, ['run', '--help'])\n"
         "assert outcome.exit_code == 0\n"
-        "heavy = {'numpy', 'scipy', 'numba', 'pandas', 'matplotlib', 'pyarrow', 'simpy', 'networkx', 'pydantic', 'rich'}\n"
+        "heavy = {'numpy', 'scipy', 'numba', 'pandas', 'matplotlib', 'pyarrow', 'simpy', 'networkx'}\n"
+        "heavy |= {'pydantic', 'rich'}\n"
         "print(sorted(heavy & set(sys.modules)))\n"
     )
     outcome = python("-c", program)

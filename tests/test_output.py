@@ -144,9 +144,14 @@ def test_earlier_results_are_replaced_as_a_whole() -> None:
 def test_where_writing_fails_earlier_results_stay_and_nothing_else_is_left() -> None:
     folder = earlier_results(Path("out"))
     before = everything(Path())
-    with pytest.raises(ZeroDivisionError), new_folder(folder) as place:
-        (place / "half.csv").write_text("half", encoding="utf-8")
-        raise ZeroDivisionError
+
+    def write_half() -> None:
+        with new_folder(folder) as place:
+            (place / "half.csv").write_text("half", encoding="utf-8")
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        write_half()
     assert everything(Path()) == before
 
 

@@ -158,7 +158,8 @@ def _iterate(setting: _Setting) -> Prediction:
 def _settled(setting: _Setting, signals: FloatArray, used: FloatArray) -> Optimum:
     """Find the averages that agents tend to when `signals` are sent and `used` is what they hold together."""
     problem = setting.problem
-    silent = signals * (1.0 - setting.loss) if setting.discrete else 0.0
+    # An agent without loss never grows where every step has a signal: on the way there may be such rounds.
+    silent = np.minimum(signals, 1.0 - _TOLERANCE) * (1.0 - setting.loss) if setting.discrete else 0.0
     weights = (1.0 - setting.loss) * (1.0 - problem.decrease) / (problem.increase * (1.0 - silent))
     weights = weights / weights[0]  # exactly 1 where agents are alike
     if (weights == 1.0).all():
@@ -176,8 +177,9 @@ def _signals(setting: _Setting, allocation: FloatArray, probability: FloatArray)
     cuts = (kappa * allocation).sum(axis=0)
     if not setting.discrete:
         return np.asarray(growth / cuts)
-    # Agents on which a signal is lost grow in that step.
-    return np.asarray(growth / (cuts + growth - (setting.loss * alpha).sum(axis=0)))
+    # Agents on which a signal is lost grow in that step; where nothing is left of the cuts, no share will do.
+    net = cuts + growth - (setting.loss * alpha).sum(axis=0)
+    return np.minimum(growth / np.maximum(net, growth), 1.0)
 
 
 def _used(
