@@ -26,6 +26,7 @@ from benchmarks.harness import (
     console,
     interleaved,
     machine,
+    off,
     positive,
     ratio,
     table,
@@ -154,18 +155,14 @@ def _contestants(task: Task) -> list[Contestant[Outcome]]:
     ]
 
 
-def _off(values: FloatArray | IntArray, reference: FloatArray | IntArray) -> float:
-    return float(np.max(np.abs(values / reference - 1)))
-
-
 def _row(timing: Timing[Outcome], timings: list[Timing[Outcome]]) -> dict[str, Any]:
     """Hold one program against ours and the C loop (the first two), its work against the first that ran."""
     row: dict[str, Any] = {"program": timing.name, "missing": timing.missing}
     if timing.outcome is None:
         return row
     reference = next(other.outcome for other in timings if other.outcome is not None)
-    signals_off = _off(timing.outcome.signals, reference.signals)
-    averages_off = _off(timing.outcome.average.sum(axis=0), reference.average.sum(axis=0))
+    signals_off = off(timing.outcome.signals, reference.signals)
+    averages_off = off(timing.outcome.average.sum(axis=0), reference.average.sum(axis=0))
     same_work = max(signals_off, averages_off) <= TOLERANCE
     over_ours, over_c_loop = (
         timing.best / other.best if same_work and other.seconds else None for other in timings[:2]

@@ -13,10 +13,12 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from importlib import metadata
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +27,7 @@ from rich.console import Console
 from rich.table import Table
 
 __all__ = [
+    "Alone",
     "Contestant",
     "FloatArray",
     "IntArray",
@@ -32,11 +35,13 @@ __all__ = [
     "Unavailable",
     "add_options",
     "aligned",
+    "alone",
     "compile_c",
     "console",
     "cpu_seconds",
     "interleaved",
     "machine",
+    "off",
     "positive",
     "ratio",
     "table",
@@ -73,13 +78,17 @@ class Contestant(Generic[T]):
 
 @dataclass
 class Timing(Generic[T]):
-    """What came of a contestant: CPU seconds of each repeat, and what its first repeat returned."""
+    """What came of a contestant: CPU seconds of each repeat, and what each returned."""
 
     name: str
     preparation: float = 0.0
     seconds: list[float] = field(default_factory=list)
-    outcome: T | None = None
+    outcomes: list[T] = field(default_factory=list)
     missing: str = ""
+
+    @property
+    def outcome(self) -> T | None:
+        return self.outcomes[0] if self.outcomes else None
 
     @property
     def best(self) -> float:
@@ -121,9 +130,52 @@ def interleaved(contestants: Iterable[Contestant[T]], repeats: int, seed: int = 
                 start = cpu_seconds()
                 outcome = run(seed + repeat)
                 timing.seconds.append(cpu_seconds() - start)
-                if repeat == 0:
-                    timing.outcome = outcome
+                timing.outcomes.append(outcome)
     return timings
+
+
+class Alone(NamedTuple):
+    """What one run takes in a process of its own.
+
+    `seconds` of CPU and `peak` of memory are those of the whole process: start, imports, compiling
+    or loading, and the run.  `added` is how far the run lifts the peak above what was in use before
+    it.  Memory is in MiB, and not a number where the system does not tell.
+    """
+
+    seconds: float
+    peak: float
+    added: float
+
+
+def _memory(name: str) -> float:
+    """Read a line of what Linux says about this process, in MiB."""
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    except OSError:
+        lines = []
+    found = (line.split()[1] for line in lines if line.startswith(f"{name}:"))
+    return float(next(found, "nan")) / 1024.0
+
+
+def _run_once(contestant: Contestant[Any], seed: int) -> Alone:
+    run = contestant.prepare()
+    before = _memory("VmRSS")
+    run(seed)
+    peak = _memory("VmHWM")
+    return Alone(cpu_seconds(), peak, peak - before)
+
+
+def alone(contestant: Contestant[Any], seed: int = 0) -> Alone:
+    """Run a contestant once in a fresh process.
+
+    Raises
+    ------
+    Unavailable
+        If it cannot take part.
+    """
+    # Spawned, not forked: a fork would begin with the memory of this process.
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(_run_once, contestant, seed).result()
 
 
 def _compiler() -> str:
@@ -196,6 +248,11 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> 
     for row in rows:
         layout.add_row(*row)
     return layout
+
+
+def off(values: FloatArray | IntArray, reference: FloatArray | IntArray) -> float:
+    """Return the largest relative difference."""
+    return float(np.max(np.abs(values / reference - 1)))
 
 
 def ratio(value: float | None) -> str:

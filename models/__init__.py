@@ -1,5 +1,7 @@
 """Systems to allocate for: each a function, registered by name, that returns a `Problem`."""
 
+from models.classic_aimd import classic_aimd
 from models.smart_cameras import smart_cameras
+from models.tcp_flows import tcp_flows
 
-__all__ = ["smart_cameras"]
+__all__ = ["classic_aimd", "smart_cameras", "tcp_flows"]

@@ -254,7 +254,11 @@ def test_an_unknown_model_or_parameter_is_refused(changes: str, sentence: str) -
     assert sentence in found
 
 
-XX
+@pytest.mark.parametrize(
+    "text",
+    ['until = 5\nmodel = "nowhere"\n', INLINE.replace('"disk"', '"memory"')],
+    ids=["unknown model", "same name twice"],
+)
 @pytest.mark.xfail(strict=True, reason="the folder above is made before the problem is looked at")
 def test_no_folder_is_made_for_a_run_that_is_refused(text: str) -> None:
     refusal(str(write(text)))

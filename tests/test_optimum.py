@@ -122,6 +122,11 @@ CASES = {
         ),
         [10.0, 20.0, 30.0],
     ),
+    # One resource is solved to the last bit, and its steps are rounding, while the cheaper one is not yet.
+    "one resource done before the other": (
+        PolynomialCosts([1, 2, 7], [[[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]], [[0.0, 1.0, 1.0], [1.0, 1.0, 1.0]]]),
+        [7.0, 0.09175029864336519],
+    ),
     # The second agent's bound is active with a multiplier of 0: 2 x_1 = 6 = its derivative at 0.
     "on the edge of an active bound": (PolynomialCosts([1, 2], [[[0.0, 1.0]], [[6.0, 1.0]]]), [3.0]),
     "negative coefficients": (

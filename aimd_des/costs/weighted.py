@@ -1,4 +1,7 @@
-"""Costs with a weight for each agent: w_i f_i, in the family that f_i is of, so that it can be simulated too."""
+"""Costs with a weight for each agent: w_i f_i, of the same family as f_i, so that a run can use them."""
+
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -73,23 +76,15 @@ def _weighted_coupled(costs: CoupledCosts, factors: FloatArray) -> CoupledCosts:
 
 
 def _weighted_custom(costs: CustomCosts, factors: FloatArray) -> CustomCosts:
-    second = costs.agent_hessian
+    def weighted(function: Callable[[int, FloatArray], Any]) -> Callable[[int, FloatArray], Any]:
+        return lambda agent, allocation: factors[agent] * np.asarray(function(agent, allocation))
 
-    def value(agent: int, allocation: FloatArray) -> float:
-        return float(factors[agent] * costs.agent_value(agent, allocation))
-
-    def gradient(agent: int, allocation: FloatArray) -> FloatArray:
-        return np.asarray(factors[agent] * np.asarray(costs.agent_gradient(agent, allocation)))
-
-    def hessian(agent: int, allocation: FloatArray) -> FloatArray:
-        assert second is not None
-        return np.asarray(factors[agent] * np.asarray(second(agent, allocation)))
-
+    hessian = None if costs.agent_hessian is None else weighted(costs.agent_hessian)
     return CustomCosts(
         costs.n_agents,
         costs.n_resources,
-        value,
-        gradient,
-        None if second is None else hessian,
+        weighted(costs.agent_value),
+        weighted(costs.agent_gradient),
+        hessian,
         separable=costs.separable,
     )

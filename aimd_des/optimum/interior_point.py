@@ -32,7 +32,7 @@ _SMALLEST_TAU = 1e-22
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A point on the way to the optimum, or a direction of its three parts.
+    """A point on the way to the optimum.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Allocations that theory points to: the optimum of weighted costs, and where derivatives have given values."""
+"""Allocations that theory points to: optima of weighted costs, and points with given derivatives."""
 
 from collections.abc import Callable
 from functools import partial

@@ -6,8 +6,8 @@ place of beta_i where an agent does not respond (the paper, section III).
 Sources: M. Corless, C. King, R. Shorten and F. Wirth, AIMD Dynamics and Distributed Resource Allocation,
 SIAM, 2016; D.-M. Chiu and R. Jain, Computer Networks and ISDN Systems 17, 1989, for synchronised agents;
 E. Altman, K. Avrachenkov and C. Barakat, A stochastic model of TCP/IP with stationary random losses,
-SIGCOMM 2000, for losses at random times; M. Mathis, J. Semke, J. Mahdavi and T. Ott, The macroscopic behavior of
-the TCP congestion avoidance algorithm, Computer Communication Review 27, 1997, for the square-root law.
+SIGCOMM 2000, for losses at random times; M. Mathis, J. Semke, J. Mahdavi and T. Ott, The macroscopic behavior
+of the TCP congestion avoidance algorithm, Computer Communication Review 27, 1997, for the square-root law.
 """
 
 from typing import Literal

@@ -135,7 +135,7 @@ def runaway_multiplier(
     *,
     refractory: npt.ArrayLike = 0.0,
 ) -> FloatArray:
-    """Derivative at which demand comes to rest beyond the critical loss.
+    """Find the derivative at which demand comes to rest beyond the critical loss.
 
     Parameters
     ----------

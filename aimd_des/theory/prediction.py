@@ -4,10 +4,10 @@ How much of the capacity is used depends on the derivative mu at the averages, w
 used.  `predict` iterates the two, and takes the balance of growth and cuts to the next order:
 
 - a signal finds agent i with y_i = x_i + h_i, h_i = alpha_i / (2 rho), half a saw tooth above its average;
-- so all cuts of a signal, sum_i kappa_i (x_i + h_i) with kappa_i = (1 - p_i)(1 - beta_i) lambda_i, make up for
-  all growth since the last one, which is linear in rho or, on the clock, in the share e;
-- the teeth are random, and their variance V = sum_i (1 - beta_i)^2 q_i (1 - q_i) E y_i^2, q_i = (1 - p_i) lambda_i,
-  costs V / (2 D) of the capacity more, where E y^2 = (E y)^2 (2 - kappa) / (1 + beta).
+- so all cuts of a signal, sum_i kappa_i (x_i + h_i) with kappa_i = (1 - p_i) (1 - beta_i) lambda_i, make up
+  for all growth since the last one, which is linear in rho or, on the clock, in the share e;
+- teeth of D in the mean are random, and their variance V = sum_i (1 - beta_i)^2 q_i (1 - q_i) E y_i^2 with
+  q_i = (1 - p_i) lambda_i costs V / (2 D) of the capacity more; E y^2 = (E y)^2 (2 - kappa) / (1 + beta).
 """
 
 from dataclasses import dataclass
@@ -142,7 +142,7 @@ def _iterate(setting: _Setting) -> Prediction:
         probability = np.minimum(problem.normalization * gradient / allocation, 1.0)
         new_signals = _signals(setting, allocation, probability)
         new_used = _used(setting, allocation, probability, new_signals)
-        moved = np.abs(np.concatenate([new_used / used, new_signals / np.where(signals, signals, np.inf)]) - 1.0)
+        moved = np.maximum(np.abs(new_used / used - 1.0), np.abs(signals / new_signals - 1.0))
         signals, used = new_signals, used + _DAMPING * (new_used - used)
         if (used <= 0.0).any():
             break
@@ -179,7 +179,7 @@ def _signals(setting: _Setting, allocation: FloatArray, probability: FloatArray)
         return np.asarray(growth / cuts)
     # Agents on which a signal is lost grow in that step; where nothing is left of the cuts, no share will do.
     net = cuts + growth - (setting.loss * alpha).sum(axis=0)
-    return np.minimum(growth / np.maximum(net, growth), 1.0)
+    return np.asarray(growth / np.maximum(net, growth))
 
 
 def _used(

@@ -140,9 +140,7 @@ def utilisation(
     return np.asarray(1.0 - n * (1.0 - beta) * gamma * mu / (2.0 * total))
 
 
-def price_in_bits(
-    n_agents: npt.ArrayLike, increase: npt.ArrayLike, capacity: npt.ArrayLike
-) -> FloatArray:
+def price_in_bits(n_agents: npt.ArrayLike, increase: npt.ArrayLike, capacity: npt.ArrayLike) -> FloatArray:
     """Price of using the capacity well, (1 - utilisation) * rho = n alpha / (2 C).
 
     Parameters
@@ -212,9 +210,7 @@ def peak_lift(
     latency counts in whole steps, rounded up, and the period is 1.  If latencies differ, the lift
     lies between those of the smallest and the largest.
     """
-    n, alpha, delay, look = arguments(
-        n_agents=n_agents, increase=increase, latency=latency, period=period
-    )
+    n, alpha, delay, look = arguments(n_agents=n_agents, increase=increase, latency=latency, period=period)
     return np.asarray(n * alpha * (delay + look))
 
 
