@@ -215,6 +215,8 @@ class AgentClocks:
         self.common = bool(np.ptp(phase) == 0.0 and np.ptp(period) == 0.0 and not jitter.any())
         self._shared = Clock(*self._numbers[0][1::-1])
         self._ticks = np.empty(1 if self.common else len(phase))
+        # All agents ask at the same instants where the clock is common.
+        self._asked, self._answer = -1.0, 0
 
     def time(self, agent: int, tick: int) -> float:
         """Return the time of an agent's tick.
@@ -251,7 +253,9 @@ class AgentClocks:
             At least 0.
         """
         if self.common:
-            return self._shared.next_tick(time)
+            if time != self._asked:
+                self._asked, self._answer = time, self._shared.next_tick(time)
+            return self._answer
         return int(_next_tick(*self._numbers[agent], self._key, agent, time))
 
     def next_ticks(self, time: float) -> FloatArray:

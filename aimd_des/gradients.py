@@ -152,8 +152,7 @@ def marginal_cost(costs: Costs, agent: int) -> Callable[[Sequence[float], int], 
         ``marginal(averages, resource) -> float`` with the agent's averages of all m resources.
     """
     if isinstance(costs, PolynomialCosts):
-        slopes = [_without_leading_zeros(row) for row in costs.slopes[:, agent, :].T]
-        return lambda averages, resource: _horner(slopes[resource], averages[resource])
+        return _polynomial_marginal_cost(costs, agent)
     if isinstance(costs, CoupledCosts):
         return _coupled_marginal_cost(costs, agent)
 
@@ -166,6 +165,21 @@ def marginal_cost(costs: Costs, agent: int) -> Callable[[Sequence[float], int], 
         return float(costs.gradient(everybody)[agent, resource])
 
     return one_of_all
+
+
+def _polynomial_marginal_cost(costs: PolynomialCosts, agent: int) -> Callable[[Sequence[float], int], float]:
+    slopes = [_without_leading_zeros(row) for row in costs.slopes[:, agent, :].T]
+    # Horner's scheme written out: processes spend a good part of their time here.
+    tops = [row[-1] for row in slopes]
+    rests = [row[-2::-1] for row in slopes]
+
+    def marginal(averages: Sequence[float], resource: int) -> float:
+        average, total = averages[resource], tops[resource]
+        for coefficient in rests[resource]:
+            total = total * average + coefficient
+        return total
+
+    return marginal
 
 
 def _coupled_marginal_cost(costs: CoupledCosts, agent: int) -> Callable[[Sequence[float], int], float]:

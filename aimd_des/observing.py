@@ -37,7 +37,7 @@ class ConstantPieces:
         self.system = system
         self.peak, self.above, self.excess = np.zeros((3, m))
         self.measured_to = 0.0
-        system.on_change.append(self._changed)
+        system.on_intervention.append(self._changed)
         system.env.process(self._follow_ticks())
 
     def _follow_ticks(self) -> ProcessGenerator:
@@ -117,7 +117,8 @@ class LinearPieces:
         self.running = np.zeros((m, 5))
         self.times = [array("d") for _ in range(m)]
         self.changes = [array("d") for _ in range(m)]
-        system.on_change.append(self._changed)
+        system.on_response.append(self._changed)
+        system.on_intervention.append(self._changed)
 
     def _changed(self, time: float, resource: int, change: float) -> None:
         self.times[resource].append(time)

@@ -58,8 +58,9 @@ class System:
         All signals so far.
     delivered, lost, in_flight, duplicated : ndarray of int, shape (m, n)
         Copies by what becomes of them; duplicates that arrive are counted apart.
-    on_change : list of callable
-        Called with (time, resource, change) when a total changes in an instant.
+    on_response, on_intervention : list of callable
+        Called with (time, resource, change) when an agent has responded to a signal, and when a
+        demand has been set from outside.
     """
 
     def __init__(
@@ -86,7 +87,8 @@ class System:
         self.state = start(m, n, self.grain)
         self.agents: list[Agent] = []
         self.sent: list[Broadcast] = []
-        self.on_change: list[Callable[[float, int, float], None]] = []
+        self.on_response: list[Callable[[float, int, float], None]] = []
+        self.on_intervention: list[Callable[[float, int, float], None]] = []
         self.delivered, self.lost, self.in_flight, self.duplicated = np.zeros((4, m, n), dtype=np.int64)
         self._numbers = [0] * m
         self._now = np.empty(1)
@@ -213,20 +215,8 @@ class System:
         state.demand[at], state.anchor[at] = demand, moment - self.grain
         if self.log is not None:
             self.log.add((self.env.now, Entry.CHANGE, resource, agent, -1, demand - before))
-        self.changed(resource, demand - before)
-
-    def changed(self, resource: int, change: float) -> None:
-        """Tell observers that a total changes at this instant.
-
-        Parameters
-        ----------
-        resource : int
-            j.
-        change : float
-            By how much, in units of the resource; negative for a response.
-        """
-        for tell in self.on_change:
-            tell(self.env.now, resource, change)
+        for tell in self.on_intervention:
+            tell(self.env.now, resource, demand - before)
 
     def broadcast(self, resource: int, delay: float = 0.0) -> None:
         """Send a capacity signal for one resource to all agents.

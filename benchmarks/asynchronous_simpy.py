@@ -68,7 +68,9 @@ class Camera:
 class Channel:
     """Loses some messages and delays the others."""
 
-    def __init__(self, env: simpy.Environment, latency: float, loss: float, luck: np.random.Generator) -> None:
+    def __init__(
+        self, env: simpy.Environment, latency: float, loss: float, luck: np.random.Generator
+    ) -> None:
         self.env = env
         self.latency = latency
         self.loss = loss

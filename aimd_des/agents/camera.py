@@ -97,26 +97,27 @@ class Camera:
             Index of the tick, or time.
         """
         demand, accumulated, anchor, responses, saturated = self.state
-        system, i, grain, increase = self.system, self.agent, self.system.grain, self.increase
+        folded, averages, increase = self._folded, self._averages, self.increase
+        system, i, log = self.system, self.agent, self.system.log
+        now, grain = system.env.now, system.grain
         # Averages are taken before any answer: coupled costs read all of them.
-        needed = [signal.resource for signal in signals] if self.separable else self.resources
-        for j in needed:
+        for j in [signal.resource for signal in signals] if self.separable else self.resources:
             since = moment - anchor[j][i]
-            folded = accumulated_at(accumulated[j][i], demand[j][i], increase[j], since, grain)
-            self._folded[j] = folded
-            self._averages[j] = time_average(folded, moment, grain)
+            folded[j] = accumulated_at(accumulated[j][i], demand[j][i], increase[j], since, grain)
+            averages[j] = time_average(folded[j], moment, grain)
         for signal in signals:
             j = signal.resource
             present = demand_at(demand[j][i], increase[j], moment - anchor[j][i], grain)
-            gradient = self.marginal_cost(self._averages, j)
-            probability = response_probability(self.normalization[j], gradient, self._averages[j])
-            decreases = system.response_draws(signal)[i] < probability
-            kept = present * self.decrease[j] if decreases else present
-            demand[j][i], accumulated[j][i], anchor[j][i] = kept, self._folded[j], moment
+            gradient = self.marginal_cost(averages, j)
+            probability = response_probability(self.normalization[j], gradient, averages[j])
+            kept, decreases = present, system.response_draws(signal)[i] < probability
             if decreases:
+                kept = present * self.decrease[j]
                 responses[j][i] += 1
                 saturated[j][i] += probability > 1.0
-                system.changed(j, kept - present)
-            if system.log is not None:
+                for tell in system.on_response:
+                    tell(now, j, kept - present)
+            demand[j][i], accumulated[j][i], anchor[j][i] = kept, folded[j], moment
+            if log is not None:
                 kind = Entry.RESPOND if decreases else Entry.HOLD
-                system.log.add((system.env.now, kind, j, i, signal.number, present - kept))
+                log.add((now, kind, j, i, signal.number, present - kept))

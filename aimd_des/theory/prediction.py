@@ -164,7 +164,8 @@ def _settled(setting: _Setting, signals: FloatArray, used: FloatArray) -> Optimu
     weights = weights / weights[0]  # exactly 1 where agents are alike
     if (weights == 1.0).all():
         return solve_optimum(problem, capacity=used)
-    if (weights == weights[:, :1]).all():
+    # Where resources differ in alpha alone, rounding may leave a last digit between their weights.
+    if (np.abs(weights - weights[:, :1]) <= 1e-12 * weights[:, :1]).all():
         weights = weights[:, 0]
     return reweighted_optimum(problem, weights, capacity=used)
 
