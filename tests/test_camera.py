@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from aimd_des import (
@@ -254,7 +254,6 @@ def assert_same(literal: Literal, result: Result) -> None:
     np.testing.assert_allclose(result.average_at_end, average, rtol=1e-9, atol=scale)
 
 
-@settings(max_examples=40)
 @given(
     problems(("polynomial", "coupled")),
     st.integers(0, 2**32),
@@ -273,7 +272,6 @@ def test_continuous_agents_are_the_model_event_by_event(
     assert_same(literal, simulate(problem, until, seed, **parts))
 
 
-@settings(max_examples=40)
 @given(
     problems(("polynomial", "coupled")),
     st.integers(0, 2**32),

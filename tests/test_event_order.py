@@ -583,7 +583,6 @@ class Schedule:
         return log
 
 
-@settings(max_examples=150)
 @given(st.data())
 def test_any_schedule_is_played_in_the_order_of_the_rules(data: st.DataObject) -> None:
     schedule = Schedule(data)

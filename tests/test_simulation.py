@@ -52,7 +52,7 @@ def test_behind_a_latency_of_up_to_a_period_it_is_the_synchronous_algorithm(
     latency: float, seed: int
 ) -> None:
     problem = smart_cameras(seed=seed)
-    recording = Recording(demand=1.0, allocations=500.0, tail=100)
+    recording = Recording(allocations=500.0, tail=100)
     reference = run_discrete(problem, steps=30_000, seed=seed, recording=recording)
     assert len(reference.signals) > 25_000
     assert_same_run(simulate(problem, 30_000, seed, latency=latency, recording=recording), reference)
@@ -63,7 +63,7 @@ def test_behind_a_latency_of_up_to_a_period_it_is_the_synchronous_algorithm(
 def test_without_latency_a_signal_acts_in_the_very_step(seed: int) -> None:
     # Signals are broadcast at a look, copies without latency arrive at once, and agents act after that.
     problem = smart_cameras(seed=seed)
-    recording = Recording(demand=1.0, allocations=500.0, tail=100)
+    recording = Recording(allocations=500.0, tail=100)
     at_once, printed = (
         run_discrete(problem, steps=30_000, seed=seed, lag=lag, recording=recording) for lag in (0, 1)
     )

@@ -186,8 +186,8 @@ def test_price_in_bits_is_paid_and_a_little_more_for_random_teeth() -> None:
 
 @pytest.mark.parametrize("latency", [0.0, 0.4])
 def test_every_peak_is_lifted_by_the_growth_over_the_latency(latency: float) -> None:
-    # A signal takes 4 in the mean, with a standard deviation of 1.4, and 0.8 suffices to fall below the capacity.
-    run = run_continuous(mixed_problem(), 500.0, 0, latency=latency, refractory=0.4)
+    # A signal takes 8 in the mean, and 0.8, four standard deviations less, brings demand below the capacity.
+    run = run_continuous(mixed_problem(probability=0.4), 500.0, 0, latency=latency, refractory=0.4)
     assert len(run.peaks) > 100
     assert run.peaks == pytest.approx(40.0 + float(theory.peak_lift(40, 0.05, latency)), rel=1e-12)
 
@@ -606,14 +606,17 @@ def test_allocation_at_leaves_nothing_to_agents_that_it_is_too_dear_for() -> Non
         theory.allocation_at(linear, [0.0])
 
 
-def test_allocation_at_gives_up_on_costs_that_have_no_single_solution() -> None:
-    # f = (x + y)**2 / 2 alone: with different derivatives wanted the sweeps drift for ever.
-    flat = CoupledCosts(
-        PolynomialCosts([1], [[[1e-9], [1e-9]]]), weights=[[1.0, 1.0]], sum_coefficients=[[0.5]]
-    )
-    problem = Problem([resource("a"), resource("b")], flat)
-    found = theory.allocation_at(problem, [1.0, 1.0])
-    assert problem.costs.gradient(found) == pytest.approx(np.ones((1, 2)))
+def test_allocation_at_gives_up_where_resources_are_next_to_one() -> None:
+    own = PolynomialCosts([1], [[[1e-9], [1e-9]]])
+    for coupling, settles in ((0.5, True), (0.9999, False)):
+        costs = CoupledCosts(own, quadratic=[[[1.0, coupling], [coupling, 1.0]]])
+        problem = Problem([resource("a"), resource("b")], costs)
+        if settles:
+            found = theory.allocation_at(problem, [1.0, 1.2])
+            assert problem.costs.gradient(found) == pytest.approx(np.array([[1.0, 1.2]]))
+        else:
+            with pytest.raises(SimulationError, match="sweeps"):
+                theory.allocation_at(problem, [1.0, 1.00001])
 
 
 # ---- classics
