@@ -54,8 +54,11 @@ def load_scenario(path: Path, **changes: Any) -> Scenario:
         return Scenario.model_validate({**data, **changes})
     except ValidationError as refusal:
         lines = _key_lines(text)
-        sentences = [_sentence(path, lines, error) for error in refusal.errors()]
-        raise InputError("\n".join(dict.fromkeys(sentences))) from None
+        # One sentence a place: where a value may have several forms, each of them complains.
+        sentences: dict[Path_, str] = {}
+        for error in refusal.errors():
+            sentences.setdefault(_without_branches(error["loc"]), _sentence(path, lines, error))
+        raise InputError("\n".join(sentences.values())) from None
 
 
 def _key_lines(text: str) -> dict[Path_, int]:
@@ -105,7 +108,7 @@ def _without_branches(location: Sequence[str | int]) -> Path_:
     """Drop what pydantic adds for the branches of a union, such as "list[float]"."""
     known: list[str | int] = []
     for part in location:
-        if isinstance(part, str) and (part in ("float", "int", "str") or re.match(r"(list|literal)\[", part)):
+        if isinstance(part, str) and (part in ("float", "int", "str") or re.match(r"(list|literal|dict)\[", part)):
             break
         known.append(part)
     return tuple(known)

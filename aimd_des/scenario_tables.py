@@ -5,6 +5,8 @@ from typing import Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, model_validator
 
 from aimd_des.channel import BroadcastChannel
+from aimd_des.channel.loss import Combined, Loss
+from aimd_des.channel.named import named_latency, named_loss
 from aimd_des.clock import Clocks
 from aimd_des.control_unit import ControlUnit, Crossing, Sampled
 from aimd_des.costs import PolynomialCosts
@@ -189,14 +191,18 @@ class ChannelTable(Table):
 
     Attributes
     ----------
-    latency, loss, duplication : float or list of float
+    latency : float, list of float or table
+        Constant, of all agents or of each; or a kind of latency with its parameters.
+    loss : float, list of float, table or list of tables
+        Probability, of all agents or of each; or a kind of loss with its parameters, or several.
+    duplication : float or list of float
         Of all agents or of each.
     fifo : bool
         Whether links keep the order.
     """
 
-    latency: float | list[float] = 0.0
-    loss: float | list[float] = 0.0
+    latency: float | list[float] | dict[str, Any] = 0.0
+    loss: float | list[float] | dict[str, Any] | list[dict[str, Any]] = 0.0
     duplication: float | list[float] = 0.0
     fifo: bool = False
 
@@ -213,7 +219,19 @@ class ChannelTable(Table):
         BroadcastChannel
             Checked.
         """
-        return BroadcastChannel(**dict(self))
+        latency = named_latency(self.latency) if isinstance(self.latency, dict) else self.latency
+        return BroadcastChannel(latency, self._losses(), self.duplication, self.fifo)
+
+    def _losses(self) -> Loss | float | list[float]:
+        """Tell numbers, one table and several tables apart."""
+        given = self.loss
+        if isinstance(given, dict):
+            return named_loss(given)
+        if isinstance(given, list):
+            tables = [part for part in given if isinstance(part, dict)]
+            numbers = [part for part in given if not isinstance(part, dict)]
+            return Combined(*map(named_loss, tables)) if tables else numbers
+        return given
 
 
 class ClocksTable(Table):

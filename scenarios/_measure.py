@@ -59,7 +59,7 @@ class Run:
     dynamics: Literal["discrete", "continuous"] = "discrete"
     control_unit: Sampled | Crossing = Sampled()
     latency: float = 0.0
-    loss: npt.ArrayLike = 0.0
+    loss: float | FloatArray = 0.0
     clocks: Clocks | None = None
 
 
@@ -103,7 +103,7 @@ class _Peaks:
         self._slope = system.law.increase.sum(axis=1).tolist()
         self._total, self._time = [0.0] * len(self._slope), [0.0] * len(self._slope)
         self.tops = [[] for _ in self._slope]
-        system.on_change.append(self._changed)
+        system.on_response.append(self._changed)
         yield from ()
 
     def _changed(self, time: float, resource: int, change: float) -> None:

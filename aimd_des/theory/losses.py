@@ -116,8 +116,9 @@ def critical_loss(
     Notes
     -----
     Loss p makes rho / (1 - p) signals necessary, and there can be 1 / r; on the clock e cannot exceed 1.
-    What is survived is a mean: near the limit the excess above capacity wanders widely, as a queue near
-    saturation does.
+    There more than the capacity is used at the limit, by (lag + 1) / 2 steps of growth, with a larger mu: a
+    little more loss is survived than the formula says.  What is survived is a mean: near the limit the
+    excess above capacity wanders widely, as a queue near saturation does.
     """
     check_dynamics(dynamics)
     rho, hold_off = arguments(rate=rate, refractory=refractory)

@@ -1,0 +1,204 @@
+"""Results from the literature on AIMD: synchronised agents, fixed probabilities, signals at random times."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from aimd_des import theory
+from aimd_des.checks import FloatArray
+from aimd_des.control_unit import Crossing
+from aimd_des.costs import PolynomialCosts
+from aimd_des.environment import Kind
+from aimd_des.problem import Problem, Resource
+from aimd_des.recording import Recording
+from aimd_des.results import Result
+from aimd_des.simulation import Simulation
+from aimd_des.system import System
+from aimd_des.transport import ProcessGenerator
+from scenarios._theory_rows import Experiment, Row, Rule, Size, estimated
+
+__all__ = ["classics"]
+
+_TWO_PERCENT = Rule("relative", 0.02, "within 2 %")
+_EXACT = Rule("relative", 0.002, "within 0.2 %")
+_AGENTS = 20
+
+
+def _problem(increase: Any, decrease: Any, probability: FloatArray, capacity: float) -> Problem:
+    """Make a problem in which agents respond with fixed probabilities: costs are c_i x**2, and Gamma is 1/2."""
+    resource = Resource("all", capacity, increase, decrease, 0.5)
+    return Problem([resource], PolynomialCosts([2], probability[:, None, None]))
+
+
+def _continuous(problem: Problem, unit: Any, seed: int, until: float, recording: Recording) -> Result:
+    simulation = Simulation(
+        problem, dynamics="continuous", control_unit=unit, seed=seed, recording=recording
+    )
+    return simulation.run(until)
+
+
+def _intervals(result: Result) -> float:
+    """Average the time between signals, over the second half of them."""
+    times = result.signals_sent.time
+    return float(np.diff(times[len(times) // 2 :]).mean())
+
+
+def _synchronised(until: float, seed: int) -> dict[str, float]:
+    """Draw increases and decreases, let all respond to every signal, and compare with the fixed point."""
+    rng = np.random.default_rng([2018, seed])
+    alpha, beta = rng.uniform(0.5, 1.5, _AGENTS) / _AGENTS, rng.uniform(0.3, 0.8, _AGENTS)
+    problem = _problem(alpha, beta, np.ones(_AGENTS), 4.0)
+    start = until / 2
+    result = _continuous(problem, Crossing(0.0), seed, until, Recording([start], [start]))
+    held = result.observations.average[:, 0]
+    mean = (until * held[-1] - start * held[0]) / (until - start)
+    saw = 0.5 * (1.0 + beta) * theory.event_mean(4.0, alpha, beta)
+    return {
+        "period": _intervals(result) / float(theory.event_interval(4.0, alpha, beta)),
+        "utilisation": mean.sum() / 4.0 / float(theory.synchronised_utilisation(alpha, beta)),
+        "shares": float(1.0 - np.abs(mean - saw).sum() / saw.sum()),
+    }
+
+
+def _mixed() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Give agents that differ in everything: alpha, beta, probability."""
+    rng = np.random.default_rng(2018)
+    alpha = rng.uniform(0.5, 1.5, _AGENTS) / _AGENTS
+    return alpha, rng.uniform(0.3, 0.8, _AGENTS), rng.uniform(0.1, 0.6, _AGENTS)
+
+
+def _fixed_probabilities(until: float, seed: int) -> dict[str, Any]:
+    """Measure shares at events: who responds is drawn apart, so responders are a fair sample."""
+    alpha, beta, chance = _mixed()
+    problem = _problem(alpha, beta, chance, 8.0)
+    recording = Recording("end", "end", overshoot=False, events=True)
+    result = _continuous(problem, Crossing(0.0), seed, until, recording)
+    log = result.events
+    cuts = log[(log["kind"] == "respond") & (log["time"] >= until / 5)]
+    taken = cuts.groupby(cuts["agent"].cat.codes)["value"].mean()
+    return {
+        "interval": _intervals(result),
+        "shares": taken.reindex(range(_AGENTS)).to_numpy() / (1.0 - beta),
+    }
+
+
+class _Drawn:
+    """A control unit that signals at random times, whatever total demand is.
+
+    Parameters
+    ----------
+    seed : int
+        Of the times.
+    rate : float
+        Signals per unit of time, or per unit of time and of total demand.
+    per_demand : bool
+        Which of the two.
+    """
+
+    def __init__(self, seed: int, rate: float, *, per_demand: bool = False) -> None:
+        self.random = np.random.default_rng([2018, seed])
+        self.rate, self.per_demand = rate, per_demand
+
+    def process(self, system: System) -> ProcessGenerator:
+        """Signal when the integral of the rate has reached the next exponential number."""
+        slope = float(system.law.increase[0].sum())
+        while True:
+            wait = self.random.exponential() / self.rate
+            if self.per_demand:
+                held = system.total(0)
+                wait = 2.0 * wait / (held + np.sqrt(held * held + 2.0 * slope * wait))
+            yield system.env.at(system.env.now + wait, Kind.SENSE)
+            system.broadcast(0)
+
+
+def _poisson(until: float, seed: int) -> dict[str, float]:
+    """Take moments of agents with alpha 1 and beta 0.5 that answer every other one of the signals."""
+    problem = _problem(1.0, 0.5, np.full(_AGENTS, 0.5), 1000.0)
+    looks = np.arange(until / 5, until, 0.5)
+    result = _continuous(
+        problem, _Drawn(seed, 1.0), seed, until, Recording("end", looks, overshoot=False)
+    )
+    held = result.observations.demand
+    return {"first": float(held.mean()), "second": float((held**2).mean())}
+
+
+def _flow(until: float, seed: int) -> dict[str, float]:
+    """Let each packet of one flow be lost with probability 0.002."""
+    problem = _problem(1.0, 0.5, np.ones(1), 1e6)
+    start = until / 5
+    unit = _Drawn(seed, 0.002, per_demand=True)
+    result = _continuous(problem, unit, seed, until, Recording("end", [start], overshoot=False))
+    held = result.observations.average[:, 0, 0]
+    return {"mean": float((until * held[-1] - start * held[0]) / (until - start))}
+
+
+def classics(size: Size) -> Experiment:
+    """Set up runs of small systems with fixed response probabilities.
+
+    Parameters
+    ----------
+    size : Size
+        How much to run.
+
+    Returns
+    -------
+    Experiment
+        Of the classical formulas.
+    """
+    jobs: list[Callable[[int], Any]] = [
+        partial(_synchronised, size.until),
+        partial(_fixed_probabilities, size.until),
+        partial(_poisson, size.until),
+        partial(_flow, 20 * size.until),
+    ]
+    return Experiment(jobs, _rows)
+
+
+def _row(formula: str, setting: str, values: Any, predicted: float, rule: Rule) -> list[Row]:
+    return estimated(
+        np.asarray(values)[:, None],
+        [predicted],
+        ["all"],
+        formula=formula,
+        setting=setting,
+        normalization=0.5,
+        hold_off=0.0,
+        rule=rule,
+    )
+
+
+def _rows(outcomes: list[list[dict[str, Any]]]) -> list[Row]:
+    together, apart, poisson, flow = outcomes
+    words, drawn = "Synchronised agents, over theory", "alpha and beta drawn for each replication"
+    names = {
+        "period": "period",
+        "utilisation": "mean utilisation",
+        "shares": "shares (1 − sum of deviations over sum)",
+    }
+    rows: list[Row] = []
+    for key, name in names.items():
+        rows += _row(f"{words}: {name}", drawn, [run[key] for run in together], 1.0, _EXACT)
+    alpha, beta, chance = _mixed()
+    mixed = "alpha, beta and lambda differ"
+    interval = float(theory.event_interval(8.0, alpha, beta, chance))
+    found = [run["interval"] for run in apart]
+    rows += _row("Fixed probabilities: time between events", mixed, found, interval, _TWO_PERCENT)
+    wanted = theory.event_mean(8.0, alpha, beta, chance)
+    shares = np.array([run["shares"] for run in apart])
+    # Over theory and averaged over the agents: each of them should be 1.
+    rows += _row(
+        "Fixed probabilities: share at events, over theory", mixed, (shares / wanted).mean(axis=1), 1.0, _TWO_PERCENT
+    )
+    worst = int(np.abs(shares.mean(axis=0) / wanted - 1.0).argmax())
+    name = f"Fixed probabilities: share at events, agent {worst}, the farthest"
+    rows += _row(name, mixed, shares[:, worst], float(wanted[worst]), _TWO_PERCENT)
+    for order, key in ((1, "first"), (2, "second")):
+        predicted = float(theory.poisson_moment(1.0, 0.5, 0.5, order))
+        values = [run[key] for run in poisson]
+        rows += _row(f"Poisson signals: {key} moment", "alpha 1, beta 0.5, rate 0.5", values, predicted, _TWO_PERCENT)
+    rate = float(theory.square_root_law(1.0, 0.5, 0.002, "per_packet"))
+    values = [run["mean"] for run in flow]
+    rows += _row("Square-root law, a loss per packet", "alpha 1, beta 0.5, loss 0.002", values, rate, _TWO_PERCENT)
+    return rows

@@ -1,0 +1,298 @@
+"""Loss: which optimum is reached, how agents make good for it, and how much is survived."""
+
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+
+from aimd_des import theory
+from aimd_des.checks import FloatArray
+from aimd_des.control_unit import Crossing, Sampled
+from aimd_des.costs import PolynomialCosts, weighted_costs
+from aimd_des.optimum import solve_optimum
+from aimd_des.problem import Problem
+from models.smart_cameras import smart_cameras
+from scenarios._measure import Measures, Run, distance, measure
+from scenarios._theory_rows import Experiment, Row, Rule, Size, estimated
+
+__all__ = ["compensated", "critical", "heterogeneous", "memory_alone", "runaway", "spread_losses"]
+
+_NEAR = Rule("difference", 0.02, "at most 2 %")
+_FAR = Rule("at least", 0.0, "at least 5 times")
+_LOCATED = Rule("difference", 0.05, "within 0.05")
+
+_Dynamics = Literal["discrete", "continuous"]
+_BOTH: tuple[_Dynamics, ...] = ("continuous", "discrete")
+
+# Demand has run away where the control unit signals at practically every opportunity.
+_RUN_AWAY = 0.99
+
+
+def spread_losses(top: float, n: int = 60) -> FloatArray:
+    """Spread losses evenly over the agents, in an order that has nothing to do with their costs.
+
+    Parameters
+    ----------
+    top : float
+        The largest; the smallest is 0.
+    n : int
+        How many agents.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Probabilities.
+    """
+    return np.random.default_rng(2018).permutation(np.linspace(0.0, top, n))
+
+
+def memory_alone(n: int = 60, normalization: float = 1 / 90) -> Problem:
+    """Take the memory of the paper's system by itself: the costs do not couple resources.
+
+    Parameters
+    ----------
+    n : int
+        Cameras.
+    normalization : float
+        Gamma.
+
+    Returns
+    -------
+    Problem
+        One resource.
+    """
+    full = smart_cameras(0, n_cameras=n, normalization=normalization)
+    costs = full.costs
+    assert isinstance(costs, PolynomialCosts)  # noqa: S101 - the model's costs are
+    return Problem(full.resources[:1], PolynomialCosts(costs.exponents, costs.coefficients[:, :1]))
+
+
+def _run(dynamics: _Dynamics, problem: Problem, size: Size, hold_off: float, loss: Any) -> Run:
+    unit = Sampled() if dynamics == "discrete" else Crossing(hold_off)
+    latency = 1.0 if dynamics == "discrete" else 0.0
+    return Run(problem, size.until, size.start, dynamics, unit, latency, loss)
+
+
+def _words(dynamics: str, loss: str) -> str:
+    return f"{'clock, one step later' if dynamics == 'discrete' else 'continuous, crossing'}, loss {loss}"
+
+
+def _jackknife(averages: list[FloatArray], measure_of: Any) -> tuple[FloatArray, FloatArray]:
+    """Measure the mean of the averages over all replications, and the error of that by leaving one out."""
+    stack, count = np.stack(averages), len(averages)
+    whole = measure_of(stack.mean(axis=0))
+    if count == 1:
+        return whole, np.full_like(whole, np.nan)
+    parts = np.stack([measure_of(np.delete(stack, out, axis=0).mean(axis=0)) for out in range(count)])
+    return whole, np.sqrt((count - 1) / count * ((parts - parts.mean(axis=0)) ** 2).sum(axis=0))
+
+
+def _pooled(
+    runs: list[Measures], measure_of: Any, names: tuple[str, ...], predicted: float, **labels: Any
+) -> list[Row]:
+    value, error = _jackknife([run.average for run in runs], measure_of)
+    return [
+        Row(
+            resource=name,
+            predicted=predicted,
+            mean=float(value[j]),
+            standard_error=float(error[j]),
+            **labels,
+        )
+        for j, name in enumerate(names)
+    ]
+
+
+def heterogeneous(size: Size) -> Experiment:
+    """Set up runs in which every agent has a loss of its own, from 0 to 0.6.
+
+    Parameters
+    ----------
+    size : Size
+        How much to run.
+
+    Returns
+    -------
+    Experiment
+        Of the distance to the reweighted and to the plain optimum.
+    """
+    problem, loss = smart_cameras(0), spread_losses(0.6)
+    runs = [_run(dynamics, problem, size, 0.25, loss) for dynamics in _BOTH]
+    return Experiment([partial(measure, run) for run in runs], partial(_heterogeneous_rows, runs))
+
+
+def _heterogeneous_rows(runs: list[Run], outcomes: list[list[Measures]]) -> list[Row]:
+    rows: list[Row] = []
+    for run, measures in zip(runs, outcomes, strict=True):
+        problem, loss = run.problem, np.asarray(run.loss)
+        share: FloatArray | float = 0.0
+        if run.dynamics == "discrete":
+            share = theory.predict(problem, "discrete", latency=1.0, loss=loss).signals
+        weights = theory.loss_weights(loss[:, None], share) * np.ones((1, problem.n_resources))
+
+        def near(average: FloatArray, problem: Problem = problem, weights: FloatArray = weights) -> FloatArray:
+            return distance(problem, average, weights)
+
+        def ratio(average: FloatArray, problem: Problem = problem, weights: FloatArray = weights) -> FloatArray:
+            return distance(problem, average) / distance(problem, average, weights)
+
+        labels = {
+            "setting": _words(run.dynamics, "0 to 0.6"),
+            "normalization": float(problem.normalization[0]),
+            "hold_off": 1.0 if run.dynamics == "discrete" else 0.25,
+        }
+        names, what = problem.resource_names, "Loss that differs: distance of the averages from the"
+        rows += _pooled(measures, near, names, 0.0, formula=f"{what} reweighted optimum", rule=_NEAR, **labels)
+        words = f"{what} plain optimum, over that from the reweighted"
+        rows += _pooled(measures, ratio, names, 5.0, formula=words, rule=_FAR, **labels)
+    return sorted(rows, key=lambda row: row.rule is _FAR)
+
+
+def compensated(size: Size) -> Experiment:
+    """Set up runs in which agents know their loss and make good for it.
+
+    Parameters
+    ----------
+    size : Size
+        How much to run.
+
+    Returns
+    -------
+    Experiment
+        Of the distance to the plain optimum, with Gamma and losses such that no response saturates.
+    """
+    plain = smart_cameras(0, normalization=1 / 180)
+    runs, tops = [], {"continuous": 0.5, "discrete": 0.3}
+    for dynamics in _BOTH:
+        loss = spread_losses(tops[dynamics])
+        clock = dynamics == "discrete"
+        expected = theory.predict(plain, dynamics, latency=float(clock))
+        share = expected.signals if clock else np.zeros(plain.n_resources)
+        chance = theory.compensated_probability(expected.probability, loss[:, None], share)
+        costs = weighted_costs(plain.costs, chance / expected.probability)
+        runs.append(_run(dynamics, Problem(plain.resources, costs), size, 0.25, loss))
+    return Experiment([partial(measure, run) for run in runs], partial(_compensated_rows, plain, runs))
+
+
+def _compensated_rows(plain: Problem, runs: list[Run], outcomes: list[list[Measures]]) -> list[Row]:
+    rows: list[Row] = []
+    for run, measures in zip(runs, outcomes, strict=True):
+        labels = {
+            "setting": _words(run.dynamics, f"0 to {np.max(run.loss):g}"),
+            "normalization": float(plain.normalization[0]),
+            "hold_off": 1.0 if run.dynamics == "discrete" else 0.25,
+        }
+        words = "Loss made good for: distance of the averages from the plain optimum"
+        rows += _pooled(
+            measures,
+            partial(distance, plain),
+            plain.resource_names,
+            0.0,
+            formula=words,
+            rule=_NEAR,
+            **labels,
+        )
+        words = "Loss made good for: share of responses with a probability above 1"
+        shares = [run.saturated for run in measures]
+        rows += estimated(shares, np.zeros(plain.n_resources), plain.resource_names, formula=words, **labels)
+    return sorted(rows, key=lambda row: "share of" in row.formula)
+
+
+def critical(size: Size) -> Experiment:
+    """Set up searches for the loss from which on total demand runs away.
+
+    Parameters
+    ----------
+    size : Size
+        How much to run.
+
+    Returns
+    -------
+    Experiment
+        Of the critical loss, for memory alone and a large number of agents.
+    """
+    problem = memory_alone(size.agents)
+    jobs = [partial(_locate, problem, dynamics, size) for dynamics in _BOTH]
+    return Experiment(list(jobs), partial(_critical_rows, problem))
+
+
+def _locate(problem: Problem, dynamics: _Dynamics, size: Size, seed: int) -> float:
+    """Halve the interval in which the critical loss lies, again and again."""
+    low, high = 0.05, 0.95
+    for _ in range(size.halvings):
+        loss = 0.5 * (low + high)
+        until = size.critical_until
+        unit = Sampled() if dynamics == "discrete" else Crossing(1.0)
+        run = Run(problem, until, until / 2, dynamics, unit, 0.0, loss)
+        if measure(run, seed).signals[0] >= _RUN_AWAY:
+            high = loss
+        else:
+            low = loss
+    return 0.5 * (low + high)
+
+
+def _predicted_critical(problem: Problem, dynamics: _Dynamics) -> float:
+    mu = solve_optimum(problem).multipliers
+    rho = theory.signal_rate(problem.increase[0], problem.decrease[0], problem.normalization, mu)
+    return float(theory.critical_loss(rho, dynamics, refractory=1.0)[0])
+
+
+def _critical_rows(problem: Problem, outcomes: list[list[float]]) -> list[Row]:
+    rows: list[Row] = []
+    for dynamics, found in zip(_BOTH, outcomes, strict=True):
+        rows += estimated(
+            np.array(found)[:, None],
+            _predicted_critical(problem, dynamics),
+            problem.resource_names,
+            formula="Critical loss",
+            setting=f"{_words(dynamics, 'the same for all').replace(', one step later', '')}, n {problem.n_agents}",
+            normalization=float(problem.normalization[0]),
+            hold_off=1.0,
+            rule=_LOCATED,
+        )
+    return rows
+
+
+def runaway(size: Size) -> Experiment:
+    """Set up runs beyond the critical loss.
+
+    Parameters
+    ----------
+    size : Size
+        How much to run.
+
+    Returns
+    -------
+    Experiment
+        Of the total demand at which memory alone comes to rest.
+    """
+    problem, runs = memory_alone(), []
+    for dynamics in _BOTH:
+        loss = round(_predicted_critical(problem, dynamics) + 0.15, 2)
+        runs.append(_run(dynamics, problem, size, 1.0, loss))
+    return Experiment([partial(measure, run) for run in runs], partial(_runaway_rows, runs))
+
+
+def _runaway_rows(runs: list[Run], outcomes: list[list[Measures]]) -> list[Row]:
+    rows: list[Row] = []
+    for run, measures in zip(runs, outcomes, strict=True):
+        problem = run.problem
+        mu = theory.runaway_multiplier(
+            problem.increase[0],
+            problem.decrease[0],
+            problem.normalization,
+            run.loss,
+            run.dynamics,
+            refractory=1.0,
+        )
+        level = theory.allocation_at(problem, mu).sum(axis=0) / problem.capacity
+        rows += estimated(
+            [row.utilisation for row in measures],
+            level,
+            problem.resource_names,
+            formula="Beyond the critical loss: mean total demand over capacity",
+            setting=_words(run.dynamics, f"{np.max(run.loss):g}"),
+            normalization=float(problem.normalization[0]),
+            hold_off=1.0,
+        )
+    return rows

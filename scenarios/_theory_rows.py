@@ -1,0 +1,260 @@
+"""Rows of the table of closed forms: prediction, measurement, and whether the one may be trusted."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from aimd_des.checks import FloatArray
+from scenarios._replicate import mean_and_error
+
+__all__ = ["Experiment", "Row", "Rule", "Size", "estimated", "frame", "markdown", "readable"]
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is run.
+
+    Attributes
+    ----------
+    replications : int
+        Of everything.
+    until, start : float
+        Length of event-driven runs, and the time from which they are measured.
+    steps : int
+        Length of synchronous runs.
+    critical_until : float
+        Length of runs in the search for the critical loss.
+    halvings : int
+        Steps of that search.
+    agents : int
+        In that search.
+    """
+
+    replications: int
+    until: float
+    start: float
+    steps: int
+    critical_until: float
+    halvings: int
+    agents: int
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What is claimed of a formula.
+
+    Attributes
+    ----------
+    kind : {"relative", "difference", "at least"}
+        Whether the deviation counts over the prediction or as it is, or the prediction is a bound.
+    tolerance : float
+        Largest deviation.
+    words : str
+        The same for readers.
+    """
+
+    kind: str
+    tolerance: float
+    words: str
+
+    def holds(self, predicted: float, mean: float) -> bool:
+        """Say whether a measurement agrees.
+
+        Parameters
+        ----------
+        predicted, mean : float
+            By theory, and measured.
+
+        Returns
+        -------
+        bool
+            False for NaN.
+        """
+        if self.kind == "at least":
+            return mean >= predicted
+        scale = abs(predicted) if self.kind == "relative" else 1.0
+        return abs(mean - predicted) <= self.tolerance * scale
+
+
+@dataclass(frozen=True)
+class Row:
+    """One number of theory beside its measurement.
+
+    Attributes
+    ----------
+    formula, setting, resource : str
+        What was predicted, for what, of which resource.
+    normalization, hold_off : float
+        Gamma, and the least time between two signals.
+    predicted, mean, standard_error : float
+        In the units of the quantity.
+    rule : Rule, optional
+        Without one the deviation is only shown.
+    """
+
+    formula: str
+    setting: str
+    resource: str
+    normalization: float
+    hold_off: float
+    predicted: float
+    mean: float
+    standard_error: float
+    rule: Rule | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """Runs, and what to make of them.
+
+    Attributes
+    ----------
+    jobs : list of callable
+        Each takes a seed.
+    rows : callable
+        Makes rows of the outcomes of all jobs, a list of replications for each.
+    """
+
+    jobs: list[Callable[[int], Any]]
+    rows: Callable[[list[list[Any]]], list[Row]]
+
+
+def estimated(
+    values: npt.ArrayLike, predicted: npt.ArrayLike, resources: Sequence[str], **labels: Any
+) -> list[Row]:
+    """Make a row for each resource from replications.
+
+    Parameters
+    ----------
+    values : array_like, shape (r, m)
+        Measured in each replication.
+    predicted : array_like, shape (m,)
+        By theory.
+    resources : sequence of str
+        m names.
+    **labels
+        The other fields of a row.
+
+    Returns
+    -------
+    list of Row
+        m rows.
+    """
+    mean, error = mean_and_error(values)
+    wanted: FloatArray = np.broadcast_to(np.asarray(predicted, dtype=np.float64), mean.shape)
+    return [
+        Row(
+            resource=name,
+            predicted=float(wanted[j]),
+            mean=float(mean[j]),
+            standard_error=float(error[j]),
+            **labels,
+        )
+        for j, name in enumerate(resources)
+    ]
+
+
+def frame(rows: Sequence[Row]) -> pd.DataFrame:
+    """Put rows into a table.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        All of them.
+
+    Returns
+    -------
+    DataFrame
+        Columns: formula, setting, resource, normalization, hold_off, predicted, mean,
+        standard_error, deviation, relative_deviation, deviation_in_errors (NaN where the error is
+        0 or rounding), claim (empty where a deviation is only shown), holds (yes, no or empty).
+    """
+    table = []
+    for row in rows:
+        deviation = row.mean - row.predicted
+        noisy = row.standard_error > 1e-12 * max(abs(row.mean), 1e-300)
+        bound = row.rule is not None and row.rule.kind == "at least"
+        verdict = "" if row.rule is None else "yes" if row.rule.holds(row.predicted, row.mean) else "no"
+        table.append(
+            {
+                "formula": row.formula,
+                "setting": row.setting,
+                "resource": row.resource,
+                "normalization": row.normalization,
+                "hold_off": row.hold_off,
+                "predicted": row.predicted,
+                "mean": row.mean,
+                "standard_error": row.standard_error,
+                "deviation": deviation,
+                "relative_deviation": np.nan if bound or not row.predicted else deviation / row.predicted,
+                "deviation_in_errors": deviation / row.standard_error if noisy and not bound else np.nan,
+                "claim": "" if row.rule is None else row.rule.words,
+                "holds": verdict,
+            }
+        )
+    return pd.DataFrame(table)
+
+
+_HEADER = ("setting", "Gamma", "hold-off", "of", "theory", "simulation", "deviation", "claim", "holds")
+
+
+def readable(table: pd.DataFrame) -> pd.DataFrame:
+    """Write the numbers of the table for readers.
+
+    Parameters
+    ----------
+    table : DataFrame
+        As from `frame`.
+
+    Returns
+    -------
+    DataFrame
+        Text.
+    """
+    lines = []
+    for row in table.to_dict("records"):
+        relative, errors = row["relative_deviation"], row["deviation_in_errors"]
+        parts = [
+            f"{row['deviation']:+.4f}" if np.isnan(relative) else f"{100 * relative:+.2f} %",
+            "" if np.isnan(errors) else f"({errors:+.1f} se)",
+        ]
+        bound = row["claim"].startswith("at least")
+        cells = [
+            row["formula"],
+            row["setting"],
+            f"1/{1 / row['normalization']:.4g}" if row["normalization"] > 0 else "",
+            "" if np.isnan(row["hold_off"]) else f"{row['hold_off']:g}",
+            row["resource"],
+            f"{'≥ ' if bound else ''}{row['predicted']:.4f}",
+            f"{row['mean']:.4f} ± {row['standard_error']:.4f}",
+            "" if bound else " ".join(filter(None, parts)),
+            row["claim"],
+            row["holds"],
+        ]
+        lines.append(dict(zip(("formula", *_HEADER), cells, strict=True)))
+    return pd.DataFrame(lines)
+
+
+def markdown(table: pd.DataFrame) -> str:
+    """Write the table as Markdown, a section for each formula.
+
+    Parameters
+    ----------
+    table : DataFrame
+        As from `frame`.
+
+    Returns
+    -------
+    str
+        Headings and tables.
+    """
+    lines = []
+    for formula, rows in readable(table).groupby("formula", sort=False):
+        lines += [f"### {formula}", "", f"| {' | '.join(_HEADER)} |", "|---|" + "---:|" * (len(_HEADER) - 1)]
+        lines += [f"| {' | '.join(cells)} |" for cells in rows[list(_HEADER)].itertuples(index=False)]
+        lines.append("")
+    return "\n".join(lines)
