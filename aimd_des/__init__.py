@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from aimd_des import theory
     from aimd_des.agents import Camera
     from aimd_des.channel import BroadcastChannel, latency, loss
     from aimd_des.clock import Clocks
@@ -45,7 +46,11 @@ _HOME = {
     "run_discrete": "discrete",
     "solve_optimum": "optimum",
 }
-_MODULES = {"latency": "aimd_des.channel.latency", "loss": "aimd_des.channel.loss"}
+_MODULES = {
+    "latency": "aimd_des.channel.latency",
+    "loss": "aimd_des.channel.loss",
+    "theory": "aimd_des.theory",
+}
 
 __all__ = [
     "BroadcastChannel",
@@ -71,6 +76,7 @@ __all__ = [
     "normalization_factors",
     "run_discrete",
     "solve_optimum",
+    "theory",
 ]
 
 

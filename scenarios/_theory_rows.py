@@ -11,7 +11,7 @@ import pandas as pd
 from aimd_des.checks import FloatArray
 from scenarios._replicate import mean_and_error
 
-__all__ = ["Experiment", "Row", "Rule", "Size", "estimated", "frame", "markdown", "readable"]
+__all__ = ["Experiment", "Row", "Rule", "Size", "digest", "estimated", "frame", "markdown"]
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ def frame(rows: Sequence[Row]) -> pd.DataFrame:
 _HEADER = ("setting", "Gamma", "hold-off", "of", "theory", "simulation", "deviation", "claim", "holds")
 
 
-def readable(table: pd.DataFrame) -> pd.DataFrame:
+def _readable(table: pd.DataFrame) -> pd.DataFrame:
     """Write the numbers of the table for readers.
 
     Parameters
@@ -239,6 +239,36 @@ def readable(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(lines)
 
 
+def digest(table: pd.DataFrame) -> pd.DataFrame:
+    """Sum up the table, a line for each formula.
+
+    Parameters
+    ----------
+    table : DataFrame
+        As from `frame`.
+
+    Returns
+    -------
+    DataFrame
+        Text: formula, rows, deviations (the least and the largest), claim, holds.
+    """
+    lines = []
+    for formula, rows in table.groupby("formula", sort=False):
+        claim = " ".join(dict.fromkeys(filter(None, rows["claim"])))
+        relative = rows["relative_deviation"]
+        if claim.startswith("at least"):
+            span = f"{rows['mean'].min():.1f} to {rows['mean'].max():.1f} times"
+        elif relative.isna().any():
+            span = f"{rows['deviation'].min():+.4f} to {rows['deviation'].max():+.4f}"
+        else:
+            span = f"{100 * relative.min():+.2f} to {100 * relative.max():+.2f} %"
+        claimed = rows["holds"] != ""
+        verdict = f"{(rows['holds'] == 'yes').sum()} of {claimed.sum()}" if claimed.any() else ""
+        cells = (str(formula), str(len(rows)), span, claim, verdict)
+        lines.append(dict(zip(("formula", "rows", "deviations", "claim", "holds"), cells, strict=True)))
+    return pd.DataFrame(lines)
+
+
 def markdown(table: pd.DataFrame) -> str:
     """Write the table as Markdown, a section for each formula.
 
@@ -253,7 +283,7 @@ def markdown(table: pd.DataFrame) -> str:
         Headings and tables.
     """
     lines = []
-    for formula, rows in readable(table).groupby("formula", sort=False):
+    for formula, rows in _readable(table).groupby("formula", sort=False):
         lines += [f"### {formula}", "", f"| {' | '.join(_HEADER)} |", "|---|" + "---:|" * (len(_HEADER) - 1)]
         lines += [f"| {' | '.join(cells)} |" for cells in rows[list(_HEADER)].itertuples(index=False)]
         lines.append("")
