@@ -12,7 +12,7 @@ from aimd_des.checks import FloatArray
 from aimd_des.clock import AgentClocks, Clocks
 from aimd_des.environment import OrderedEnvironment
 from aimd_des.log import Entry, EventLog
-from aimd_des.population import law_of, observe, start, total_of, totals
+from aimd_des.population import State, law_of, observe, start, total_of, totals
 from aimd_des.problem import Problem
 from aimd_des.response import CONTINUOUS, DISCRETE, accumulated_at, demand_at, time_average
 from aimd_des.streams import Purpose
@@ -48,6 +48,9 @@ class System:
         Decides when something happens.
     state, law : State, Law
         State of all agents and parameters of their rule, as arrays of shape (m, n).
+    rows : State
+        The same memory as views of rows, which hand out Python's numbers: several times faster
+        than NumPy's, one at a time.
     agents : list of Agent
         The agents in the order of their index.
     clocks : AgentClocks or None
@@ -85,6 +88,7 @@ class System:
         self.grain = CONTINUOUS if clocks is None else DISCRETE
         self.law = law_of(problem)
         self.state = start(m, n, self.grain)
+        self.rows = State(*([memoryview(row) for row in array] for array in self.state))  # type: ignore[arg-type]
         self.agents: list[Agent] = []
         self.sent: list[Broadcast] = []
         self.on_response: list[Callable[[float, int, float], None]] = []

@@ -39,10 +39,10 @@ __all__ = ["main"]
 LATENCY, LOSS, HOLD_OFF = 0.5, 0.1, 1.0
 WARM_UP = 50.0  # long enough for the first signals of every resource, so that all that is used is compiled
 TOLERANCE = 0.02
-STRAIGHT = "SimPy, straight"
+STRAIGHT = "SimPy, by the book"
 COLUMNS = (
     "program",
-    "deliveries\nper CPU s",
+    "deliver-\nies per\nCPU s",
     "over\nSimPy",
     "CPU s,\nbest",
     "CPU s,\nmedian",
@@ -55,11 +55,11 @@ COLUMNS = (
     "the run,\nMiB",
 )
 LEGEND = (
-    "CPU seconds of all threads, compiling not counted.  Deliveries per second are those of the best run; 'over\n"
-    f"SimPy' is their ratio to '{STRAIGHT}'.  'off' is the largest relative difference from the first\n"
-    f"program on any resource, means over the runs; above {TOLERANCE:.0%} the work is not the same and no\n"
-    "ratio is given.  'alone' and the memory are of one run in a process of its own, start and imports\n"
-    "included; 'the run' is how far it lifts the peak.\n"
+    "CPU seconds of all threads, compiling not counted.  Deliveries per second are those of the best run, and\n"
+    f"'over SimPy' is their ratio to '{STRAIGHT}'.  'off' is the largest relative difference from the first\n"
+    f"program on any resource, means over the runs; above {TOLERANCE:.0%} the work is not the same and no ratio is\n"
+    "given.  'alone' and the memory are of one run in a process of its own, start and imports included;\n"
+    "'the run' is how far the run itself lifts the peak."
 )
 
 

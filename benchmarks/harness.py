@@ -237,7 +237,7 @@ def machine(packages: Sequence[str] = ()) -> dict[str, str]:
 
 def console() -> Console:
     """A console wide enough for a table where the output is a file or a pipe."""
-    return Console(width=None if sys.stdout.isatty() else 130, highlight=False)
+    return Console(width=None if sys.stdout.isatty() else 140, highlight=False)
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:

@@ -1,12 +1,14 @@
 """One run of the paper's system, or one like it, and what is measured after its start has died away."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from aimd_des import metrics
 from aimd_des.channel import BroadcastChannel
@@ -24,8 +26,11 @@ from aimd_des.simulation import Simulation
 from aimd_des.system import System
 from aimd_des.theory import reweighted_optimum
 from aimd_des.transport import ProcessGenerator
+from scenarios._replicate import replicate, summarise
 
-__all__ = ["Measures", "Run", "distance", "measure", "rows_of"]
+__all__ = ["Measures", "Run", "distance", "measure", "measure_all"]
+
+_COLUMNS = ("signals", "utilisation", "misallocation", "peak", "saturated")
 
 # Looks at total demand a period where clocks are apart: it changes between the control unit's looks.
 _LOOKS_PER_PERIOD = 8
@@ -211,25 +216,33 @@ def _measure(run: Run, result: Result, peaks: _Peaks) -> Measures:
     )
 
 
-def rows_of(measures: Measures, problem: Problem, labels: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Write measures as rows, one for each resource.
+def measure_all(
+    cases: Sequence[tuple[Mapping[str, Any], Run]], replications: int, seed: int, *, workers: int | None = None
+) -> tuple[pd.DataFrame, list[list[Measures]]]:
+    """Run several cases with the same seeds.
 
     Parameters
     ----------
-    measures : Measures
-        Of one run.
-    problem : Problem
-        What was shared.
-    labels : mapping
-        What was run.
+    cases : sequence of (mapping, Run)
+        Labels, and what to run.
+    replications, seed : int
+        How many, and the seed of the first.
+    workers : int, optional
+        Processes; all processors unless given.
 
     Returns
     -------
-    list of dict
-        The labels, resource, signals, utilisation, misallocation, peak, saturated.
+    table : DataFrame
+        Columns: the labels, resource, measure (signals, utilisation, misallocation, peak,
+        saturated), mean, standard_error, replications.
+    outcomes : list of list of Measures
+        For each case a replication after the other.
     """
-    columns = ("signals", "utilisation", "misallocation", "peak", "saturated")
-    return [
-        {**labels, "resource": name, **{column: float(getattr(measures, column)[j]) for column in columns}}
-        for j, name in enumerate(problem.resource_names)
+    outcomes = replicate([partial(measure, run) for _, run in cases], replications, seed, workers=workers)
+    rows = [
+        {**labels, "resource": name, **{column: float(getattr(found, column)[j]) for column in _COLUMNS}}
+        for (labels, run), runs in zip(cases, outcomes, strict=True)
+        for j, name in enumerate(run.problem.resource_names)
+        for found in runs
     ]
+    return summarise(rows, [*cases[0][0], "resource"]), outcomes

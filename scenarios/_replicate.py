@@ -12,7 +12,7 @@ import pandas as pd
 
 from aimd_des.checks import FloatArray
 
-__all__ = ["mean_and_error", "replicate", "summarise"]
+__all__ = ["jackknife", "mean_and_error", "replicate", "summarise"]
 
 _Outcome = TypeVar("_Outcome")
 
@@ -65,6 +65,31 @@ def mean_and_error(values: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     count = len(table)
     spread = table.std(axis=0, ddof=1) if count > 1 else np.full(table.shape[1:], np.nan)
     return np.asarray(table.mean(axis=0)), np.asarray(spread / np.sqrt(count))
+
+
+def jackknife(
+    values: Sequence[FloatArray], measure: Callable[[FloatArray], FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Measure the mean over all replications, and estimate the error of that by leaving out one at a time.
+
+    Parameters
+    ----------
+    values : sequence of ndarray
+        One a replication.
+    measure : callable
+        Of the mean of such arrays; need not be linear.
+
+    Returns
+    -------
+    value, error : ndarray
+        Of the measure; the error is NaN for a single replication.
+    """
+    stack, count = np.stack(values), len(values)
+    whole = measure(stack.mean(axis=0))
+    if count == 1:
+        return whole, np.full_like(whole, np.nan)
+    parts = np.stack([measure(np.delete(stack, out, axis=0).mean(axis=0)) for out in range(count)])
+    return whole, np.sqrt((count - 1) / count * ((parts - parts.mean(axis=0)) ** 2).sum(axis=0))
 
 
 def summarise(rows: Sequence[dict[str, Any]], labels: Sequence[str]) -> pd.DataFrame:

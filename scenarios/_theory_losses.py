@@ -8,14 +8,16 @@ import numpy as np
 from aimd_des import theory
 from aimd_des.checks import FloatArray
 from aimd_des.control_unit import Crossing, Sampled
-from aimd_des.costs import PolynomialCosts, weighted_costs
+from aimd_des.costs import weighted_costs
 from aimd_des.optimum import solve_optimum
 from aimd_des.problem import Problem
 from models.smart_cameras import smart_cameras
 from scenarios._measure import Measures, Run, distance, measure
+from scenarios._replicate import jackknife
+from scenarios._systems import memory_alone, spread
 from scenarios._theory_rows import Experiment, Row, Rule, Size, estimated
 
-__all__ = ["compensated", "critical", "heterogeneous", "memory_alone", "runaway", "spread_losses"]
+__all__ = ["compensated", "critical", "heterogeneous", "runaway"]
 
 _NEAR = Rule("difference", 0.02, "at most 2 %")
 _FAR = Rule("at least", 0.0, "at least 5 times")
@@ -28,45 +30,6 @@ _BOTH: tuple[_Dynamics, ...] = ("continuous", "discrete")
 _RUN_AWAY = 0.99
 
 
-def spread_losses(top: float, n: int = 60) -> FloatArray:
-    """Spread losses evenly over the agents, in an order that has nothing to do with their costs.
-
-    Parameters
-    ----------
-    top : float
-        The largest; the smallest is 0.
-    n : int
-        How many agents.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Probabilities.
-    """
-    return np.random.default_rng(2018).permutation(np.linspace(0.0, top, n))
-
-
-def memory_alone(n: int = 60, normalization: float = 1 / 90) -> Problem:
-    """Take the memory of the paper's system by itself: the costs do not couple resources.
-
-    Parameters
-    ----------
-    n : int
-        Cameras.
-    normalization : float
-        Gamma.
-
-    Returns
-    -------
-    Problem
-        One resource.
-    """
-    full = smart_cameras(0, n_cameras=n, normalization=normalization)
-    costs = full.costs
-    assert isinstance(costs, PolynomialCosts)  # noqa: S101 - the model's costs are
-    return Problem(full.resources[:1], PolynomialCosts(costs.exponents, costs.coefficients[:, :1]))
-
-
 def _run(dynamics: _Dynamics, problem: Problem, size: Size, hold_off: float, loss: Any) -> Run:
     unit = Sampled() if dynamics == "discrete" else Crossing(hold_off)
     latency = 1.0 if dynamics == "discrete" else 0.0
@@ -77,20 +40,10 @@ def _words(dynamics: str, loss: str) -> str:
     return f"{'clock, one step later' if dynamics == 'discrete' else 'continuous, crossing'}, loss {loss}"
 
 
-def _jackknife(averages: list[FloatArray], measure_of: Any) -> tuple[FloatArray, FloatArray]:
-    """Measure the mean of the averages over all replications, and the error of that by leaving one out."""
-    stack, count = np.stack(averages), len(averages)
-    whole = measure_of(stack.mean(axis=0))
-    if count == 1:
-        return whole, np.full_like(whole, np.nan)
-    parts = np.stack([measure_of(np.delete(stack, out, axis=0).mean(axis=0)) for out in range(count)])
-    return whole, np.sqrt((count - 1) / count * ((parts - parts.mean(axis=0)) ** 2).sum(axis=0))
-
-
 def _pooled(
     runs: list[Measures], measure_of: Any, names: tuple[str, ...], predicted: float, **labels: Any
 ) -> list[Row]:
-    value, error = _jackknife([run.average for run in runs], measure_of)
+    value, error = jackknife([run.average for run in runs], measure_of)
     return [
         Row(
             resource=name,
@@ -116,7 +69,7 @@ def heterogeneous(size: Size) -> Experiment:
     Experiment
         Of the distance to the reweighted and to the plain optimum.
     """
-    problem, loss = smart_cameras(0), spread_losses(0.6)
+    problem, loss = smart_cameras(0), spread(0.0, 0.6)
     runs = [_run(dynamics, problem, size, 0.25, loss) for dynamics in _BOTH]
     return Experiment([partial(measure, run) for run in runs], partial(_heterogeneous_rows, runs))
 
@@ -164,7 +117,7 @@ def compensated(size: Size) -> Experiment:
     plain = smart_cameras(0, normalization=1 / 180)
     runs, tops = [], {"continuous": 0.5, "discrete": 0.3}
     for dynamics in _BOTH:
-        loss = spread_losses(tops[dynamics])
+        loss = spread(0.0, tops[dynamics])
         clock = dynamics == "discrete"
         expected = theory.predict(plain, dynamics, latency=float(clock))
         share = expected.signals if clock else np.zeros(plain.n_resources)

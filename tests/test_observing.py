@@ -140,7 +140,7 @@ def test_continuous_overshoot_is_the_integral_over_the_log(
 def test_discrete_overshoot_is_the_sum_over_what_is_held_between_ticks(
     way: str, problem: Problem, until: float, meddling: bool
 ) -> None:
-    # A look at a tick sees what was held since the tick before, one just before an intervention what that ends.
+    # A look at a tick sees what was held since the tick before, just before an intervention what ends there.
     rhythm = RHYTHM if way == "own clocks" else IN_PHASE
     ticks = {time for row in tick_times(0, until, problem.n_agents, **rhythm) for time in row}
     meddled = {time for time in MEDDLED if meddling and time < until}
@@ -159,8 +159,8 @@ def test_discrete_overshoot_is_the_sum_over_what_is_held_between_ticks(
 
 
 def test_overshoot_by_hand() -> None:
-    # Two agents that add 0.5 each, a capacity of 8, everything answered 2 later: a line from 0 to 10, and then
-    # from 5 to 10 again and again.  It is above 8 from 8 to 10, from 13 to 15 and from 18 to 20, by 1 on average.
+    # Two agents that add 0.5 each, a capacity of 8, everything answered 2 later: a line from 0 to 10, then
+    # from 5 to 10 again and again.  It is above 8 from 8 to 10, 13 to 15 and 18 to 20, by 1 on average.
     problem = quadratic_problem([1.0, 1.0], capacity=8.0, increase=0.5, normalization=0.5)
     parts = {"dynamics": "continuous", "control_unit": Crossing(3.0), "channel": BroadcastChannel(2.0)}
     exact = run(problem, 20.0, **parts).observations.overshoot

@@ -231,7 +231,7 @@ def test_it_is_the_model_event_by_event(
         st.lists(st.sampled_from([0.0, 0.5, 1.0, 1.7, 2.0, 4.6]), min_size=size, max_size=size), "latency"
     )
     loss = data.draw(st.lists(st.sampled_from([0.0, 0.2, 0.9]), min_size=size, max_size=size), "loss")
-    until = data.draw(st.sampled_from([0.5, 1.0, 7.0, 40.0, 43.21]), "until")
+    until = data.draw(st.sampled_from([0.5, 7.0, 43.21, 120.0]), "until")
     literal = Literal(problem, seed, latency, loss)
     literal.run(until, looks, ticks)
     assume(literal.margin > 1e-9)  # no decision hangs on the last bits of a float
@@ -332,6 +332,18 @@ def test_a_change_of_the_channel_does_not_change_the_luck(latency: Any, loss: An
     assert result.account.responses[0].tolist() == expected.tolist()
     shifted = (answered & kept & (response_draws[1:] < 0.2 * np.array(FACTORS))).sum(axis=0)
     assert shifted.tolist() != expected.tolist()  # the draws of the next broadcasts would not do
+
+
+def test_of_several_signals_between_two_ticks_the_first_is_answered() -> None:
+    problem = quadratic_problem(FACTORS, capacity=3.0, normalization=0.1)
+    result = simulate(problem, 300, 11, control_unit=Sampled(period=0.25, phase=0.1))
+    sent = result.signals
+    first = sent.groupby(np.ceil(sent["time"]))["number"].min()
+    first = first[first.index < 300]
+    assert len(sent) > 2 * len(first) > 60
+    draws = np.array([reference_draws(11, Purpose.RESPONSE, 0, b, 4) for b in first])
+    expected = (draws < 0.2 * np.array(FACTORS)).sum(axis=0)
+    assert result.account.responses[0].tolist() == expected.tolist()
 
 
 class Late:

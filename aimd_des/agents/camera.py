@@ -3,7 +3,6 @@
 from aimd_des.environment import Kind, Mailbox
 from aimd_des.gradients import marginal_cost
 from aimd_des.log import Entry
-from aimd_des.population import State
 from aimd_des.response import accumulated_at, demand_at, response_probability, time_average
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator, Signal
@@ -32,8 +31,6 @@ class Camera:
         self.resources = range(system.problem.n_resources)
         self.marginal_cost = marginal_cost(system.problem.costs, agent)
         self.separable = system.problem.costs.separable
-        # Views of the shared rows that hand out Python floats: several times faster than NumPy's.
-        self.state = State(*([memoryview(row) for row in array] for array in system.state))  # type: ignore[arg-type]
         self.increase = system.law.increase[:, agent].tolist()
         self.decrease = system.law.decrease[:, agent].tolist()
         self.normalization = system.law.normalization.tolist()
@@ -73,9 +70,11 @@ class Camera:
         """Wait for a latch to be set, then for the next tick, and answer what is latched."""
         env, clocks = self.system.env, self.system.clocks
         assert clocks is not None  # noqa: S101 - discrete agents have clocks
+        tick = -1
         while True:
             yield self._mailbox
-            tick = clocks.next_tick(self.agent, env.now)
+            # A signal that is injected after the tick of this instant has to wait for the next one.
+            tick = max(clocks.next_tick(self.agent, env.now), tick + 1)
             yield env.at(clocks.time(self.agent, tick), Kind.ACT, self.agent)
             self.answer(sorted(self._latch.values()), tick)
             self._latch.clear()
@@ -96,7 +95,7 @@ class Camera:
         moment : float
             Index of the tick, or time.
         """
-        demand, accumulated, anchor, responses, saturated = self.state
+        demand, accumulated, anchor, responses, saturated = self.system.rows
         folded, averages, increase = self._folded, self._averages, self.increase
         system, i, log = self.system, self.agent, self.system.log
         now, grain = system.env.now, system.grain

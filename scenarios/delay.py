@@ -1,0 +1,186 @@
+"""What does latency do, and what does a longer hold-off do about it?
+
+PLACEHOLDER
+"""
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from aimd_des import theory
+from aimd_des.control_unit import Crossing
+from aimd_des.optimum import solve_optimum
+from aimd_des.plots import colour, shared_legend
+from aimd_des.plots.style import REFERENCE, frame, number_axis
+from scenarios._command import Study, command
+from scenarios._measure import Run, measure_all
+from scenarios._systems import memory_alone
+
+__all__ = ["main", "study"]
+
+_PROBLEM = memory_alone()
+_MATCHED = "hold-off = latency"
+_HOLD_OFFS = (0.5, 1.0, 5.0)
+# Above this share of the opportunities the control unit signals at practically every one.
+_RUN_AWAY = 0.99
+
+
+def study(quick: bool = False, seed: int = 0) -> Study:
+    """Run memory of the paper's system with latencies from 0 to 20 periods, for several hold-offs.
+
+    Parameters
+    ----------
+    quick : bool
+        Whether to run the small size.
+    seed : int
+        Of the first replication.
+
+    Returns
+    -------
+    Study
+        A pure function of the arguments.
+    """
+    replications, until = (2, 240.0) if quick else (12, 1500.0)
+    latencies = (0.0, 1.0, 5.0, 20.0) if quick else (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0)
+    cases: list[tuple[dict[str, Any], Run]] = []
+    for latency in latencies:
+        for name, hold_off in _settings(latency):
+            labels = {"setting": name, "latency": latency, "hold_off": hold_off}
+            unit = Crossing(hold_off)
+            cases.append((labels, Run(_PROBLEM, until, until // 3, "continuous", unit, latency)))
+    table, _ = measure_all(cases, replications, seed, workers=1 if quick else None)
+    table["theory"] = [_expected(row) for row in table.to_dict("records")]
+    return Study(
+        "delay",
+        {"seed": seed, "replications": replications, "until": until},
+        table,
+        _shown(table),
+        _findings(table),
+        {"delay": _figure(table)},
+    )
+
+
+def _settings(latency: float) -> list[tuple[str, float]]:
+    fixed = [(f"hold-off {value:g}", value) for value in _HOLD_OFFS]
+    return [*fixed, (_MATCHED, latency)] if latency > 0.0 else fixed
+
+
+def _rate() -> float:
+    """Compute rho, the signals per unit of time that hold all of the capacity."""
+    mu = solve_optimum(_PROBLEM).multipliers
+    return float(
+        theory.signal_rate(_PROBLEM.increase[0], _PROBLEM.decrease[0], _PROBLEM.normalization, mu)[0]
+    )
+
+
+def _lift(latency: float) -> float:
+    lift = theory.peak_lift(_PROBLEM.n_agents, _PROBLEM.increase[0], latency)
+    return float(lift[0] / _PROBLEM.capacity[0])
+
+
+def _expected(row: dict[Any, Any]) -> float:
+    """Predict one number of the table; NaN where theory assumes what does not hold."""
+    latency, hold_off, measure = row["latency"], row["hold_off"], row["measure"]
+    if measure == "peak":
+        return 1.0 + _lift(latency)
+    if measure not in ("signals", "utilisation"):
+        return np.nan
+    if _rate() * hold_off >= 1.0:  # signals do not suffice
+        return 1.0 / hold_off if measure == "signals" else _level(hold_off)
+    if hold_off < latency:  # more than one signal is on its way for one excess
+        return np.nan
+    expected = theory.predict(_PROBLEM, "continuous", latency=latency)
+    if expected.signals[0] * hold_off >= 1.0:
+        return np.nan
+    return float(getattr(expected, measure)[0])
+
+
+def _level(hold_off: float) -> float:
+    """Predict where total demand comes to rest if signals do not suffice; NaN if responses are cut off at 1."""
+    mu = theory.runaway_multiplier(
+        _PROBLEM.increase[0], _PROBLEM.decrease[0], _PROBLEM.normalization, 0.0, refractory=hold_off
+    )
+    held = theory.allocation_at(_PROBLEM, mu)
+    if (_PROBLEM.normalization * mu / held > 1.0).any():
+        return np.nan
+    return float(held.sum() / _PROBLEM.capacity[0])
+
+
+def _names() -> list[str]:
+    return [*(f"hold-off {value:g}" for value in _HOLD_OFFS), _MATCHED]
+
+
+def _pick(table: pd.DataFrame, name: str, measure: str) -> pd.DataFrame:
+    return table[(table["setting"] == name) & (table["measure"] == measure)]
+
+
+_PANELS = (
+    ("peak", "highest total demand (capacity)", "(a) Peaks rise with the latency"),
+    ("utilisation", "mean total demand (capacity)", "(b) A long hold-off lets demand run away"),
+    ("signals", "signals per unit of time", "(c) Signals"),
+)
+
+
+def _figure(table: pd.DataFrame) -> Figure:
+    figure = Figure(figsize=(13.0, 4.6), layout="constrained")
+    for axes, (measure, label, title) in zip(figure.subplots(1, 3), _PANELS, strict=True):
+        _draw(axes, table, measure)
+        axes.set_ylabel(label)
+        axes.set_title(title, loc="left", fontsize="medium")
+    shared_legend(figure)
+    return figure
+
+
+def _draw(axes: Axes, table: pd.DataFrame, measure: str) -> None:
+    for place, name in enumerate(_names()):
+        rows = _pick(table, name, measure)
+        axes.errorbar(
+            rows["latency"],
+            rows["mean"],
+            2.0 * rows["standard_error"],
+            fmt="os^D"[place],
+            linestyle=":",
+            linewidth=0.8,
+            color=colour(place),
+            markersize=5.0,
+            capsize=2.5,
+            label=name,
+        )
+        if measure != "peak":
+            axes.plot(rows["latency"], rows["theory"], color=colour(place), linewidth=1.6)
+    if measure == "peak":
+        ends = np.array([0.0, 20.0])
+        axes.plot(ends, [1.0 + _lift(end) for end in ends], color=REFERENCE, linewidth=1.6)
+    axes.plot([], [], color=REFERENCE, linewidth=1.6, label="theory")
+    axes.set_xlabel("latency (control periods)")
+    number_axis(axes.yaxis)
+    frame(axes)
+
+
+def _shown(table: pd.DataFrame) -> pd.DataFrame:
+    rows = table[table["measure"].isin([name for name, *_ in _PANELS])]
+    return pd.DataFrame(
+        [
+            {
+                "setting": row["setting"],
+                "latency": f"{row['latency']:g}",
+                "measure": row["measure"],
+                "theory": "" if np.isnan(row["theory"]) else f"{row['theory']:.4f}",
+                "simulation": f"{row['mean']:.4f} ± {row['standard_error']:.4f}",
+            }
+            for row in rows.to_dict("records")
+        ]
+    )
+
+
+def _findings(table: pd.DataFrame) -> list[str]:
+    return [str(len(table))]
+
+
+main = command("delay", study, "What does latency do, and what does a longer hold-off do about it?")
+
+if __name__ == "__main__":
+    main()
