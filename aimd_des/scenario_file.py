@@ -18,6 +18,8 @@ __all__ = ["load_scenario"]
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?")
 _KEY = re.compile(r"^\s*([A-Za-z0-9_.\-\"' ]+?)\s*=")
 
+_BRANCH = re.compile(r"float|int|str|(list|literal|dict)\[.*")
+
 Path_ = tuple[str | int, ...]
 
 
@@ -56,8 +58,8 @@ def load_scenario(path: Path, **changes: Any) -> Scenario:
         lines = _key_lines(text)
         # One sentence a place: where a value may have several forms, each of them complains.
         sentences: dict[Path_, str] = {}
-        for error in refusal.errors():
-            sentences.setdefault(_without_branches(error["loc"]), _sentence(path, lines, error))
+        for detail in refusal.errors():
+            sentences.setdefault(_without_branches(detail["loc"]), _sentence(path, lines, detail))
         raise InputError("\n".join(sentences.values())) from None
 
 
@@ -108,7 +110,7 @@ def _without_branches(location: Sequence[str | int]) -> Path_:
     """Drop what pydantic adds for the branches of a union, such as "list[float]"."""
     known: list[str | int] = []
     for part in location:
-        if isinstance(part, str) and (part in ("float", "int", "str") or re.match(r"(list|literal|dict)\[", part)):
+        if isinstance(part, str) and _BRANCH.fullmatch(part):
             break
         known.append(part)
     return tuple(known)
