@@ -105,6 +105,8 @@ class _Drawn:
         """Signal when the integral of the rate has reached the next exponential number."""
         slope = float(system.law.increase[0].sum())
         while True:
+            # At an instant copies land before anybody looks: the last signal has been answered here.
+            yield system.env.at(system.env.now, Kind.SENSE)
             wait = self.random.exponential() / self.rate
             if self.per_demand:
                 held = system.total(0)

@@ -148,7 +148,12 @@ def _compensated_rows(plain: Problem, runs: list[Run], outcomes: list[list[Measu
         words = "Loss made good for: share of responses with a probability above 1"
         shares = [run.saturated for run in measures]
         rows += estimated(shares, np.zeros(plain.n_resources), plain.resource_names, formula=words, **labels)
-    return sorted(rows, key=lambda row: "share of" in row.formula)
+        expected = theory.predict(plain, run.dynamics, latency=run.latency)
+        words = "Loss made good for: share of the opportunities to signal that are used"
+        used = [found.signals * labels["hold_off"] for found in measures]
+        rows += estimated(used, expected.signals * labels["hold_off"], plain.resource_names, formula=words, **labels)
+    order = {name: place for place, name in enumerate(dict.fromkeys(row.formula for row in rows))}
+    return sorted(rows, key=lambda row: order[row.formula])
 
 
 def critical(size: Size) -> Experiment:

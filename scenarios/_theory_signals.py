@@ -82,8 +82,9 @@ def _rows(cases: list[_Case], outcomes: list[list[Measures]]) -> list[Row]:
             price += _price(case, runs)
         if case.run.latency and case.run.dynamics == "continuous":
             peaks += _peaks(case, runs)
-    order = {name: place for place, name in enumerate(dict.fromkeys(row.formula for row in next_order))}
-    return [*sorted(next_order, key=lambda row: order[row.formula]), *first, *price, *peaks]
+    rows = [*next_order, *price, *peaks, *first]
+    order = {name: place for place, name in enumerate(dict.fromkeys(row.formula for row in rows))}
+    return sorted(rows, key=lambda row: order[row.formula])
 
 
 def _labels(case: _Case) -> dict[str, object]:
@@ -152,14 +153,17 @@ def _first_order(case: _Case, runs: list[Measures]) -> list[Row]:
 
 
 def _price(case: _Case, runs: list[Measures]) -> list[Row]:
-    problem = case.run.problem
-    return estimated(
-        [(1.0 - row.utilisation) * row.signals for row in runs],
-        theory.price_in_bits(problem.n_agents, problem.increase[0], problem.capacity),
-        problem.resource_names,
-        formula="Price in bits, (1 − utilisation) × signals",
-        **_labels(case),
-    )
+    problem, names = case.run.problem, case.run.problem.resource_names
+    expected = theory.predict(problem, "continuous")
+    found = [(1.0 - row.utilisation) * row.signals for row in runs]
+    first = theory.price_in_bits(problem.n_agents, problem.increase[0], problem.capacity)
+    words = "Price in bits, (1 − utilisation) × signals"
+    return [
+        *estimated(
+            found, (1.0 - expected.utilisation) * expected.signals, names, formula=words, rule=_SIGNALS, **_labels(case)
+        ),
+        *estimated(found, first, names, formula=f"{words}, first order alone", **_labels(case)),
+    ]
 
 
 def _peaks(case: _Case, runs: list[Measures]) -> list[Row]:

@@ -177,7 +177,26 @@ def _shown(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
-    return [str(len(table))]
+    peaks = _pick(table, "hold-off 0.5", "peak")
+    gap = float((peaks["mean"] - peaks["theory"]).abs().max())
+    longest = float(table["latency"].max())
+    short, unit = (_pick(table, name, "utilisation")["mean"] for name in ("hold-off 0.5", "hold-off 1"))
+    signals = _pick(table, "hold-off 0.5", "signals")
+    long = _pick(table, "hold-off 5", "utilisation")["mean"]
+    matched = _pick(table, _MATCHED, "utilisation")
+    away = matched.loc[matched["hold_off"] * _rate() >= 1.0]
+    return [
+        f"With hold-off 0.5 the highest peak is 1 + n alpha d / C to within {100 * gap:.1f} points of the capacity, "
+        f"up to {peaks['mean'].max():.2f} of it at latency {longest:g}.",
+        f"What the hold-off must not do is starve the agents: {_rate():.2f} signals per unit of time are needed, so it "
+        f"must stay below {1.0 / _rate():.2f}, whatever the latency. With hold-off 5 the mean demand is "
+        f"{long.min():.2f} to {long.max():.2f} of the capacity; a hold-off as long as the latency runs away from "
+        f"latency {away['latency'].min():g} on, to {away['mean'].max():.1f} of the capacity.",
+        f"A hold-off shorter than the latency repeats signals that are still on their way: with hold-off 0.5 up to "
+        f"{signals['mean'].max():.2f} signals per unit of time instead of {signals['mean'].iloc[0]:.2f}, and the mean "
+        f"demand lies between {short.min():.2f} and {short.max():.2f} of the capacity (hold-off 1: {unit.min():.2f} "
+        f"to {unit.max():.2f}).",
+    ]
 
 
 main = command("delay", study, "What does latency do, and what does a longer hold-off do about it?")

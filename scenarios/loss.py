@@ -3,6 +3,7 @@
 PLACEHOLDER
 """
 
+from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -113,12 +114,14 @@ def _way(name: str) -> _Way:
     return next(way for way in _WAYS if way.name == name)
 
 
+@lru_cache
 def _critical(way: _Way) -> float:
     mu = solve_optimum(_PROBLEM).multipliers
     rho = theory.signal_rate(_PROBLEM.increase[0], _PROBLEM.decrease[0], _PROBLEM.normalization, mu)
     return float(theory.critical_loss(rho, way.dynamics, refractory=way.hold_off)[0])
 
 
+@lru_cache
 def _homogeneous(way: _Way, loss: float) -> tuple[float, float]:
     """Predict signals per unit of time, and mean total demand over capacity, on either side of the critical loss."""
     if loss < _critical(way):
@@ -185,7 +188,7 @@ def _draw_same(axes: Axes, table: pd.DataFrame, measure: str, label: str) -> Non
     for place, way in enumerate(_WAYS):
         rows, critical = _pick(table, way, measure), _critical(way)
         scale = way.hold_off if measure == "signals" else 1.0
-        grid = np.linspace(0.0, 0.9, 91)
+        grid = np.linspace(0.0, 0.9, 46)
         line = np.array([_homogeneous(way, loss)[int(measure != "signals")] for loss in grid]) * scale
         for side in (grid < critical, grid >= critical):
             axes.plot(grid[side], line[side], color=colour(place), linewidth=1.4)

@@ -34,7 +34,7 @@ from tests.conftest import quadratic_problem, quietly, random_problem, reference
 Dynamics = Literal["discrete", "continuous"]
 UNITS: dict[Dynamics, Sampled | Crossing] = {"discrete": Sampled(), "continuous": Crossing(1.0)}
 
-# 40 differences with common seeds, and 40 without.
+# Seeds 0 to 39 behind both channels; 40 to 79 for differences between different seeds.
 PAIRS = 40
 QUANTILE = float(stats.f.ppf(0.99, PAIRS - 1, PAIRS - 1))
 
@@ -54,7 +54,7 @@ def run(
 
 
 def measures(dynamics: Dynamics, channel: dict[str, Any], seeds: range) -> dict[str, FloatArray]:
-    """Signals, and what the first agent and all together get on average, of one run for each seed."""
+    """Signals, and what the first agent gets on average, of one run for each seed."""
     problem = quadratic_problem(
         np.linspace(1.0, 3.0, 8).tolist(), capacity=4.0, increase=0.02, decrease=0.7, normalization=0.1
     )
@@ -64,7 +64,6 @@ def measures(dynamics: Dynamics, channel: dict[str, Any], seeds: range) -> dict[
     return {
         "signals": np.array([len(result.signals_sent.time) for result in results], dtype=np.float64),
         "average of agent 0": np.array([result.average_at_end[0, 0] for result in results]),
-        "utilisation": np.array([result.average_at_end.sum() / 4.0 for result in results]),
     }
 
 
@@ -90,7 +89,7 @@ def test_the_variance_of_a_difference_is_at_most_half_with_a_common_seed(
     for name in ("signals", "average of agent 0"):
         different = one[name] - elsewhere[name]
         assert bound(one[name] - other[name], different) <= 0.5, name
-        # Without a common seed nothing is gained, and the bound says so.
+        # Each seed beside the next one: nothing is gained, and the bound says so.
         assert bound(np.roll(one[name], 1) - other[name], different) > 0.5, name
 
 
@@ -129,7 +128,7 @@ def test_the_draws_for_responses_are_the_same_whatever_the_channel(dynamics: Dyn
         result = run(
             problem, dynamics, 3, 60.0, channel, agents=lambda i, system, kept=draws: Watched(i, system, kept)
         )
-        assert result.account.responses.sum() > 50
+        assert result.account.responses.sum() > 30
         drawn.append(draws)
     for draws in drawn:
         for (agent, j, number, copy), draw in draws.items():

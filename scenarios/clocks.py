@@ -1,0 +1,227 @@
+"""Does it matter that clocks are out of phase, run at different speeds or tick unevenly?
+
+PLACEHOLDER
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from aimd_des import theory
+from aimd_des.checks import FloatArray
+from aimd_des.clock import Clocks
+from aimd_des.control_unit import Sampled
+from aimd_des.plots import colour, shared_legend
+from aimd_des.plots.style import REFERENCE, frame, number_axis
+from scenarios._command import Study, command
+from scenarios._measure import Measures, Run, distance, measure_all
+from scenarios._replicate import jackknife
+from scenarios._systems import memory_alone, spread
+
+__all__ = ["main", "study"]
+
+_PROBLEM = memory_alone()
+_IN_PHASE = "in phase"
+_BIAS = "misallocation of the mean"
+
+
+class _Setting(NamedTuple):
+    name: str
+    phase: bool = False
+    drift: float = 0.0
+    jitter: float = 0.0
+
+    @property
+    def speeds(self) -> FloatArray:
+        """Relative errors of the periods, from -drift to drift."""
+        return spread(-self.drift, self.drift)
+
+    @property
+    def clocks(self) -> Clocks:
+        return Clocks(
+            phase="random" if self.phase else 0.0,
+            drift=self.speeds if self.drift else 0.0,
+            jitter=self.jitter,
+        )
+
+
+_SETTINGS = (
+    _Setting(_IN_PHASE),
+    _Setting("random phases", phase=True),
+    _Setting("jitter 0.5", jitter=0.5),
+    _Setting("jitter 0.9", jitter=0.9),
+    _Setting("drift ±1 %", drift=0.01),
+    _Setting("drift ±5 %", drift=0.05),
+    _Setting("drift ±20 %", drift=0.2),
+    _Setting("all three together", phase=True, drift=0.2, jitter=0.5),
+)
+
+_PANELS = (
+    ("signals", 1.0, "signals per unit of time", "(a) Signals"),
+    ("utilisation", 100.0, "averages over capacity (%)", "(b) Utilisation"),
+    ("peak", 100.0, "highest total over capacity (%)", "(c) Peak"),
+    (_BIAS, 100.0, "distance from the optimum (%)", "(d) Misallocation, noise averaged out"),
+)
+
+
+def study(quick: bool = False, seed: int = 0) -> Study:
+    """Run memory of the paper's system with different clocks and the same luck.
+
+    Parameters
+    ----------
+    quick : bool
+        Whether to run the small size.
+    seed : int
+        Of the first replication.
+
+    Returns
+    -------
+    Study
+        A pure function of the arguments.
+    """
+    replications, until = (3, 150.0) if quick else (20, 1500.0)
+    cases: list[tuple[dict[str, Any], Run]] = [
+        ({"clocks": setting.name}, _run(setting, until)) for setting in _SETTINGS
+    ]
+    table, outcomes = measure_all(cases, replications, seed, workers=1 if quick else None)
+    table = table[table["measure"] != "saturated"].reset_index(drop=True)
+    table["replication_std"] = table["standard_error"] * np.sqrt(replications)
+    table["effect"], table["effect_error"] = np.array(
+        [_effect(row["measure"], _place(row["clocks"]), outcomes) for row in table.to_dict("records")]
+    ).T
+    table = pd.concat([table, _pooled(outcomes)], ignore_index=True)
+    table["theory"] = [_expected(row["measure"], _SETTINGS[_place(row["clocks"])]) for row in table.to_dict("records")]
+    return Study(
+        "clocks",
+        {"seed": seed, "replications": replications, "until": until},
+        table,
+        _shown(table),
+        _findings(table),
+        {"clocks": _figure(table)},
+    )
+
+
+def _run(setting: _Setting, until: float) -> Run:
+    return Run(_PROBLEM, until, until // 3, "discrete", Sampled(), latency=0.5, clocks=setting.clocks)
+
+
+def _place(name: str) -> int:
+    return [setting.name for setting in _SETTINGS].index(name)
+
+
+def _effect(measure: str, place: int, outcomes: list[list[Measures]]) -> tuple[float, float]:
+    """Compare runs of the same seeds: mean difference from clocks in phase, and its standard error."""
+    here, there = (
+        np.array([getattr(run, measure)[0] for run in outcomes[which]]) for which in (place, 0)
+    )
+    gap = here - there
+    return float(gap.mean()), float(gap.std(ddof=1) / np.sqrt(len(gap)))
+
+
+def _pooled(outcomes: list[list[Measures]]) -> pd.DataFrame:
+    """Measure the shares without the luck of single runs: the distance of the mean of all averages."""
+    rows = []
+    for setting, runs in zip(_SETTINGS, outcomes, strict=True):
+        value, error = jackknife([run.average for run in runs], lambda average: distance(_PROBLEM, average))
+        labels = {"clocks": setting.name, "resource": "memory", "measure": _BIAS, "replications": len(runs)}
+        rows.append({**labels, "mean": value[0], "standard_error": error[0]})
+    return pd.DataFrame(rows)
+
+
+def _expected(measure: str, setting: _Setting) -> float:
+    """Predict how far averages are from the optimum because fast clocks add more often; NaN for the rest."""
+    expected = theory.predict(_PROBLEM, "discrete", latency=1.0)
+    if measure in ("signals", "utilisation") and setting == _SETTINGS[0]:
+        return float(getattr(expected, measure)[0])
+    if measure != _BIAS or not setting.drift:
+        return np.nan
+    # An agent ticks at rate 1 / (1 + drift); in all ticks but those with a signal it adds alpha.
+    weights = 1.0 / (1.0 / (1.0 + setting.speeds) - expected.signals[0])
+    used = expected.utilisation * _PROBLEM.capacity
+    fast = theory.reweighted_optimum(_PROBLEM, weights, capacity=used).allocation
+    return float(distance(_PROBLEM, fast)[0])
+
+
+def _figure(table: pd.DataFrame) -> Figure:
+    figure = Figure(figsize=(13.5, 4.4), layout="constrained")
+    for place, (axes, (measure, factor, label, title)) in enumerate(
+        zip(figure.subplots(1, 4, sharey=True), _PANELS, strict=True)
+    ):
+        _draw(axes, table[table["measure"] == measure], factor, colour(place))
+        axes.set_xlabel(label)
+        axes.set_title(title, loc="left", fontsize="medium")
+    shared_legend(figure)
+    return figure
+
+
+def _draw(axes: Axes, rows: pd.DataFrame, factor: float, ink: str) -> None:
+    height = -np.arange(len(rows))
+    middle, noise = factor * rows.iloc[0]["mean"], factor * rows.iloc[0]["replication_std"]
+    error = rows["effect_error"].fillna(rows["standard_error"])
+    if np.isfinite(noise):
+        axes.axvspan(middle - noise, middle + noise, color="0.88", label="in phase: mean ± std of single runs")
+    axes.axvline(middle, color=REFERENCE, linewidth=1.0)
+    axes.errorbar(
+        factor * rows["mean"],
+        height,
+        xerr=2.0 * factor * error,
+        fmt="o",
+        color=ink,
+        markersize=6.0,
+        capsize=2.5,
+    )
+    theory_at = factor * rows["theory"]
+    axes.plot(theory_at, height, "|", color="black", markersize=15.0, markeredgewidth=1.8, label="theory")
+    axes.set_yticks(height, rows["clocks"])
+    number_axis(axes.xaxis)
+    frame(axes)
+
+
+def _shown(table: pd.DataFrame) -> pd.DataFrame:
+    return pd.DataFrame(
+        [
+            {
+                "clocks": row["clocks"],
+                "measure": row["measure"],
+                "simulation": f"{row['mean']:.4f} ± {row['standard_error']:.4f}",
+                "effect": "" if np.isnan(row["effect"]) else f"{row['effect']:+.4f} ± {row['effect_error']:.4f}",
+                "theory": "" if np.isnan(row["theory"]) else f"{row['theory']:.4f}",
+            }
+            for row in table.to_dict("records")
+        ]
+    )
+
+
+def _findings(table: pd.DataFrame) -> list[str]:
+    rows = table.set_index(["measure", "clocks"])
+    noise = {measure: float(rows.loc[(measure, _IN_PHASE), "replication_std"]) for measure in ("signals", "utilisation")}
+    apart = [name for name in rows.loc["signals"].index if name != _IN_PHASE]
+    largest = {
+        measure: max(apart, key=lambda name, measure=measure: abs(float(rows.loc[(measure, name), "effect"])))
+        for measure in noise
+    }
+    signals, used = (float(rows.loc[(measure, largest[measure]), "effect"]) for measure in noise)
+    still = [name for name in apart if (rows.xs(name, level="clocks")["effect"].dropna() == 0.0).all()]
+    bias = rows.loc[_BIAS, "mean"]
+    peak = rows.loc["peak", "mean"]
+    widest = _SETTINGS[-2].name
+    return [
+        f"Signals change by at most {signals:+.4f} a step ({largest['signals']}; runs in phase scatter by "
+        f"{noise['signals']:.4f}), utilisation by at most {100 * used:+.2f} points ({largest['utilisation']}; scatter "
+        f"{100 * noise['utilisation']:.2f}).",
+        f"Peaks are {100 * (peak[_IN_PHASE] - 1.0):.1f} % above the capacity in phase and "
+        f"{100 * (peak['random phases'] - 1.0):.1f} % with random phases: total demand then grows evenly.",
+        f"Shares stay right unless clocks drift: {100 * bias[_IN_PHASE]:.1f} % off in phase, "
+        f"{100 * bias['random phases']:.1f} % with random phases, {100 * bias[widest]:.1f} % with {widest} "
+        f"(theory {100 * float(rows.loc[(_BIAS, widest), 'theory']):.1f} %), because a fast clock adds more often.",
+        *(f"{name} changes nothing, to the last bit: ticks stay between the signals' arrivals." for name in still),
+    ]
+
+
+main = command("clocks", study, "Does it matter that clocks are out of phase, run at different speeds or tick unevenly?")
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,241 @@
+"""The studies: quick sizes end to end against stored tables, and at larger sizes what they are to show."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from matplotlib.image import imread
+
+from aimd_des import theory
+from aimd_des.control_unit import Crossing
+from models.smart_cameras import smart_cameras
+from scenarios import _theory_losses, _theory_signals
+from scenarios._measure import Measures, Run, measure, measure_all
+from scenarios._replicate import jackknife, mean_and_error, replicate, summarise
+from scenarios._systems import memory_alone, spread
+from scenarios._theory_rows import Row, Rule, Size, digest, frame, markdown
+from tests.conftest import python
+
+STORED = Path(__file__).parent / "data"
+NAMES = ["clocks", "continuous_vs_discrete", "delay", "loss", "theory_table"]
+
+# The claims at a fifth of the size of the table in the docs: seeds 0 to 3.
+SMALL = Size(4, until=1200.0, start=400.0, steps=6000, critical_until=300.0, halvings=6, agents=240)
+# Standard errors by which a mean may lie beyond a bound on which the truth itself lies: by Student's t
+# with 3 degrees of freedom, once in 200.
+Z = 6.0
+
+
+def differences(ours: pd.DataFrame, stored: pd.DataFrame) -> list[str]:
+    """Where two tables differ: words and whole numbers at all, other numbers by more than 1e-9."""
+    if list(ours) != list(stored) or len(ours) != len(stored):
+        return ["rows or columns"]
+    found = []
+    for column in stored:
+        one, other = ours[column], stored[column]
+        if not (pd.api.types.is_float_dtype(one) and pd.api.types.is_float_dtype(other)):
+            wrong = (one.astype(str) != other.astype(str)).to_numpy()
+        else:
+            gap = (one - other).abs() > 1e-9 * other.abs().clip(lower=1.0)
+            wrong = (gap | (one.isna() != other.isna())).to_numpy()
+        found += [f"{column} of row {row}" for row in np.flatnonzero(wrong)]
+    return found
+
+
+def read(path: Path) -> pd.DataFrame:
+    return pd.read_csv(path, keep_default_na=False, na_values=[""])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_command_writes_figure_and_stored_table(name: str, tmp_path: Path) -> None:
+    main = import_module(f"scenarios.{name}").main
+    out = tmp_path / "results" / name
+    done = CliRunner().invoke(main, ["--quick", "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    figures = {"table.md"} if name == "theory_table" else {f"{name}.png"}
+    assert {path.name for path in out.iterdir()} == {f"{name}.json", "table.csv"} | figures
+    assert [path.name for path in out.parent.iterdir()] == [name]  # nothing temporary is left
+    for path in out.glob("*.png"):
+        height, width, _ = imread(path).shape
+        assert width > 2000
+        assert height > 600
+    assert differences(read(out / "table.csv"), read(STORED / f"{name}_quick.csv")) == []
+    provenance = json.loads((out / f"{name}.json").read_text(encoding="utf-8"))
+    assert (provenance["scenario"], provenance["seed"]) == (name, 0)
+    assert provenance["findings"]
+    again = CliRunner().invoke(main, ["--quick", "--out", str(out)])
+    assert again.exit_code == 2
+    assert "--overwrite" in again.output
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_comparison_of_tables_sees_one_part_in_a_hundred_million(name: str) -> None:
+    stored = read(STORED / f"{name}_quick.csv")
+    assert differences(stored, stored) == []
+    row = int(stored["mean"].notna().to_numpy().argmax())
+    wrong = stored.copy()
+    wrong.loc[row, "mean"] += 1e-8 * max(1.0, abs(wrong.loc[row, "mean"]))
+    assert differences(wrong, stored) == [f"mean of row {row}"]
+    assert differences(stored.iloc[1:], stored) == ["rows or columns"]
+
+
+def test_the_studies_are_listed_with_their_questions() -> None:
+    listed = python("-m", "scenarios")
+    assert listed.returncode == 0, listed.stderr
+    for name in NAMES:
+        line = next(line for line in listed.stdout.splitlines() if f"scenarios.{name} " in line)
+        assert line.endswith("?")
+
+
+def _square(seed: int) -> float:
+    return float(seed**2)
+
+
+def test_replications_have_consecutive_seeds_and_share_them() -> None:
+    assert replicate([_square, partial(pow, 2)], 3, seed=4, workers=1) == [[16.0, 25.0, 36.0], [16, 32, 64]]
+
+
+@pytest.mark.slow
+def test_a_pool_gives_the_same_bits_as_one_process() -> None:
+    run = Run(memory_alone(), 60.0, 20.0, "continuous", Crossing(0.5), loss=0.2)
+    alone, shared = (replicate([partial(measure, run)], 3, seed=0, workers=count) for count in (1, 2))
+    for one, other in zip(alone[0], shared[0], strict=True):
+        for field, others in zip(one, other, strict=True):
+            assert np.array_equal(field, others)
+
+
+def test_means_errors_and_the_jackknife_of_a_mean() -> None:
+    values = np.array([[1.0, 2.0], [3.0, 2.0], [8.0, 2.0]])
+    mean, error = mean_and_error(values)
+    assert mean.tolist() == [4.0, 2.0]
+    assert error == pytest.approx([np.std([1, 3, 8], ddof=1) / np.sqrt(3), 0.0])
+    again, jackknifed = jackknife(list(values), lambda mean: mean)
+    assert again == pytest.approx(mean)
+    assert jackknifed == pytest.approx(error)
+    assert np.isnan(mean_and_error(values[:1])[1]).all()
+    table = summarise([{"a": "x", "b": 1.0}, {"a": "x", "b": 3.0}], ["a"])
+    assert table.to_dict("records") == [
+        {"a": "x", "measure": "b", "mean": 2.0, "standard_error": 1.0, "replications": 2}
+    ]
+
+
+def test_measures_count_from_the_start_that_was_asked_for() -> None:
+    """A run of 60 units measured from 20 on, against its frames."""
+    from aimd_des import Recording, Simulation
+
+    problem = memory_alone()
+    found = measure(Run(problem, 60.0, 20.0, "continuous", Crossing(0.5)), seed=1)
+    recording = Recording(demand=0.01)
+    result = Simulation(
+        problem, dynamics="continuous", control_unit=Crossing(0.5), seed=1, recording=recording
+    ).run(60.0)
+    late = result.demand[result.demand["time"] >= 20.0]
+    assert found.signals[0] == (result.signals["time"] >= 20.0).sum() / 40.0
+    # A line that is broken fewer than 60 times, sampled at 4,000 instants: at most one step of growth off each.
+    assert found.utilisation[0] == pytest.approx(late["total"].mean() / 32.0, abs=1e-3)
+    assert found.peak[0] == pytest.approx(late["total"].max() / 32.0, abs=60 * 0.025 * 0.01 / 32.0 + 1e-12)
+    assert found.average[:, 0] == pytest.approx(result.average_at_end[:, 0])
+    table, outcomes = measure_all(
+        [({"way": "a"}, Run(problem, 60.0, 20.0, "continuous", Crossing(0.5)))], 2, 1, workers=1
+    )
+    assert outcomes[0][0].signals == found.signals
+    assert set(table["measure"]) == {"signals", "utilisation", "misallocation", "peak", "saturated"}
+
+
+@pytest.mark.parametrize(
+    ("rule", "inside", "outside"),
+    [
+        (Rule("relative", 0.05, "within 5 %"), 2.09, 2.11),
+        (Rule("difference", 0.02, "within 2 points"), 2.019, 2.021),
+        (Rule("at least", 0.0, "at least 2"), 2.0, 1.99),
+    ],
+)
+def test_rules_tell_what_agrees_from_what_does_not(rule: Rule, inside: float, outside: float) -> None:
+    rows = [Row("f", "s", "memory", 0.01, 1.0, 2.0, mean, 0.1, rule) for mean in (inside, outside, np.nan)]
+    table = frame(rows)
+    assert table["holds"].tolist() == ["yes", "no", "no"]
+    assert digest(table)["holds"].tolist() == ["1 of 3"]
+    assert markdown(table).count("| no |") == 2
+
+
+def rows_of(experiment: Callable[[Size], Any], size: Size) -> pd.DataFrame:
+    made = experiment(size)
+    return frame(made.rows(replicate(made.jobs, size.replications, seed=0, workers=1)))
+
+
+@pytest.fixture(scope="module")
+def signals() -> pd.DataFrame:
+    return rows_of(_theory_signals.signals_and_utilisation, SMALL)
+
+
+@pytest.mark.slow
+def test_signals_and_utilisation_are_as_predicted(signals: pd.DataFrame) -> None:
+    rows = signals[signals["claim"] != ""]
+    assert set(rows["formula"]) >= {"Signals per unit of time", "Utilisation"}
+    allowed = np.where(rows["claim"] == "within 5 %", 0.05 * rows["predicted"], 0.02)
+    assert (rows["deviation"].abs() <= allowed + Z * rows["standard_error"]).all()
+
+
+@pytest.mark.slow
+def test_peaks_are_lifted_by_the_growth_over_the_latency(signals: pd.DataFrame) -> None:
+    rows = signals[signals["formula"].str.startswith("Peak")]
+    assert len(rows) == 3
+    assert rows["mean"].to_numpy() == pytest.approx(rows["predicted"].to_numpy(), rel=1e-9)
+
+
+@pytest.mark.slow
+def test_signals_without_the_loss_in_the_formula_are_refuted(signals: pd.DataFrame) -> None:
+    """Negative control: the same runs, held against what they would be without loss."""
+    rows = signals[(signals["formula"] == "Signals per unit of time") & signals["setting"].str.contains("loss")]
+    expected = theory.predict(smart_cameras(0), "continuous").signals
+    continuous = rows[rows["setting"].str.startswith("continuous")]
+    wrong = continuous["mean"].to_numpy().reshape(-1, 3) / expected - 1.0
+    assert (wrong > 0.05 + Z * (continuous["standard_error"].to_numpy().reshape(-1, 3) / expected)).all()
+
+
+def noise(runs: list[Measures]) -> Any:
+    """Expected sum of absolute errors of the mean of averages over the sum, if each is normal; (m,)."""
+    mean, error = mean_and_error([run.average for run in runs])
+    return np.sqrt(2.0 / np.pi) * error.sum(axis=0) / mean.sum(axis=0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("experiment", [_theory_losses.heterogeneous, _theory_losses.compensated])
+def test_loss_that_differs_leads_to_the_predicted_optimum(experiment: Callable[[Size], Any]) -> None:
+    made = experiment(SMALL)
+    outcomes = replicate(made.jobs, SMALL.replications, seed=0, workers=1)
+    table = frame(made.rows(outcomes))
+    near = table[table["claim"] == "at most 2 %"]
+    assert len(near) == 6
+    # Four replications leave noise in the averages, which counts as distance.
+    assert (near["mean"].to_numpy() <= 0.02 + np.concatenate([noise(runs) for runs in outcomes])).all()
+    far = table[table["claim"] == "at least 5 times"]
+    assert (far["holds"] == "yes").all()
+    shares = table[table["formula"].str.contains("share of responses")]
+    assert (shares["mean"] == 0.0).all()
+
+
+@pytest.mark.slow
+def test_the_critical_loss_is_where_theory_puts_it() -> None:
+    table = rows_of(_theory_losses.critical, replace(SMALL, replications=2))
+    resolution = 0.9 / 2 ** (SMALL.halvings + 1)
+    assert (table["deviation"].abs() <= 0.05 + resolution).all()
+    # Negative control: the formula of the other dynamics.
+    other = table["predicted"].to_numpy()[::-1]
+    assert (np.abs(table["mean"].to_numpy() - other) > 0.05 + resolution).all()
+
+
+def test_spread_values_have_the_mean_halfway_and_no_order() -> None:
+    values = spread(0.0, 0.6)
+    assert values.mean() == pytest.approx(0.3)
+    assert values.min() == 0.0
+    assert values.max() == 0.6
+    assert abs(np.corrcoef(values, np.arange(60))[0, 1]) < 0.3
