@@ -163,11 +163,11 @@ def array(
     wanted = f"({', '.join(str(length) for length in shape)}{',' if len(shape) == 1 else ''})"
     try:
         raw = np.asarray(value)
+        if raw.dtype.kind not in "iuf":
+            raise TypeError
         clean = np.array(raw, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise InputError.of(field, value, f"an array of numbers of shape {wanted}", remedy) from None
-    if raw.dtype.kind not in "iuf":
-        raise InputError.of(field, value, f"an array of numbers of shape {wanted}", remedy)
     fits = clean.ndim == len(shape) and all(
         isinstance(want, str) or want == have for want, have in zip(shape, clean.shape, strict=True)
     )
@@ -216,7 +216,7 @@ def per_agent(
         As `number` and `array` do.
     """
     bounds: _Bounds = {"low": low, "high": high, "low_open": low_open, "high_open": high_open}
-    if isinstance(value, np.ndarray | list | tuple) and np.ndim(value) > 0:
+    if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0):
         return array(field, value, ("n_agents",), **bounds, remedy=remedy)
     return number(field, value, **bounds, remedy=remedy)
 

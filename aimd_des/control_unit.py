@@ -5,10 +5,11 @@ from itertools import count
 from typing import Protocol
 
 import numpy as np
+import simpy
 
 from aimd_des import checks
 from aimd_des.clock import Clock
-from aimd_des.environment import Kind
+from aimd_des.environment import Kind, Mailbox
 from aimd_des.errors import SimulationError
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
@@ -130,12 +131,13 @@ class Crossing:
         """Go from one possible crossing to the next: responses only lower the total, growth bounds it."""
         env, limit = system.env, float(system.law.limit[resource])
         slope = float(np.cumsum(system.law.increase[resource])[-1])
+        alarm = _Alarm(system, resource)
         at_this_instant, instant = 0, -1.0
         while True:
             now = env.now
             soonest = now + (limit - system.total(resource)) / slope
             if soonest > now:
-                yield env.at(soonest, Kind.SENSE, resource)
+                yield alarm.at(soonest, sooner_if_raised=True)
                 continue
             # At the threshold, or so near below it that no representable time lies in between.
             at_this_instant = at_this_instant + 1 if now == instant else 1
@@ -143,7 +145,7 @@ class Crossing:
             if at_this_instant > _MOST_AT_ONE_INSTANT:
                 raise SimulationError(self._standstill(system, resource))
             system.broadcast(resource, self.sensing_delay)
-            yield env.at(now + self.refractory, Kind.SENSE, resource)
+            yield alarm.at(now + self.refractory, sooner_if_raised=False)
 
     def _standstill(self, system: System, resource: int) -> str:
         name = system.problem.resource_names[resource]
@@ -153,3 +155,32 @@ class Crossing:
             f"{self.refractory!r}; set refractory greater than 0, or let signals arrive at once and reach "
             "somebody who can respond"
         )
+
+
+class _Alarm:
+    """Wakes the sensing of one resource at a time, or before it when a demand is raised from outside."""
+
+    def __init__(self, system: System, resource: int) -> None:
+        self.env = system.env
+        self.resource = resource
+        self.mailbox = Mailbox(system.env)
+        self.latest = 0
+        self.watchful = False
+        system.on_intervention.append(self._changed)
+
+    def at(self, time: float, *, sooner_if_raised: bool) -> Mailbox:
+        """Set the alarm; an earlier setting no longer counts."""
+        self.watchful = sooner_if_raised
+        self.latest += 1
+        setting = self.latest
+
+        def ring(_: simpy.Event) -> None:
+            if setting == self.latest:
+                self.mailbox.hand(None)
+
+        self.env.at(time, Kind.SENSE, self.resource).callbacks.append(ring)
+        return self.mailbox
+
+    def _changed(self, time: float, resource: int, change: float) -> None:
+        if self.watchful and resource == self.resource and change > 0.0:
+            self.at(time, sooner_if_raised=True)

@@ -78,7 +78,8 @@ def run_discrete(
     else:
         take_custom_steps(problem.costs, state, law, steps, lag, key, control, watch, scratch)
     close_books(state, law, steps, control, watch)
-    return _result(problem, seed, steps, state, control, watch)
+    signals, observations, account = _outcome(problem, steps, state, control, watch)
+    return Result(problem, "discrete", seed, float(steps), signals, observations, account)
 
 
 def _openwatch_step(recording: Recording, steps: int, n: int, m: int) -> Watch:
@@ -95,7 +96,9 @@ def _openwatch_step(recording: Recording, steps: int, n: int, m: int) -> Watch:
     )
 
 
-def _result(problem: Problem, seed: int, steps: int, state: State, control: Control, watch: Watch) -> Result:
+def _outcome(
+    problem: Problem, steps: int, state: State, control: Control, watch: Watch
+) -> tuple[Signals, Observations, Account]:
     step, resource = np.nonzero(control.broadcast)
     number = np.cumsum(control.broadcast, axis=0)[step, resource] - 1
     signals = Signals(step.astype(np.float64), resource, number)
@@ -123,4 +126,4 @@ def _result(problem: Problem, seed: int, steps: int, state: State, control: Cont
         responses=state.responses,
         saturated=state.saturated,
     )
-    return Result(problem, "discrete", seed, float(steps), signals, observations, account)
+    return signals, observations, account

@@ -49,6 +49,15 @@ class OrderedEnvironment(simpy.Environment):
         super().__init__()
         self._now: float = 0.0
         self._eid = count(_FIRST_ORDER)
+        self._acted = -math.inf
+
+    @property
+    def agents_have_acted(self) -> bool:
+        """Whether somebody who acts after the agents has acted at this instant."""
+        return self._acted == self._now
+
+    def _note_act(self, event: simpy.Event) -> None:
+        self._acted = self._now
 
     def reserve(self, how_many: int) -> int:
         """Set aside consecutive order numbers, to be used by events scheduled later.
@@ -94,6 +103,8 @@ class OrderedEnvironment(simpy.Environment):
         event._ok = True
         event._value = None
         self._push(event, time, kind, next(self._eid) if order is None else order)
+        if kind is Kind.ACT and order is None:
+            event.callbacks.append(self._note_act)
         return event
 
     def _push(self, event: simpy.Event, time: float, kind: int, order: int) -> None:

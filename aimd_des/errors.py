@@ -9,6 +9,18 @@ pools do that).
 __all__ = ["InputError", "SimulationError"]
 
 
+_LONGEST = 500
+
+
+def _shown(value: object) -> str:
+    """Show a value, but not pages of it."""
+    try:
+        shown = repr(value)
+    except ValueError:  # an integer of thousands of digits
+        return f"a value of type {type(value).__name__} that is too long to show"
+    return shown if len(shown) <= _LONGEST else f"{shown[:_LONGEST]}..."
+
+
 class InputError(ValueError):
     """Something the user gave is outside what is allowed.
 
@@ -38,7 +50,7 @@ class InputError(ValueError):
         InputError
             The exception, to be raised by the caller.
         """
-        sentence = f"{field} = {value!r}: must be {allowed}"
+        sentence = f"{field} = {_shown(value)}: must be {allowed}"
         return cls(f"{sentence}; {remedy}" if remedy else sentence)
 
 

@@ -55,9 +55,9 @@ def check_folder(folder: Path, *, overwrite: bool, mark: str = PROVENANCE) -> No
                 "one that this program wrote",
                 f"it has no {mark}; remove it yourself",
             )
+    above = next(path for path in folder.resolve().parents if path.exists())
     try:
-        folder.resolve().parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".writable", dir=folder.resolve().parent):
+        with tempfile.TemporaryDirectory(prefix=".writable", dir=above):
             pass
     except OSError as error:
         raise InputError(f"output folder {str(folder)!r}: cannot be written ({error.strerror})") from None
@@ -78,6 +78,7 @@ def new_folder(folder: Path) -> Iterator[Path]:
         Where to write; it is removed if the block fails.
     """
     target = folder.resolve()
+    target.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
     try:
         yield temporary

@@ -122,6 +122,11 @@ class Problem:
     ) -> None:
         self.resources = tuple(resources)
         self.costs = costs
+        for position, resource in enumerate(self.resources):
+            if not isinstance(resource, Resource):
+                raise InputError.of(f"resources[{position}]", resource, "a Resource")
+        if not isinstance(costs, Costs):
+            raise InputError.of("costs", costs, "costs, such as PolynomialCosts or CustomCosts")
         names = [resource.name for resource in self.resources]
         if not names or len(set(names)) != len(names):
             raise InputError.of("names of the resources", names, "one or more, each different")
@@ -165,7 +170,8 @@ class Problem:
 
     def _names_of_agents(self, given: Sequence[str] | None) -> tuple[str, ...]:
         names = tuple(map(str, range(self.n_agents))) if given is None else tuple(given)
-        if len(names) != self.n_agents or len(set(names)) != len(names):
+        strings = all(isinstance(name, str) for name in names)
+        if not strings or len(names) != self.n_agents or len(set(names)) != len(names):
             raise InputError.of("agent_names", given, f"{self.n_agents} different names")
         return names
 

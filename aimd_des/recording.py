@@ -18,6 +18,7 @@ __all__ = ["Observations", "Recording", "Signals", "Times"]
 Times = Literal["auto", "end"] | float | Sequence[float] | FloatArray
 
 _AUTO_LOOKS = 1000
+_MOST_LOOKS = 10_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +59,14 @@ class Recording:
             if isinstance(value, str):
                 if value not in ("auto", "end"):
                     raise InputError.of(name, value, "'auto', 'end', a period or an array of times")
-            elif np.ndim(value) == 0:
+            elif not isinstance(value, list | tuple | np.ndarray):
                 checks.number(name, value, low=0.0, low_open=True)
             else:
                 times = checks.array(name, value, ("n_times",), low=0.0)
                 if (np.diff(times) <= 0).any():
                     raise InputError.of(name, times.tolist(), "strictly ascending times")
                 object.__setattr__(self, name, times)
-        checks.integer("tail", self.tail, low=0)
+        checks.integer("tail", self.tail, low=0, high=_MOST_LOOKS)
 
     def times(self, name: Literal["demand", "allocations"], until: float, *, whole: bool) -> FloatArray:
         """List the instants of one kind of look over [0, until], the end included.
@@ -94,6 +95,10 @@ class Recording:
             spread = np.linspace(0.0, until, _AUTO_LOOKS + 1) if value == "auto" else np.array([until])
             times = np.unique(np.floor(spread)) if whole or until >= _AUTO_LOOKS else spread
         elif np.ndim(value) == 0:
+            if until / value > _MOST_LOOKS:
+                raise InputError.of(
+                    name, value, f"at least {until / _MOST_LOOKS:g}", "that many looks fit nowhere"
+                )
             times = np.arange(int(np.ceil(until / value))) * float(value)
         else:
             times = np.asarray(value)

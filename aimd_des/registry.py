@@ -72,7 +72,7 @@ def named_model(name: str) -> Callable[..., Problem]:
 def _exists(name: str) -> bool:
     try:
         return all(part.isidentifier() for part in name.split(".")) and find_spec(name) is not None
-    except ModuleNotFoundError:  # of a parent package
+    except (ModuleNotFoundError, ValueError):  # of a parent package; a module without a specification
         return False
 
 

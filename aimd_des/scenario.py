@@ -72,7 +72,7 @@ class Scenario(Table):
     until: float
     seed: int = 0
     dynamics: Literal["discrete", "continuous", "synchronous"] = "discrete"
-    lag: Literal[0, 1] = 1
+    lag: int = Field(default=1, ge=0, le=1)
     agents: Literal["process"] = "process"
     model: str | None = None
     parameters: dict[str, Any] = Field(default_factory=dict)

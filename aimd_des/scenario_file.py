@@ -50,7 +50,7 @@ def load_scenario(path: Path, **changes: Any) -> Scenario:
         raise InputError(f"{path}: there is no such file") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read ({error})") from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # integers of thousands of digits, too
         raise InputError(f"{path}: is not valid TOML: {error}") from None
     try:
         return Scenario.model_validate({**data, **changes})

@@ -67,6 +67,8 @@ class Table(BaseModel):
 def _spoken(value: Any) -> Any:
     if isinstance(value, Table):
         return value.spoken()
+    if isinstance(value, dict):  # TOML has no word for None
+        return {key: _spoken(item) for key, item in value.items() if item is not None}
     return [_spoken(item) for item in value] if isinstance(value, list) else value
 
 

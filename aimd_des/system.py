@@ -1,5 +1,6 @@
 """One run in progress: what the control unit, the channel, the agents and observers share."""
 
+import math
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
@@ -105,6 +106,17 @@ class System:
         )
         return [float(draw) for draw in row]
 
+    def clock_time(self) -> float:
+        """Return the time up to which ticks lie in the past: now, or just after where agents have acted.
+
+        Returns
+        -------
+        float
+            For `AgentClocks.next_tick` and `next_ticks`.
+        """
+        now = float(self.env.now)
+        return math.nextafter(now, math.inf) if self.env.agents_have_acted else now
+
     def moments(self) -> FloatArray:
         """Return where the agents are in their own time: the next tick, or the time.
 
@@ -114,7 +126,7 @@ class System:
             Overwritten by the next call.
         """
         if self.clocks is not None:
-            return self.clocks.next_ticks(self.env.now)
+            return self.clocks.next_ticks(self.clock_time())
         self._now[0] = self.env.now
         return self._now
 
@@ -160,8 +172,9 @@ class System:
         return demand, average
 
     def _moment(self, agent: int) -> float:
-        clocks, now = self.clocks, float(self.env.now)
-        return now if clocks is None else float(clocks.next_tick(agent, now))
+        if self.clocks is None:
+            return float(self.env.now)
+        return float(self.clocks.next_tick(agent, self.clock_time()))
 
     def demand(self, agent: int, resource: int) -> float:
         """Read one agent's demand for one resource as it is now.

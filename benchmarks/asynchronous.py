@@ -55,10 +55,11 @@ COLUMNS = (
     "the run,\nMiB",
 )
 LEGEND = (
-    "CPU seconds of all threads, compiling not counted.  Deliveries per second are those of the best run, and\n"
+    "CPU seconds of all threads, compiling not counted.  Deliveries per second are those of the best run;\n"
     f"'over SimPy' is their ratio to '{STRAIGHT}'.  'off' is the largest relative difference from the first\n"
-    f"program on any resource, means over the runs; above {TOLERANCE:.0%} the work is not the same and no ratio is\n"
-    "given.  'alone' and the memory are of one run in a process of its own, start and imports included;\n"
+    "program on any resource, means over the runs; "
+    f"above {TOLERANCE:.0%} the work is not the same and no ratio is given.\n"
+    "'alone' and the memory are of one run in a process of its own, start and imports included;\n"
     "'the run' is how far the run itself lifts the peak."
 )
 

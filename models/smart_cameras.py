@@ -91,7 +91,7 @@ def smart_cameras(
         If an argument is outside its range.
     """
     n = checks.integer("n_cameras", n_cameras, low=1)
-    if increase not in INCREASES:
+    if not isinstance(increase, str) or increase not in INCREASES:
         raise InputError.of("increase", increase, f"one of {', '.join(map(repr, INCREASES))}")
     scale = n / _PAPER_CAMERAS
     alpha = INCREASES[increase]

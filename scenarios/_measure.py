@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
@@ -62,7 +62,7 @@ class Run:
     until: float
     start: float
     dynamics: Literal["discrete", "continuous"] = "discrete"
-    control_unit: Sampled | Crossing = Sampled()
+    control_unit: Sampled | Crossing = field(default_factory=Sampled)
     latency: float = 0.0
     loss: float | FloatArray = 0.0
     clocks: Clocks | None = None
@@ -120,9 +120,7 @@ class _Peaks:
         self._total[resource] += change
 
 
-def distance(
-    problem: Problem, average: FloatArray, weights: npt.ArrayLike | None = None
-) -> FloatArray:
+def distance(problem: Problem, average: FloatArray, weights: npt.ArrayLike | None = None) -> FloatArray:
     """Compute how far averages are from an optimum for the capacities that they use.
 
     Parameters
@@ -173,7 +171,8 @@ def measure(run: Run, seed: int) -> Measures:
 def _run(run: Run, seed: int, peaks: _Peaks) -> Result:
     discrete, apart = run.dynamics == "discrete", run.clocks is not None
     step = 1.0 / _LOOKS_PER_PERIOD if apart else 1.0
-    looks = run.start + step * np.arange(int((run.until - run.start) / step)) if discrete else [run.start]
+    count = int((run.until - run.start) / step) if discrete else 1
+    looks = [run.start + step * look for look in range(count)]
     recording = Recording(demand=looks, overshoot=False)
     plain = discrete and not apart and not np.any(run.loss) and run.control_unit == Sampled()
     if plain and run.latency <= 1.0:  # the same run to the last bit, in a fraction of the time
@@ -217,7 +216,11 @@ def _measure(run: Run, result: Result, peaks: _Peaks) -> Measures:
 
 
 def measure_all(
-    cases: Sequence[tuple[Mapping[str, Any], Run]], replications: int, seed: int, *, workers: int | None = None
+    cases: Sequence[tuple[Mapping[str, Any], Run]],
+    replications: int,
+    seed: int,
+    *,
+    workers: int | None = None,
 ) -> tuple[pd.DataFrame, list[list[Measures]]]:
     """Run several cases with the same seeds.
 

@@ -12,7 +12,7 @@ import pandas as pd
 
 from aimd_des.checks import FloatArray
 
-__all__ = ["jackknife", "mean_and_error", "replicate", "summarise"]
+__all__ = ["jackknife", "mean_and_error", "numbers", "replicate", "summarise"]
 
 _Outcome = TypeVar("_Outcome")
 
@@ -112,3 +112,26 @@ def summarise(rows: Sequence[dict[str, Any]], labels: Sequence[str]) -> pd.DataF
     groups = long.groupby([*labels, "measure"], sort=False, dropna=False)["value"]
     found = groups.agg(mean="mean", standard_error="sem", replications="count")
     return found.reset_index()
+
+
+def numbers(table: pd.DataFrame, column: str = "mean", **wanted: str) -> FloatArray:
+    """Take a column of the rows that have the labels wanted.
+
+    Parameters
+    ----------
+    table : DataFrame
+        As from `summarise`.
+    column : str
+        Which.
+    **wanted
+        Columns and what they must hold.
+
+    Returns
+    -------
+    ndarray
+        In the order of the rows.
+    """
+    chosen = np.ones(len(table), dtype=np.bool_)
+    for name, value in wanted.items():
+        chosen &= (table[name] == value).to_numpy()
+    return table.loc[chosen, column].to_numpy(dtype=np.float64)

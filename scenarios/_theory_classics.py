@@ -27,15 +27,13 @@ _AGENTS = 20
 
 
 def _problem(increase: Any, decrease: Any, probability: FloatArray, capacity: float) -> Problem:
-    """Make a problem in which agents respond with fixed probabilities: costs are c_i x**2, and Gamma is 1/2."""
+    """Make a problem in which agents respond with fixed probabilities: costs c_i x**2, Gamma 1/2."""
     resource = Resource("all", capacity, increase, decrease, 0.5)
     return Problem([resource], PolynomialCosts([2], probability[:, None, None]))
 
 
 def _continuous(problem: Problem, unit: Any, seed: int, until: float, recording: Recording) -> Result:
-    simulation = Simulation(
-        problem, dynamics="continuous", control_unit=unit, seed=seed, recording=recording
-    )
+    simulation = Simulation(problem, dynamics="continuous", control_unit=unit, seed=seed, recording=recording)
     return simulation.run(until)
 
 
@@ -119,9 +117,7 @@ def _poisson(until: float, seed: int) -> dict[str, float]:
     """Take moments of agents with alpha 1 and beta 0.5 that answer every other one of the signals."""
     problem = _problem(1.0, 0.5, np.full(_AGENTS, 0.5), 1000.0)
     looks = np.arange(until / 5, until, 0.5)
-    result = _continuous(
-        problem, _Drawn(seed, 1.0), seed, until, Recording("end", looks, overshoot=False)
-    )
+    result = _continuous(problem, _Drawn(seed, 1.0), seed, until, Recording("end", looks, overshoot=False))
     held = result.observations.demand
     return {"first": float(held.mean()), "second": float((held**2).mean())}
 
@@ -191,7 +187,11 @@ def _rows(outcomes: list[list[dict[str, Any]]]) -> list[Row]:
     shares = np.array([run["shares"] for run in apart])
     # Over theory and averaged over the agents: each of them should be 1.
     rows += _row(
-        "Fixed probabilities: share at events, over theory", mixed, (shares / wanted).mean(axis=1), 1.0, _TWO_PERCENT
+        "Fixed probabilities: share at events, over theory",
+        mixed,
+        (shares / wanted).mean(axis=1),
+        1.0,
+        _TWO_PERCENT,
     )
     worst = int(np.abs(shares.mean(axis=0) / wanted - 1.0).argmax())
     name = f"Fixed probabilities: share at events, agent {worst}, the farthest"
@@ -199,8 +199,12 @@ def _rows(outcomes: list[list[dict[str, Any]]]) -> list[Row]:
     for order, key in ((1, "first"), (2, "second")):
         predicted = float(theory.poisson_moment(1.0, 0.5, 0.5, order))
         values = [run[key] for run in poisson]
-        rows += _row(f"Poisson signals: {key} moment", "alpha 1, beta 0.5, rate 0.5", values, predicted, _TWO_PERCENT)
+        rows += _row(
+            f"Poisson signals: {key} moment", "alpha 1, beta 0.5, rate 0.5", values, predicted, _TWO_PERCENT
+        )
     rate = float(theory.square_root_law(1.0, 0.5, 0.002, "per_packet"))
     values = [run["mean"] for run in flow]
-    rows += _row("Square-root law, a loss per packet", "alpha 1, beta 0.5, loss 0.002", values, rate, _TWO_PERCENT)
+    rows += _row(
+        "Square-root law, a loss per packet", "alpha 1, beta 0.5, loss 0.002", values, rate, _TWO_PERCENT
+    )
     return rows

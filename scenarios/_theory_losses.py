@@ -83,10 +83,14 @@ def _heterogeneous_rows(runs: list[Run], outcomes: list[list[Measures]]) -> list
             share = theory.predict(problem, "discrete", latency=1.0, loss=loss).signals
         weights = theory.loss_weights(loss[:, None], share) * np.ones((1, problem.n_resources))
 
-        def near(average: FloatArray, problem: Problem = problem, weights: FloatArray = weights) -> FloatArray:
+        def near(
+            average: FloatArray, problem: Problem = problem, weights: FloatArray = weights
+        ) -> FloatArray:
             return distance(problem, average, weights)
 
-        def ratio(average: FloatArray, problem: Problem = problem, weights: FloatArray = weights) -> FloatArray:
+        def ratio(
+            average: FloatArray, problem: Problem = problem, weights: FloatArray = weights
+        ) -> FloatArray:
             return distance(problem, average) / distance(problem, average, weights)
 
         labels = {
@@ -95,7 +99,9 @@ def _heterogeneous_rows(runs: list[Run], outcomes: list[list[Measures]]) -> list
             "hold_off": 1.0 if run.dynamics == "discrete" else 0.25,
         }
         names, what = problem.resource_names, "Loss that differs: distance of the averages from the"
-        rows += _pooled(measures, near, names, 0.0, formula=f"{what} reweighted optimum", rule=_NEAR, **labels)
+        rows += _pooled(
+            measures, near, names, 0.0, formula=f"{what} reweighted optimum", rule=_NEAR, **labels
+        )
         words = f"{what} plain optimum, over that from the reweighted"
         rows += _pooled(measures, ratio, names, 5.0, formula=words, rule=_FAR, **labels)
     return sorted(rows, key=lambda row: row.rule is _FAR)
@@ -130,7 +136,7 @@ def compensated(size: Size) -> Experiment:
 def _compensated_rows(plain: Problem, runs: list[Run], outcomes: list[list[Measures]]) -> list[Row]:
     rows: list[Row] = []
     for run, measures in zip(runs, outcomes, strict=True):
-        labels = {
+        labels: dict[str, Any] = {
             "setting": _words(run.dynamics, f"0 to {np.max(run.loss):g}"),
             "normalization": float(plain.normalization[0]),
             "hold_off": 1.0 if run.dynamics == "discrete" else 0.25,
@@ -151,7 +157,9 @@ def _compensated_rows(plain: Problem, runs: list[Run], outcomes: list[list[Measu
         expected = theory.predict(plain, run.dynamics, latency=run.latency)
         words = "Loss made good for: share of the opportunities to signal that are used"
         used = [found.signals * labels["hold_off"] for found in measures]
-        rows += estimated(used, expected.signals * labels["hold_off"], plain.resource_names, formula=words, **labels)
+        rows += estimated(
+            used, expected.signals * labels["hold_off"], plain.resource_names, formula=words, **labels
+        )
     order = {name: place for place, name in enumerate(dict.fromkeys(row.formula for row in rows))}
     return sorted(rows, key=lambda row: order[row.formula])
 
@@ -198,12 +206,13 @@ def _predicted_critical(problem: Problem, dynamics: _Dynamics) -> float:
 def _critical_rows(problem: Problem, outcomes: list[list[float]]) -> list[Row]:
     rows: list[Row] = []
     for dynamics, found in zip(_BOTH, outcomes, strict=True):
+        words = "clock" if dynamics == "discrete" else "continuous, crossing"
         rows += estimated(
             np.array(found)[:, None],
             _predicted_critical(problem, dynamics),
             problem.resource_names,
             formula="Critical loss",
-            setting=f"{_words(dynamics, 'the same for all').replace(', one step later', '')}, n {problem.n_agents}",
+            setting=f"{words}, {problem.n_agents} agents",
             normalization=float(problem.normalization[0]),
             hold_off=1.0,
             rule=_LOCATED,

@@ -102,9 +102,7 @@ def _rate(problem: Problem, used: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _next_order(case: _Case, runs: list[Measures]) -> list[Row]:
     run, names = case.run, case.run.problem.resource_names
     period = 1.0 if run.dynamics == "continuous" and isinstance(run.control_unit, Sampled) else 0.0
-    expected = theory.predict(
-        run.problem, run.dynamics, latency=run.latency, period=period, loss=run.loss
-    )
+    expected = theory.predict(run.problem, run.dynamics, latency=run.latency, period=period, loss=run.loss)
     loss = float(np.max(run.loss))
     rho, _ = _rate(run.problem, np.ones(len(names)))
     critical = theory.critical_loss(rho, run.dynamics, refractory=case.hold_off)
@@ -160,7 +158,12 @@ def _price(case: _Case, runs: list[Measures]) -> list[Row]:
     words = "Price in bits, (1 − utilisation) × signals"
     return [
         *estimated(
-            found, (1.0 - expected.utilisation) * expected.signals, names, formula=words, rule=_SIGNALS, **_labels(case)
+            found,
+            (1.0 - expected.utilisation) * expected.signals,
+            names,
+            formula=words,
+            rule=_SIGNALS,
+            **_labels(case),
         ),
         *estimated(found, first, names, formula=f"{words}, first order alone", **_labels(case)),
     ]

@@ -1,7 +1,7 @@
 """What changes when agents grow and answer in continuous time instead of on one clock?
 
 PLACEHOLDER
-"""
+"""  # noqa: D400 - a question
 
 from typing import Any, Literal, NamedTuple
 
@@ -18,6 +18,7 @@ from aimd_des.problem import Problem
 from models.smart_cameras import smart_cameras
 from scenarios._command import Study, command
 from scenarios._measure import Run, measure_all
+from scenarios._replicate import numbers
 
 __all__ = ["main", "study"]
 
@@ -66,7 +67,8 @@ def study(quick: bool = False, seed: int = 0) -> Study:
     replications, until = (2, 240.0) if quick else (20, 1500.0)
     problem = smart_cameras(0)
     cases: list[tuple[dict[str, Any], Run]] = [
-        ({"way": way.name}, Run(problem, until, until // 3, way.dynamics, way.unit, way.latency)) for way in _WAYS
+        ({"way": way.name}, Run(problem, until, until // 3, way.dynamics, way.unit, way.latency))
+        for way in _WAYS
     ]
     table, _ = measure_all(cases, replications, seed, workers=1 if quick else None)
     expected = {way.name: _expected(problem, way) for way in _WAYS}
@@ -113,7 +115,9 @@ def _draw(axes: Axes, rows: pd.DataFrame, resources: list[str], factor: float) -
     for place, way in enumerate(_WAYS):
         mine = rows[rows["way"] == way.name]
         beside = np.arange(len(resources)) + 0.15 * (place - 2)
-        axes.hlines(factor * mine["theory"], beside - 0.07, beside + 0.07, color="black", linewidth=1.4, zorder=3)
+        axes.hlines(
+            factor * mine["theory"], beside - 0.07, beside + 0.07, color="black", linewidth=1.4, zorder=3
+        )
         axes.errorbar(
             beside,
             factor * mine["mean"],
@@ -148,21 +152,28 @@ def _shown(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
-    mean = table.set_index(["way", "measure", "resource"])["mean"]
-    clock, ideal = _WAYS[1].name, _WAYS[4].name
-    rho, share = mean[ideal, "signals"], mean[clock, "signals"]
-    gap = float((share / (rho / (1.0 + rho)) - 1.0).abs().max())
-    points = 100.0 * (mean[clock, "utilisation"] - mean[ideal, "utilisation"])
-    wrong = [mean[way.name, "misallocation"] for way in _WAYS]
-    low, high = (100.0 * float(getattr(pd.concat(wrong), name)()) for name in ("min", "max"))
-    peaks = mean[_WAYS[0].name, "peak"]
+    later, clock, ideal = (_WAYS[place].name for place in (0, 1, 4))
+    share, rho = (numbers(table, way=way, measure="signals") for way in (clock, ideal))
+    gap = np.abs(share / (rho / (1.0 + rho)) - 1.0).max()
+    used, less = (100.0 * numbers(table, way=way, measure="utilisation") for way in (clock, ideal))
+    peaks, flat = (100.0 * numbers(table, way=way, measure="peak") for way in (later, ideal))
+    wrong = 100.0 * numbers(table, measure="misallocation")
+    ratio, points = rho / share, used - less
     return [
-        f"Continuous time takes {(rho / share).min():.2f} to {(rho / share).max():.2f} times the signals: with rho "
-        f"of the continuous run, the clock's share of steps is rho / (1 + rho) to within {100 * gap:.1f} %.",
-        f"The clock uses {points.min():.1f} to {points.max():.1f} points more of the capacities, and goes up to "
-        f"{100 * (peaks.max() - 1.0):.0f} % beyond them where a signal acts a step later; with ideal crossings "
-        f"total demand never exceeds them (highest {100 * mean[ideal, 'peak'].max():.2f} %).",
-        f"Shares are equally right in all ways: misallocation of a single run is {low:.1f} to {high:.1f} %.",
+        (
+            f"Continuous time takes {ratio.min():.2f} to {ratio.max():.2f} times the signals: with rho of "
+            f"the continuous run, the clock's share of steps is rho / (1 + rho) to within {100 * gap:.1f} "
+            "%."
+        ),
+        (
+            f"The clock uses {points.min():.1f} to {points.max():.1f} points more of the capacities, and "
+            f"goes up to {peaks.max() - 100.0:.0f} % beyond them where a signal acts a step later; with "
+            f"ideal crossings total demand never exceeds them (highest {flat.max():.2f} %)."
+        ),
+        (
+            f"Shares are about as right in all ways: misallocation of a single run is {wrong.min():.1f} "
+            f"to {wrong.max():.1f} %, most of it luck."
+        ),
     ]
 
 

@@ -1,7 +1,7 @@
 """What does latency do, and what does a longer hold-off do about it?
 
 PLACEHOLDER
-"""
+"""  # noqa: D400 - a question
 
 from typing import Any
 
@@ -99,7 +99,7 @@ def _expected(row: dict[Any, Any]) -> float:
 
 
 def _level(hold_off: float) -> float:
-    """Predict where total demand comes to rest if signals do not suffice; NaN if responses are cut off at 1."""
+    """Predict where demand comes to rest if signals do not suffice; NaN if responses are cut off."""
     mu = theory.runaway_multiplier(
         _PROBLEM.increase[0], _PROBLEM.decrease[0], _PROBLEM.normalization, 0.0, refractory=hold_off
     )
@@ -186,16 +186,23 @@ def _findings(table: pd.DataFrame) -> list[str]:
     matched = _pick(table, _MATCHED, "utilisation")
     away = matched.loc[matched["hold_off"] * _rate() >= 1.0]
     return [
-        f"With hold-off 0.5 the highest peak is 1 + n alpha d / C to within {100 * gap:.1f} points of the capacity, "
-        f"up to {peaks['mean'].max():.2f} of it at latency {longest:g}.",
-        f"What the hold-off must not do is starve the agents: {_rate():.2f} signals per unit of time are needed, so it "
-        f"must stay below {1.0 / _rate():.2f}, whatever the latency. With hold-off 5 the mean demand is "
-        f"{long.min():.2f} to {long.max():.2f} of the capacity; a hold-off as long as the latency runs away from "
-        f"latency {away['latency'].min():g} on, to {away['mean'].max():.1f} of the capacity.",
-        f"A hold-off shorter than the latency repeats signals that are still on their way: with hold-off 0.5 up to "
-        f"{signals['mean'].max():.2f} signals per unit of time instead of {signals['mean'].iloc[0]:.2f}, and the mean "
-        f"demand lies between {short.min():.2f} and {short.max():.2f} of the capacity (hold-off 1: {unit.min():.2f} "
-        f"to {unit.max():.2f}).",
+        (
+            f"With hold-off 0.5 the highest peak is 1 + n alpha d / C to within {100 * gap:.1f} points of "
+            f"the capacity, up to {peaks['mean'].max():.2f} of it at latency {longest:g}."
+        ),
+        (
+            f"What the hold-off must not do is starve the agents: {_rate():.2f} signals per unit of time "
+            f"are needed, so it must stay below {1.0 / _rate():.2f}, whatever the latency. With hold-off "
+            f"5 the mean demand is {long.min():.2f} to {long.max():.2f} of the capacity; a hold-off as "
+            f"long as the latency runs away from latency {away['latency'].min():g} on, to "
+            f"{away['mean'].max():.1f} of the capacity."
+        ),
+        (
+            "A hold-off shorter than the latency repeats signals that are still on their way: with "
+            f"hold-off 0.5 up to {signals['mean'].max():.2f} signals per unit of time instead of "
+            f"{signals['mean'].iloc[0]:.2f}, and the mean demand lies between {short.min():.2f} and "
+            f"{short.max():.2f} of the capacity (hold-off 1: {unit.min():.2f} to {unit.max():.2f})."
+        ),
     ]
 
 

@@ -1,9 +1,9 @@
 """How much loss does the system survive, and whom does loss cost?
 
 PLACEHOLDER
-"""
+"""  # noqa: D400 - a question
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -69,12 +69,17 @@ def study(quick: bool = False, seed: int = 0) -> Study:
         (_labels("the same for all", way, loss), _run(way, until, loss)) for way in _WAYS for loss in losses
     ]
     same = len(cases)
-    for way in _WAYS[1:]:
-        for top in tops:
-            cases.append((_labels("spread", way, top / 2), _run(way, until, spread(0.0, top))))
+    cases += [
+        (_labels("spread", way, top / 2), _run(way, until, spread(0.0, top)))
+        for way in _WAYS[1:]
+        for top in tops
+    ]
     table, outcomes = measure_all(cases, replications, seed, workers=1 if quick else None)
     distances = pd.concat(
-        [_distances(labels, run, found) for (labels, run), found in zip(cases[same:], outcomes[same:], strict=True)]
+        [
+            _distances(labels, run, found)
+            for (labels, run), found in zip(cases[same:], outcomes[same:], strict=True)
+        ]
     )
     table = pd.concat([table, distances], ignore_index=True)
     table["theory"] = [_expected(row) for row in table.to_dict("records")]
@@ -105,8 +110,10 @@ def _distances(labels: dict[str, Any], run: Run, found: list[Measures]) -> pd.Da
     weights = theory.loss_weights(np.asarray(run.loss)[:, None], share)
     averages, rows = [measures.average for measures in found], []
     for name, given in (("from plain optimum", None), ("from reweighted optimum", weights)):
-        value, error = jackknife(averages, lambda average, given=given: distance(_PROBLEM, average, given))
-        rows.append({**labels, "resource": "memory", "measure": name, "mean": value[0], "standard_error": error[0]})
+        value, error = jackknife(averages, partial(distance, _PROBLEM, weights=given))
+        rows.append(
+            {**labels, "resource": "memory", "measure": name, "mean": value[0], "standard_error": error[0]}
+        )
     return pd.DataFrame(rows).assign(replications=len(found))
 
 
@@ -123,7 +130,7 @@ def _critical(way: _Way) -> float:
 
 @lru_cache
 def _homogeneous(way: _Way, loss: float) -> tuple[float, float]:
-    """Predict signals per unit of time, and mean total demand over capacity, on either side of the critical loss."""
+    """Predict signals and mean total demand over capacity, on either side of the critical loss."""
     if loss < _critical(way):
         try:
             expected = theory.predict(
@@ -161,9 +168,7 @@ def _spread_shift(row: dict[Any, Any]) -> float:
     if row["measure"] != "from plain optimum":
         return np.nan
     way, loss = _way(row["way"]), spread(0.0, 2.0 * row["mean_loss"])
-    expected = theory.predict(
-        _PROBLEM, way.dynamics, latency=float(way.dynamics == "discrete"), loss=loss
-    )
+    expected = theory.predict(_PROBLEM, way.dynamics, latency=float(way.dynamics == "discrete"), loss=loss)
     return float(distance(_PROBLEM, expected.allocation)[0])
 
 
@@ -176,7 +181,7 @@ def _figure(table: pd.DataFrame) -> Figure:
     left, middle, right = figure.subplots(1, 3)
     _draw_same(left, table, "signals", "signals, share of the opportunities")
     _draw_same(middle, table, "utilisation", "mean total demand (capacity)")
-    left.set_title("(a) Signals: all opportunities used up", loc="left", fontsize="medium")
+    left.set_title("(a) Signals, until all opportunities are used", loc="left", fontsize="medium")
     middle.set_title("(b) Demand: held, then it runs away", loc="left", fontsize="medium")
     middle.axhline(1.0, color=REFERENCE, linewidth=1.0, linestyle=":")
     _draw_spread(right, table)
@@ -188,7 +193,7 @@ def _draw_same(axes: Axes, table: pd.DataFrame, measure: str, label: str) -> Non
     for place, way in enumerate(_WAYS):
         rows, critical = _pick(table, way, measure), _critical(way)
         scale = way.hold_off if measure == "signals" else 1.0
-        grid = np.linspace(0.0, 0.9, 46)
+        grid = np.union1d(np.linspace(0.0, 0.9, 46), [critical - 1e-6, critical])
         line = np.array([_homogeneous(way, loss)[int(measure != "signals")] for loss in grid]) * scale
         for side in (grid < critical, grid >= critical):
             axes.plot(grid[side], line[side], color=colour(place), linewidth=1.4)
@@ -263,16 +268,18 @@ def _findings(table: pd.DataFrame) -> list[str]:
         rows = _pick(table, way, "signals")
         away = rows.loc[rows["mean"] * way.hold_off >= _RUN_AWAY, "mean_loss"]
         held = rows.loc[rows["mean"] * way.hold_off < _RUN_AWAY, "mean_loss"]
-        span = f"between {held.max():g} and {away.min():g}" if len(away) else f"beyond {held.max():g}"
+        span = f"between {held.max():g} and {away.min():g}" if len(away) else f"above {held.max():g}"
         found.append(
-            f"{way.name}: demand runs away {span}; theory puts the critical loss at {_critical(way):.2f}."
+            f"{way.name}: signals take up practically all opportunities from a loss {span} on, and demand runs "
+            f"away; theory puts the critical loss at {_critical(way):.2f}."
         )
     for way in _WAYS[1:]:
         plain, new = (_pick(table, way, f"from {name} optimum", "spread") for name in ("plain", "reweighted"))
         found.append(
             f"{way.name}, loss spread from 0 to {2 * plain['mean_loss'].iloc[-1]:g}: averages are "
-            f"{100 * plain['mean'].iloc[-1]:.1f} % from the plain optimum and {100 * new['mean'].iloc[-1]:.1f} % "
-            "from that of the reweighted costs: who hears less takes more."
+            f"{100 * plain['mean'].iloc[-1]:.1f} % from the plain optimum and "
+            f"{100 * new['mean'].iloc[-1]:.1f} % from that of the reweighted costs: who hears less takes "
+            "more."
         )
     return found
 

@@ -1,8 +1,9 @@
 """One agent as one process: the rule, read literally, with clocks of their own and in continuous time."""
 
 import math
+from collections.abc import Sequence
 from heapq import heappop, heappush
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -54,6 +55,40 @@ def story(result: Result) -> list[str]:
     ]
 
 
+class Intervention(NamedTuple):
+    """A demand that is set from outside."""
+
+    time: float
+    agent: int
+    resource: int
+    demand: float
+
+
+def set_demands(interventions: Sequence[Intervention]) -> Any:
+    """A process that sets demands, in the order of time."""
+
+    def process(system: System) -> ProcessGenerator:
+        for time, agent, j, demand in interventions:
+            yield system.env.at(time, Kind.INTERVENE)
+            system.set_demand(agent, j, demand)
+
+    return process
+
+
+@st.composite
+def interventions_in(draw: st.DrawFn, problem: Problem) -> list[Intervention]:
+    """Up to five, at quarters of a unit of time, up to twice the share of an agent."""
+    size = draw(st.sampled_from([0, 0, 1, 3, 5]))
+    times = sorted(0.25 * q for q in draw(st.lists(st.integers(0, 80), min_size=size, max_size=size)))
+    agents, resources = st.integers(0, problem.n_agents - 1), st.integers(0, problem.n_resources - 1)
+    planned = []
+    for time in times:
+        j = draw(resources)
+        share = float(problem.capacity[j]) / problem.n_agents
+        planned.append(Intervention(time, draw(agents), j, share * draw(st.floats(0.0, 2.0))))
+    return planned
+
+
 # -- the rule, event by event ----------------------------------------------------------------------------
 
 
@@ -71,6 +106,7 @@ class Literal:
         control_unit: Sampled | Crossing,
         seed: int,
         ticks: list[list[float]] | None,
+        interventions: Sequence[Intervention] = (),
     ) -> None:
         n, m = problem.n_agents, problem.n_resources
         self.problem, self.control_unit, self.seed = problem, control_unit, seed
@@ -86,6 +122,9 @@ class Literal:
         self.margin = math.inf
         self.held_off = [0.0] * m
         self.heap: list[tuple[float, str, tuple[int, ...]]] = []
+        self.interventions = interventions
+        for turn, intervention in enumerate(interventions):
+            self.push(intervention.time, " intervention", turn)
         if isinstance(control_unit, Sampled):
             self.push(control_unit.phase, "B look", 0)
         for i, times in enumerate(ticks or []):
@@ -93,7 +132,7 @@ class Literal:
                 self.push(time, "C tick", i)
 
     def push(self, time: float, kind: str, *what: int) -> None:
-        # The letters are in the order of the kinds: arrivals, looks, ticks.
+        # The first letters are in the order of the kinds: interventions, arrivals, looks, ticks.
         heappush(self.heap, (time, kind, what))
 
     def run(self, until: float) -> None:
@@ -110,7 +149,8 @@ class Literal:
             else:
                 time, kind, what = heappop(self.heap)
                 self.pass_to(time)
-                {"A arrival": self.arrive, "B look": self.look, "C tick": self.tick}[kind](*what)
+                handle = {" ": self.intervene, "A": self.arrive, "B": self.look, "C": self.tick}[kind[0]]
+                handle(*what)
         self.pass_to(until)
 
     def pass_to(self, time: float) -> None:
@@ -132,6 +172,10 @@ class Literal:
             reached = self.now + below / sum(self.problem.increase[:, j].tolist())
             instants.append((max(reached, self.held_off[j]), j))
         return min(instants)
+
+    def intervene(self, turn: int) -> None:
+        _, i, j, demand = self.interventions[turn]
+        self.x[i][j] = demand
 
     def look(self, q: int) -> None:
         for j, limit in enumerate(self.problem.limit.tolist()):
@@ -260,15 +304,23 @@ def assert_same(literal: Literal, result: Result) -> None:
     st.sampled_from(CHANNELS),
     st.sampled_from([*SAMPLED, *CROSSING]),
     st.sampled_from([0.5, 7.0, 30.0]),
+    st.data(),
 )
 def test_continuous_agents_are_the_model_event_by_event(
-    problem: Problem, seed: int, channel: dict[str, Any], control_unit: Sampled | Crossing, until: float
+    problem: Problem,
+    seed: int,
+    channel: dict[str, Any],
+    control_unit: Sampled | Crossing,
+    until: float,
+    data: st.DataObject,
 ) -> None:
     sent_over = BroadcastChannel(**channel)
-    literal = Literal(problem, sent_over, control_unit, seed, None)
+    planned = data.draw(interventions_in(problem), "interventions")
+    literal = Literal(problem, sent_over, control_unit, seed, None, planned)
     literal.run(until)
     assume(literal.margin > 1e-9)  # no decision hangs on the last bits of a float
     parts = {"dynamics": "continuous", "control_unit": control_unit, "channel": sent_over}
+    parts["processes"] = [set_demands(planned)]
     assert_same(literal, simulate(problem, until, seed, **parts))
 
 
@@ -279,6 +331,7 @@ def test_continuous_agents_are_the_model_event_by_event(
     st.sampled_from(SAMPLED),
     st.sampled_from(RHYTHMS),
     st.sampled_from([0.5, 7.0, 30.0]),
+    st.data(),
 )
 def test_discrete_agents_on_their_own_clocks_are_the_model_event_by_event(
     problem: Problem,
@@ -287,13 +340,16 @@ def test_discrete_agents_on_their_own_clocks_are_the_model_event_by_event(
     control_unit: Sampled,
     rhythm: dict[str, Any],
     until: float,
+    data: st.DataObject,
 ) -> None:
     sent_over = BroadcastChannel(**channel)
+    planned = data.draw(interventions_in(problem), "interventions")
     ticks = tick_times(seed, until, problem.n_agents, **rhythm)
-    literal = Literal(problem, sent_over, control_unit, seed, ticks)
+    literal = Literal(problem, sent_over, control_unit, seed, ticks, planned)
     literal.run(until)
     assume(literal.margin > 1e-9)
     parts = {"control_unit": control_unit, "channel": sent_over, "clocks": Clocks(**rhythm)}
+    parts["processes"] = [set_demands(planned)]
     assert_same(literal, simulate(problem, until, seed, **parts))
 
 

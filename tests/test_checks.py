@@ -96,7 +96,6 @@ def test_integer_takes_every_kind_of_integer_of_any_size(value: Any) -> None:
 
 
 @pytest.mark.parametrize(("check", "sign"), [(checks.number, 1), (checks.number, -1), (checks.integer, -1)])
-@pytest.mark.xfail(strict=True, raises=ValueError, reason="repr fails for an int beyond 4300 digits")
 def test_an_integer_too_long_to_be_printed_is_refused_like_others(
     check: Callable[..., object], sign: int
 ) -> None:
@@ -124,9 +123,6 @@ def test_array_refuses_what_is_no_array_of_numbers(value: object) -> None:
 
 
 @pytest.mark.parametrize("value", [[1 + 2j, 3], np.array([1j, 2])])
-@pytest.mark.xfail(
-    strict=True, raises=np.exceptions.ComplexWarning, reason="cast before the kind is looked at"
-)
 def test_array_refuses_complex_numbers_without_a_warning(value: object) -> None:
     assert refusal(checks.array, "weights", value, (2,)).endswith("must be an array of numbers of shape (2,)")
 
@@ -198,7 +194,6 @@ def test_per_agent_refuses_as_its_parts_do(value: object, start: str) -> None:
     assert message.endswith("; help")
 
 
-@pytest.mark.xfail(strict=True, raises=ValueError, reason="np.ndim of a ragged list fails before the check")
 def test_per_agent_refuses_a_ragged_list() -> None:
     assert "alpha" in refusal(checks.per_agent, "alpha", [[1.0], [1.0, 2.0]])
 

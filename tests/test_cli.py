@@ -259,7 +259,6 @@ def test_an_unknown_model_or_parameter_is_refused(changes: str, sentence: str) -
     ['until = 5\nmodel = "nowhere"\n', INLINE.replace('"disk"', '"memory"')],
     ids=["unknown model", "same name twice"],
 )
-@pytest.mark.xfail(strict=True, reason="the folder above is made before the problem is looked at")
 def test_no_folder_is_made_for_a_run_that_is_refused(text: str) -> None:
     refusal(str(write(text)))
 

@@ -137,9 +137,6 @@ def test_a_demand_that_is_lowered_from_outside_puts_the_crossing_off() -> None:
     assert times_of(run(problem, 10.0, Crossing(1.0), processes=[lower])) == [9.5]
 
 
-@pytest.mark.xfail(
-    strict=True, reason="the next crossing is solved for once; a demand that is raised is overlooked"
-)
 @pytest.mark.parametrize(("demand", "time"), [(5.0, 4.5), (6.5, 3.0), (9.0, 3.0)])
 def test_a_demand_that_is_raised_from_outside_brings_the_crossing_forward(demand: float, time: float) -> None:
     # At 3 the total is 3, and 1.5 of it is replaced: the limit of 8 is reached earlier, or at once.

@@ -88,7 +88,7 @@ def test_a_message_is_a_bit_and_the_address_of_a_draw(way: str) -> None:
         assert type(broadcast) is Broadcast
         assert tuple(broadcast) == (j, number, time)
         assert departure == time
-    # To an agent goes the same, without the time: which bit, how many before it, and whether it is a duplicate.
+    # To an agent goes the same without the time: which bit, how many before it, and whether it is a copy.
     sent = {(broadcast.resource, broadcast.number) for broadcast, _ in tapped.sent}
     for _, _, signal in received:
         assert type(signal) is Signal

@@ -136,7 +136,6 @@ def test_agents_may_have_names() -> None:
 
 
 @pytest.mark.parametrize("agent_names", [[["north"], "south"], [1, 2]])
-@pytest.mark.xfail(strict=True, reason="names of agents are not checked to be strings")
 def test_names_of_agents_that_are_no_strings_are_refused(agent_names: Any) -> None:
     with pytest.raises(InputError, match="agent_names"):
         Problem([resource()], TWO_AGENTS, agent_names=agent_names)

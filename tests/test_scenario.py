@@ -250,7 +250,6 @@ def test_a_model_of_the_users_own_is_found_in_the_working_directory() -> None:
     assert scenario.resolved().parameters["size"] == 3
 
 
-@pytest.mark.xfail(strict=True, raises=TypeError, reason="TOML has no word for None")
 def test_a_parameter_of_a_model_may_be_none() -> None:
     Path("a_model_with_none.py").write_text(
         "from aimd_des.registry import model\n\n@model\ndef mine(weights=None, size=2):\n    ...\n",
@@ -456,18 +455,12 @@ def test_what_has_no_meaning_is_refused_instead_of_ignored(table: str, key: str)
     assert re.search(r"\blag: has no meaning .*; leave it out$", sentence)
 
 
-_EQUAL = pytest.mark.xfail(strict=True, reason="a literal takes what is equal to it: True, 0.0")
-
-
-@pytest.mark.parametrize(
-    "value",
-    ["2", "-1", '"1"', pytest.param("true", marks=_EQUAL), pytest.param("0.0", marks=_EQUAL)],
-)
+@pytest.mark.parametrize("value", ["2", "-1", '"1"', "true", "0.0"])
 def test_a_lag_is_zero_or_one(value: str) -> None:
     text = synchronous(f"lag = {value}")
     (sentence,) = refusals(text)
     assert sentence.startswith(f"{line_of(text, 'lag')}: lag: ")
-    assert sentence.endswith("input should be 0 or 1")
+    assert re.search(r"input should be (a valid integer|(less|greater) than or equal to [01])$", sentence)
 
 
 def test_several_mistakes_are_told_at_once() -> None:
@@ -503,9 +496,6 @@ def test_a_file_that_is_no_toml_is_refused(content: bytes, sentence: str) -> Non
         load_scenario(Path("scenario.toml"))
 
 
-@pytest.mark.xfail(
-    strict=True, raises=ValueError, reason="tomllib passes on what int() says of very long numbers"
-)
 def test_a_number_of_five_thousand_digits_is_refused() -> None:
     with pytest.raises(InputError):
         load(INLINE.replace("seed = 4", f"seed = {'4' * 5000}"))
@@ -538,11 +528,7 @@ NO_MODULE = "must be a module on the Python path or in the working directory"
         ("", NO_MODULE),
         ("models..smart_cameras", NO_MODULE),
         ("math", "must be a module that registers a model; decorate its function with model"),
-        pytest.param(
-            "__main__",
-            "must be a module",
-            marks=pytest.mark.xfail(strict=True, reason="find_spec raises ValueError for __main__"),
-        ),
+        ("__main__", "must be a module"),
     ],
 )
 def test_an_unknown_model_is_refused(name: str, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:

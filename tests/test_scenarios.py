@@ -139,7 +139,7 @@ def test_measures_count_from_the_start_that_was_asked_for() -> None:
     ).run(60.0)
     late = result.demand[result.demand["time"] >= 20.0]
     assert found.signals[0] == (result.signals["time"] >= 20.0).sum() / 40.0
-    # A line that is broken fewer than 60 times, sampled at 4,000 instants: at most one step of growth off each.
+    # Sampled at 4,000 instants, each at most one step of growth off.
     assert found.utilisation[0] == pytest.approx(late["total"].mean() / 32.0, abs=1e-3)
     assert found.peak[0] == pytest.approx(late["total"].max() / 32.0, abs=60 * 0.025 * 0.01 / 32.0 + 1e-12)
     assert found.average[:, 0] == pytest.approx(result.average_at_end[:, 0])
@@ -194,7 +194,9 @@ def test_peaks_are_lifted_by_the_growth_over_the_latency(signals: pd.DataFrame) 
 @pytest.mark.slow
 def test_signals_without_the_loss_in_the_formula_are_refuted(signals: pd.DataFrame) -> None:
     """Negative control: the same runs, held against what they would be without loss."""
-    rows = signals[(signals["formula"] == "Signals per unit of time") & signals["setting"].str.contains("loss")]
+    rows = signals[
+        (signals["formula"] == "Signals per unit of time") & signals["setting"].str.contains("loss")
+    ]
     expected = theory.predict(smart_cameras(0), "continuous").signals
     continuous = rows[rows["setting"].str.startswith("continuous")]
     wrong = continuous["mean"].to_numpy().reshape(-1, 3) / expected - 1.0

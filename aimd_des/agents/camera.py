@@ -70,11 +70,9 @@ class Camera:
         """Wait for a latch to be set, then for the next tick, and answer what is latched."""
         env, clocks = self.system.env, self.system.clocks
         assert clocks is not None  # noqa: S101 - discrete agents have clocks
-        tick = -1
         while True:
             yield self._mailbox
-            # A signal that is injected after the tick of this instant has to wait for the next one.
-            tick = max(clocks.next_tick(self.agent, env.now), tick + 1)
+            tick = clocks.next_tick(self.agent, self.system.clock_time())
             yield env.at(clocks.time(self.agent, tick), Kind.ACT, self.agent)
             self.answer(sorted(self._latch.values()), tick)
             self._latch.clear()

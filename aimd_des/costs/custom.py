@@ -178,7 +178,9 @@ class CustomCosts:
 
 def _straddle(allocation: FloatArray, resource: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Move one coordinate a step up and a step down; costs need not be defined below zero, so stop there."""
-    step = _STEP * np.maximum(allocation[:, resource], 1e-3)
+    own = allocation[:, resource]
+    # A step in proportion to the coordinate; where that is next to nothing, to what others hold.
+    step = _STEP * np.maximum(own, 1e-3 * own.max() or 1e-3)
     ahead, behind = allocation.copy(), allocation.copy()
     ahead[:, resource] += step
     behind[:, resource] = np.maximum(behind[:, resource] - step, 0.0)

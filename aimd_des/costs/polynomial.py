@@ -86,6 +86,8 @@ class PolynomialCosts:
     separable = True
 
     def __init__(self, exponents: Sequence[int], coefficients: npt.ArrayLike) -> None:
+        if not isinstance(exponents, Sequence | np.ndarray):
+            raise InputError.of("exponents", exponents, "one or more different integers")
         powers = tuple(
             checks.integer(f"exponents[{position}]", power, low=1, high=_MAX_EXPONENT)
             for position, power in enumerate(exponents)
