@@ -15,7 +15,7 @@ This is the only module that touches what SimPy keeps private.
 import math
 from collections.abc import Callable
 from enum import IntEnum
-from heapq import heappush
+from heapq import heappop, heappush
 from itertools import count
 from typing import Any
 
@@ -107,6 +107,29 @@ class OrderedEnvironment(simpy.Environment):
             event.callbacks.append(self._note_act)
         return event
 
+    def advance(self, time: float, kind: Kind, order: int) -> bool:
+        """Move on to what is due at a later time within the present event, if nothing else comes first.
+
+        Parameters
+        ----------
+        time : float
+            When it is due: not before now, and before the end of the run.
+        kind : Kind
+            What it is.
+        order : int
+            Decides among events of the same time and kind.
+
+        Returns
+        -------
+        bool
+            Whether the clock stands at `time` now; if not, it has to be scheduled.
+        """
+        queue = self._queue
+        if queue and queue[0] < (time, kind, order):
+            return False
+        self._now = time
+        return True
+
     def _push(self, event: simpy.Event, time: float, kind: int, order: int) -> None:
         if not self._now <= time < math.inf:
             raise InputError.of("time", time, f"finite and not before the present, {self._now!r}")
@@ -125,7 +148,13 @@ class OrderedEnvironment(simpy.Environment):
         handled = 0
         queue = self._queue
         while queue and queue[0][0] < until:
-            self.step()
+            # `simpy.Environment.step` without what only its own `run` needs; it is called for every event.
+            self._now, _, _, event = heappop(queue)
+            callbacks, event.callbacks = event.callbacks, None  # type: ignore[assignment]
+            for callback in callbacks:
+                callback(event)
+            if not event._ok and not hasattr(event, "_defused"):
+                raise event._value
             handled += 1
             if watch is not None and handled % _WATCH_EVERY == 0:
                 watch(self._now, handled)

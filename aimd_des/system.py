@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from aimd_des import streams
 from aimd_des.channel import Broadcast, Channel
@@ -16,13 +16,30 @@ from aimd_des.log import Entry, EventLog
 from aimd_des.population import State, law_of, observe, start, total_of, totals
 from aimd_des.problem import Problem
 from aimd_des.response import CONTINUOUS, DISCRETE, accumulated_at, demand_at, time_average
-from aimd_des.streams import Purpose
+from aimd_des.streams import Key, Purpose
 from aimd_des.transport import Agent, Flight, Signal
 
 __all__ = ["System"]
 
 # Rows of response draws kept at hand; one that is gone is drawn again, to the same bits.
 _ROWS_KEPT = 256
+
+
+class _ResponseDraws(dict[Signal, list[float]]):
+    """What decides how each agent responds to a signal; drawn when it is first asked for."""
+
+    def __init__(self, key: Key, n_agents: int) -> None:
+        super().__init__()
+        self.key = key
+        self.n_agents = n_agents
+
+    def __missing__(self, signal: Signal) -> list[float]:
+        if len(self) == _ROWS_KEPT:
+            del self[next(iter(self))]
+        row = streams.uniforms(self.key, signal.resource, signal.number, self.n_agents, signal.copy)
+        draws: list[float] = row.tolist()
+        self[signal] = draws
+        return draws
 
 
 class System:
@@ -60,8 +77,10 @@ class System:
         Grain of time of the agents' rule.
     sent : list of Broadcast
         All signals so far.
-    delivered, lost, in_flight, duplicated : ndarray of int, shape (m, n)
+    delivered, lost, duplicated : ndarray of int, shape (m, n)
         Copies by what becomes of them; duplicates that arrive are counted apart.
+    response_draws : callable
+        Gives, for a signal, what decides how each agent responds to it: n uniform numbers.
     on_response, on_intervention : list of callable
         Called with (time, resource, change) when an agent has responded to a signal, and when a
         demand has been set from outside.
@@ -94,17 +113,11 @@ class System:
         self.sent: list[Broadcast] = []
         self.on_response: list[Callable[[float, int, float], None]] = []
         self.on_intervention: list[Callable[[float, int, float], None]] = []
-        self.delivered, self.lost, self.in_flight, self.duplicated = np.zeros((4, m, n), dtype=np.int64)
+        self.delivered, self.lost, self.duplicated = np.zeros((3, m, n), dtype=np.int64)
         self._numbers = [0] * m
         self._now = np.empty(1)
-        self.response_draws = lru_cache(_ROWS_KEPT)(self._response_draws)
-
-    def _response_draws(self, signal: Signal) -> list[float]:
-        """Draw what decides how each agent responds to a signal."""
-        row = streams.uniforms(
-            self.keys[Purpose.RESPONSE], signal.resource, signal.number, self.problem.n_agents, signal.copy
-        )
-        return [float(draw) for draw in row]
+        draws = _ResponseDraws(self.keys[Purpose.RESPONSE], n)
+        self.response_draws: Callable[[Signal], list[float]] = draws.__getitem__
 
     def clock_time(self) -> float:
         """Return the time up to which ticks lie in the past: now, or just after where agents have acted.
@@ -235,6 +248,11 @@ class System:
         for tell in self.on_intervention:
             tell(self.env.now, resource, demand - before)
 
+    @property
+    def in_flight(self) -> npt.NDArray[np.int64]:
+        """Copies that are neither lost nor will have arrived by the end, shape (m, n)."""
+        return np.array(self._numbers)[:, None] - self.delivered - self.lost
+
     def broadcast(self, resource: int, delay: float = 0.0) -> None:
         """Send a capacity signal for one resource to all agents.
 
@@ -250,11 +268,10 @@ class System:
         self._numbers[resource] += 1
         self.sent.append(signal)
         copies = self.link.transmit(signal, now + delay)
-        lost = np.isinf(copies.arrival)
+        lost = copies.arrival == math.inf
         arrives = copies.arrival < self.until
         self.lost[resource] += lost
         self.delivered[resource] += arrives
-        self.in_flight[resource] += ~(lost | arrives)
         if self.log is not None:
             self.log.add((now, Entry.SIGNAL, resource, -1, signal.number, self.total(resource)))
             for agent in np.flatnonzero(lost).tolist():
@@ -266,17 +283,15 @@ class System:
             self._send(Signal(resource, signal.number, 1), copies.second, twice)
 
     def _send(self, signal: Signal, arrival: FloatArray, arrives: np.ndarray[Any, Any]) -> None:
-        receivers = np.flatnonzero(arrives)
         first_order = self.env.reserve(len(arrival))
+        receivers = arrival.argsort(kind="stable")[: np.count_nonzero(arrives)]
         if len(receivers):
-            times = arrival[receivers]
-            turn = np.argsort(times, kind="stable")
             Flight(
                 self.env,
                 self.agents,
                 self.log,
                 signal,
-                times[turn].tolist(),
-                receivers[turn].tolist(),
+                arrival[receivers].tolist(),
+                receivers.tolist(),
                 first_order,
             )

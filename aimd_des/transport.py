@@ -55,14 +55,24 @@ class Flight:
     signal : Signal
         What is on its way.
     times : list of float
-        When copies land, ascending.
+        When copies land, ascending and before the end of the run.
     receivers : list of int
         To whom; in the order of their index where times are equal.
     first_order : int
         The first of n order numbers that are set aside for these copies.
     """
 
-    __slots__ = ("agents", "first_order", "log", "position", "receivers", "reminder", "signal", "times")
+    __slots__ = (
+        "agents",
+        "env",
+        "first_order",
+        "log",
+        "position",
+        "receivers",
+        "reminder",
+        "signal",
+        "times",
+    )
 
     def __init__(
         self,
@@ -74,6 +84,7 @@ class Flight:
         receivers: list[int],
         first_order: int,
     ) -> None:
+        self.env = env
         self.agents = agents
         self.log = log
         self.signal = signal
@@ -85,25 +96,25 @@ class Flight:
         self.reminder.at(times[0], Kind.DELIVER, first_order + receivers[0])
 
     def land(self, event: simpy.Event) -> None:
-        """Hand the signal to all whose copies arrive now, in the order of their index.
+        """Hand the signal to receivers one by one, for as long as nothing else comes in between.
 
         Parameters
         ----------
         event : simpy.Event
             The reminder.
         """
-        times, receivers, position, log = self.times, self.receivers, self.position, self.log
-        now = times[position]
+        times, receivers, log, signal = self.times, self.receivers, self.log, self.signal
+        position, advance = self.position, self.env.advance
         while True:
             agent = receivers[position]
             if log is not None:
-                signal = self.signal
-                log.add((now, Entry.DELIVER, signal.resource, agent, signal.number, float(signal.copy)))
-            self.agents[agent].receive(self.signal)
+                entry = (signal.resource, agent, signal.number, float(signal.copy))
+                log.add((times[position], Entry.DELIVER, *entry))
+            self.agents[agent].receive(signal)
             position += 1
             if position == len(times):
                 return
-            if times[position] != now:
+            if not advance(times[position], Kind.DELIVER, self.first_order + receivers[position]):
                 break
         self.position = position
         self.reminder.at(times[position], Kind.DELIVER, self.first_order + receivers[position])

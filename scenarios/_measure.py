@@ -32,6 +32,9 @@ __all__ = ["Measures", "Run", "distance", "measure", "measure_all"]
 
 _COLUMNS = ("signals", "utilisation", "misallocation", "peak", "saturated")
 
+# A signal that comes so soon after another can find it still in the latch of a slow clock.
+_SOON = 1.5
+
 # Looks at total demand a period where clocks are apart: it changes between the control unit's looks.
 _LOOKS_PER_PERIOD = 8
 
@@ -84,6 +87,8 @@ class Measures(NamedTuple):
         capacity; typical peaks are NaN for discrete agents.
     saturated : ndarray
         Share of the responses that had a probability above 1.
+    repeated : ndarray
+        Share of the signals that come within one and a half units of time of the one before.
     average : ndarray, shape (n, m)
         Averages at the end, in units of the resources.
     """
@@ -94,6 +99,7 @@ class Measures(NamedTuple):
     peak: FloatArray
     typical_peak: FloatArray
     saturated: FloatArray
+    repeated: FloatArray
     average: FloatArray
 
 
@@ -211,8 +217,13 @@ def _measure(run: Run, result: Result, peaks: _Peaks) -> Measures:
         peak=peak / problem.capacity,
         typical_peak=typical / problem.capacity,
         saturated=result.account.saturated.sum(axis=1) / np.maximum(responses, 1),
+        repeated=np.array([_repeated(sent.time[sent.resource == j]) for j in range(m)]),
         average=average,
     )
+
+
+def _repeated(times: FloatArray) -> float:
+    return float((np.diff(times) < _SOON).mean()) if len(times) > 1 else 0.0
 
 
 def measure_all(

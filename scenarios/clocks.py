@@ -1,6 +1,9 @@
 """Does it matter that clocks are out of phase, run at different speeds or tick unevenly?
 
-PLACEHOLDER
+Random phases, and jitter below the latency, leave signals, use and shares as they are; phases take
+a quarter off the overshoot. Jitter that exceeds the latency, so that agents answer some signals a
+tick earlier than others, takes 12 % more signals. Clocks of different speeds shift the shares: a
+fast clock adds more often, and the averages settle where theory puts them.
 """  # noqa: D400 - a question
 
 from functools import partial
@@ -61,10 +64,10 @@ _SETTINGS = (
 )
 
 _PANELS = (
-    ("signals", 1.0, "signals per unit of time", "(a) Signals"),
-    ("utilisation", 100.0, "averages over capacity (%)", "(b) Utilisation"),
-    ("peak", 100.0, "highest total over capacity (%)", "(c) Peak"),
-    (_BIAS, 100.0, "distance from the optimum (%)", "(d) Misallocation, noise averaged out"),
+    ("signals", 1.0, "signals per unit of time", "(a) Signals: long jitter takes more"),
+    ("utilisation", 100.0, "averages over capacity (%)", "(b) Utilisation: a point at most"),
+    ("peak", 100.0, "highest total over capacity (%)", "(c) Peak: lower out of phase"),
+    (_BIAS, 100.0, "distance from the optimum (%)", "(d) Shares: only drift shifts them"),
 )
 
 
@@ -95,7 +98,9 @@ def study(quick: bool = False, seed: int = 0) -> Study:
     ).T
     table = pd.concat([table, _pooled(outcomes)], ignore_index=True)
     table["theory"] = [
-        _expected(row["measure"], _SETTINGS[_place(row["clocks"])]) for row in table.to_dict("records")
+        _expected(row["measure"], _SETTINGS[place], outcomes[place])
+        for row in table.to_dict("records")
+        for place in [_place(row["clocks"])]
     ]
     return Study(
         "clocks",
@@ -132,22 +137,28 @@ def _pooled(outcomes: list[list[Measures]]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _expected(measure: str, setting: _Setting) -> float:
+def _expected(measure: str, setting: _Setting, runs: list[Measures]) -> float:
     """Predict what there is a formula for, or NaN: in phase, and shares if fast clocks add more often."""
     expected = theory.predict(_PROBLEM, "discrete", latency=1.0)
     if measure in ("signals", "utilisation") and setting == _SETTINGS[0]:
         return float(getattr(expected, measure)[0])
     if measure != _BIAS or not setting.drift:
         return np.nan
-    # An agent ticks at rate 1 / (1 + drift); in all ticks but those with a signal it adds alpha.
-    weights = 1.0 / (1.0 / (1.0 + setting.speeds) - expected.signals[0])
-    used = expected.utilisation * _PROBLEM.capacity
-    fast = theory.reweighted_optimum(_PROBLEM, weights, capacity=used).allocation
-    return float(distance(_PROBLEM, fast)[0])
+    signals, repeated = (
+        float(np.mean([getattr(run, name)[0] for run in runs])) for name in ("signals", "repeated")
+    )
+    # An agent adds at all its ticks but those with a signal.  Of two signals a unit apart one is
+    # latched twice, and so lost, where no tick of a slow clock comes in between.
+    period = 1.0 + setting.speeds
+    heard = signals * (1.0 - repeated * np.maximum(period - 1.0, 0.0) / period)
+    weights = heard / (1.0 / period - heard)
+    used = np.mean([run.average for run in runs], axis=0).sum(axis=0)
+    settled = theory.reweighted_optimum(_PROBLEM, weights, capacity=used).allocation
+    return float(distance(_PROBLEM, settled)[0])
 
 
 def _figure(table: pd.DataFrame) -> Figure:
-    figure = Figure(figsize=(13.5, 4.4), layout="constrained")
+    figure = Figure(figsize=(14.0, 4.4), layout="constrained")
     for place, (axes, (measure, factor, label, title)) in enumerate(
         zip(figure.subplots(1, 4, sharey=True), _PANELS, strict=True)
     ):
@@ -215,23 +226,24 @@ def _findings(table: pd.DataFrame) -> list[str]:
     settled = 100.0 * numbers(table, "theory", measure=_BIAS)[widest]
     lines = [
         (
-            f"Signals change by at most {effect['signals']:+.4f} a step ({shift['signals']}; single runs in "
+            f"Signals change by at most {effect['signals']:+.4f} a step ({shift['signals']}; runs in "
             f"phase scatter by {noise['signals']:.4f}), utilisation by at most "
             f"{100 * effect['utilisation']:+.2f} points ({shift['utilisation']}; scatter "
             f"{100 * noise['utilisation']:.2f})."
         ),
         (
             f"Peaks are {100 * (peak[0] - 1.0):.1f} % above the capacity in phase and "
-            f"{100 * (peak[1] - 1.0):.1f} % with random phases: total demand then grows evenly, not in steps."
+            f"{100 * (peak[1] - 1.0):.1f} % with random phases: total demand then grows evenly."
         ),
         (
             f"Shares stay right unless clocks drift: they are {100 * bias[0]:.1f} % off in phase, "
-            f"{100 * bias[1]:.1f} % with random phases and {100 * bias[widest]:.1f} % with drift ±20 %, where "
-            f"theory expects {settled:.1f} %: a fast clock adds more often."
+            f"{100 * bias[1]:.1f} % with random phases and {100 * bias[widest]:.1f} % with drift ±20 %, "
+            f"where theory has {settled:.1f} %: a fast clock adds more often."
         ),
     ]
     lines += [
-        f"{name} changes nothing, to the last bit: no signal finds another tick first." for name in still
+        f"{name} changes nothing, to the last bit: every signal is still answered at the same tick."
+        for name in still
     ]
     return lines
 

@@ -1,6 +1,9 @@
 """What changes when agents grow and answer in continuous time instead of on one clock?
 
-PLACEHOLDER
+Continuous agents take 1.4 to 1.7 times the signals: rho per unit of time against rho / (1 + rho)
+per step of the clock, on which agents that answer do not grow. The clock uses 2 to 3 points more of
+the capacities, and pays with peaks of 5 to 12 % above them; ideal crossings never exceed them.
+Shares are about as right in all ways.
 """  # noqa: D400 - a question
 
 from typing import Any, Literal, NamedTuple
@@ -42,10 +45,10 @@ _WAYS = (
 )
 
 _PANELS = (
-    ("signals", 1.0, "signals per unit of time", "(a) Signals"),
+    ("signals", 1.0, "signals per unit of time", "(a) Signals: rho, rho / (1 + rho)"),
     ("utilisation", 100.0, "averages over capacity (%)", "(b) Utilisation"),
     ("peak", 100.0, "highest total over capacity (%)", "(c) Peak"),
-    ("misallocation", 100.0, "distance from the optimum (%)", "(d) Misallocation of one run"),
+    ("misallocation", 100.0, "distance from the optimum (%)", "(d) Misallocation of single runs"),
 )
 
 

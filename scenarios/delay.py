@@ -1,6 +1,9 @@
 """What does latency do, and what does a longer hold-off do about it?
 
-PLACEHOLDER
+Every peak rises by n alpha d, the growth over the latency d, and no hold-off changes that. What a
+hold-off must not do is starve the agents: it must stay below 1 / rho (1.6 periods here) whatever
+the latency. One that is as long as the latency lets demand run away from latency 2 on. A short one
+repeats signals that are still on their way, which costs bits and little else.
 """  # noqa: D400 - a question
 
 from typing import Any
@@ -118,9 +121,9 @@ def _pick(table: pd.DataFrame, name: str, measure: str) -> pd.DataFrame:
 
 
 _PANELS = (
-    ("peak", "highest total demand (capacity)", "(a) Peaks rise with the latency"),
-    ("utilisation", "mean total demand (capacity)", "(b) A long hold-off lets demand run away"),
-    ("signals", "signals per unit of time", "(c) Signals"),
+    ("peak", "highest total demand over capacity", "(a) Every period of latency lifts the peak"),
+    ("utilisation", "mean total demand over capacity", "(b) A long hold-off lets demand run away"),
+    ("signals", "signals per control period", "(c) Signals"),
 )
 
 
@@ -145,7 +148,7 @@ def _draw(axes: Axes, table: pd.DataFrame, measure: str) -> None:
             linestyle=":",
             linewidth=0.8,
             color=colour(place),
-            markersize=5.0,
+            markersize=8.0 - 1.2 * place,
             capsize=2.5,
             label=name,
         )
@@ -193,7 +196,7 @@ def _findings(table: pd.DataFrame) -> list[str]:
         (
             f"What the hold-off must not do is starve the agents: {_rate():.2f} signals per unit of time "
             f"are needed, so it must stay below {1.0 / _rate():.2f}, whatever the latency. With hold-off "
-            f"5 the mean demand is {long.min():.2f} to {long.max():.2f} of the capacity; a hold-off as "
+            f"5 the mean demand is {long.mean():.2f} of the capacity; a hold-off as "
             f"long as the latency runs away from latency {away['latency'].min():g} on, to "
             f"{away['mean'].max():.1f} of the capacity."
         ),

@@ -1,6 +1,9 @@
 """How much loss does the system survive, and whom does loss cost?
 
-PLACEHOLDER
+Loss that is the same for all changes no shares, and costs signals until there are no more
+opportunities to signal: up to 1 - rho r with hold-off r, up to 1 / (1 + rho) on the clock, where
+demand runs away. A short hold-off is what makes loss bearable. Loss that differs moves the averages
+to the optimum of reweighted costs: who hears less takes more.
 """  # noqa: D400 - a question
 
 from functools import lru_cache, partial
@@ -180,7 +183,7 @@ def _figure(table: pd.DataFrame) -> Figure:
     figure = Figure(figsize=(13.0, 4.6), layout="constrained")
     left, middle, right = figure.subplots(1, 3)
     _draw_same(left, table, "signals", "signals, share of the opportunities")
-    _draw_same(middle, table, "utilisation", "mean total demand (capacity)")
+    _draw_same(middle, table, "utilisation", "mean total demand over capacity")
     left.set_title("(a) Signals, until all opportunities are used", loc="left", fontsize="medium")
     middle.set_title("(b) Demand: held, then it runs away", loc="left", fontsize="medium")
     middle.axhline(1.0, color=REFERENCE, linewidth=1.0, linestyle=":")
@@ -193,7 +196,7 @@ def _draw_same(axes: Axes, table: pd.DataFrame, measure: str, label: str) -> Non
     for place, way in enumerate(_WAYS):
         rows, critical = _pick(table, way, measure), _critical(way)
         scale = way.hold_off if measure == "signals" else 1.0
-        grid = np.union1d(np.linspace(0.0, 0.9, 46), [critical - 1e-6, critical])
+        grid = np.union1d(np.linspace(0.0, 0.9, 31), [critical - 1e-6, critical])
         line = np.array([_homogeneous(way, loss)[int(measure != "signals")] for loss in grid]) * scale
         for side in (grid < critical, grid >= critical):
             axes.plot(grid[side], line[side], color=colour(place), linewidth=1.4)
@@ -270,8 +273,8 @@ def _findings(table: pd.DataFrame) -> list[str]:
         held = rows.loc[rows["mean"] * way.hold_off < _RUN_AWAY, "mean_loss"]
         span = f"between {held.max():g} and {away.min():g}" if len(away) else f"above {held.max():g}"
         found.append(
-            f"{way.name}: signals take up practically all opportunities from a loss {span} on, and demand runs "
-            f"away; theory puts the critical loss at {_critical(way):.2f}."
+            f"{way.name}: from a loss {span} on, signals take up practically all opportunities and demand "
+            f"runs away; theory puts the critical loss at {_critical(way):.2f}."
         )
     for way in _WAYS[1:]:
         plain, new = (_pick(table, way, f"from {name} optimum", "spread") for name in ("plain", "reweighted"))

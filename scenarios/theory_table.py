@@ -1,6 +1,8 @@
 """How well do the closed forms predict what runs do?
 
-PLACEHOLDER
+Signals, utilisation and averages of the paper's system are predicted to 1 %, the critical loss to
+0.02, with loss and without; the plain formulas of first order alone give up to 7 % too many
+signals.
 """  # noqa: D400 - a question
 
 import pandas as pd
@@ -84,7 +86,7 @@ def _findings(table: pd.DataFrame) -> list[str]:
     lines.append(
         f"Signals without loss are predicted to {gaps[~lossy].max():.1f} %, with loss to "
         f"{gaps[lossy].max():.1f} %; "
-        f"by the formulas of first order alone to {100.0 * first.abs().max():.1f} %, and always too many."
+        f"by formulas of first order alone to {100.0 * first.abs().max():.1f} %, and always too many."
     )
     return lines
 

@@ -46,10 +46,15 @@ def simulate(problem: Problem, until: float, seed: int = 0, **parts: Any) -> Res
     return quietly(Simulation(problem, seed=seed, **parts).run, until)
 
 
+def exactly(time: float) -> str:
+    """A time without zeros at its end, and with all digits that it has."""
+    return repr(time).removesuffix(".0")
+
+
 def story(result: Result) -> list[str]:
     """The log, one line for each entry: time, what happened, to whom, in which broadcast."""
     return [
-        f"{event.time:g} {f'agent {event.agent} ' if event.agent in result.problem.agent_names else ''}"
+        f"{exactly(event.time)} {f'agent {event.agent} ' if event.agent in result.problem.agent_names else ''}"
         f"{event.kind} {event.number}"
         for event in result.events.itertuples()
     ]
@@ -559,7 +564,7 @@ def test_a_discrete_demand_that_is_set_grows_on_from_the_next_tick(time: float) 
     averages = [sum(held[: k + 1]) / (k + 1) for k in range(8)]
     np.testing.assert_allclose(result.observations.total_average[:, 0], averages, rtol=1e-15)
     assert result.events["value"].tolist() == [6.0]
-    assert story(result) == [f"{time:g} agent 0 change -1"]
+    assert story(result) == [f"{exactly(time)} agent 0 change -1"]
 
 
 def test_a_continuous_demand_that_is_set_grows_on_at_once() -> None:

@@ -33,7 +33,7 @@ from aimd_des.log import EventLog
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator, Signal
 from tests.conftest import problems, quadratic_problem, quietly, random_problem
-from tests.test_camera import Script, send_at, story
+from tests.test_camera import Script, exactly, send_at, story
 
 Log = list[Any]
 
@@ -74,11 +74,11 @@ class Told(Camera):
         self.log = log
 
     def receive(self, signal: Signal) -> None:
-        self.log.append(f"{self.system.env.now:g} agent {self.agent} hears")
+        self.log.append(f"{exactly(self.system.env.now)} agent {self.agent} hears")
         super().receive(signal)
 
     def answer(self, signals: list[Signal], moment: float) -> None:
-        self.log.append(f"{self.system.env.now:g} agent {self.agent} answers")
+        self.log.append(f"{exactly(self.system.env.now)} agent {self.agent} answers")
         super().answer(signals, moment)
 
 
@@ -309,7 +309,7 @@ def test_rule_2_copies_land_by_broadcast_and_then_by_index(by_time: list[int], d
     late = [f"5 agent {i} deliver {b}" for b in range(3) for i in range(3) if (b, i) not in earlier]
     assert landed[9 - len(late) :] == late
     soon = sorted((arrivals[b][i], b, i) for b, i in earlier)
-    assert landed[: 9 - len(late)] == [f"{time:g} agent {i} deliver {b}" for time, b, i in soon]
+    assert landed[: 9 - len(late)] == [f"{exactly(time)} agent {i} deliver {b}" for time, b, i in soon]
 
 
 def test_rule_2_a_duplicate_lands_after_the_copies_of_its_broadcast_and_before_the_next() -> None:
@@ -335,7 +335,7 @@ def test_rule_2_a_copy_that_a_link_holds_back_lands_just_after_the_one_before_it
         parts = {"dynamics": "continuous", "channel": BroadcastChannel(Shorter(), fifo=fifo)}
         landed = [line for line in story(run(6.0, *sends, **parts)) if "deliver" in line]
         order = sorted(range(2), key=lambda b: times[b])
-        assert landed == [f"{times[b]:g} agent 0 deliver {b}" for b in order]
+        assert landed == [f"{exactly(times[b])} agent 0 deliver {b}" for b in order]
 
 
 @given(st.permutations([1.0, 2.0, 3.0, 4.0]))

@@ -1,5 +1,8 @@
 """One agent as one SimPy process: the reference, to be read and to be extended."""
 
+from collections.abc import Sequence
+
+from aimd_des.checks import FloatArray
 from aimd_des.environment import Kind, Mailbox
 from aimd_des.gradients import marginal_cost
 from aimd_des.log import Entry
@@ -8,6 +11,9 @@ from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator, Signal
 
 __all__ = ["Camera"]
+
+# Views of the rows of demand, accumulated and anchor for one resource; alpha, beta and Gamma.
+_Row = tuple[FloatArray, FloatArray, FloatArray, float, float, float]
 
 
 class Camera:
@@ -28,20 +34,31 @@ class Camera:
     def __init__(self, agent: int, system: System) -> None:
         self.agent = agent
         self.system = system
-        self.resources = range(system.problem.n_resources)
         self.marginal_cost = marginal_cost(system.problem.costs, agent)
         self.separable = system.problem.costs.separable
-        self.increase = system.law.increase[:, agent].tolist()
-        self.decrease = system.law.decrease[:, agent].tolist()
-        self.normalization = system.law.normalization.tolist()
+        self._discrete = system.clocks is not None
         self._mailbox = Mailbox(system.env)
         self._latch: dict[int, Signal] = {}
-        self._folded = [0.0] * len(self.resources)
-        self._averages = [0.0] * len(self.resources)
-        self._discrete = system.clocks is not None
+        self._averages = [0.0] * system.problem.n_resources
+        # What an answer needs, at hand: most of a run is spent there.
+        law, rows = system.law, system.rows
+        self._rows: list[_Row] = list(
+            zip(
+                rows.demand,
+                rows.accumulated,
+                rows.anchor,
+                law.increase[:, agent].tolist(),
+                law.decrease[:, agent].tolist(),
+                law.normalization.tolist(),
+                strict=True,
+            )
+        )
+        self._responses, self._saturated = rows.responses, rows.saturated
+        self._env, self._grain, self._log = system.env, system.grain, system.log
+        self._draws, self._on_response = system.response_draws, system.on_response
 
     def receive(self, signal: Signal) -> None:
-        """Take note of a capacity signal that arrives now.
+        """Take note of a capacity signal that arrives now; a continuous agent answers it at once.
 
         Parameters
         ----------
@@ -49,7 +66,9 @@ class Camera:
             The bit.
         """
         if not self._discrete:
-            self._mailbox.hand(signal)
+            if not self.separable:
+                self._take_averages(self._env.now)
+            self._answer(signal, self._env.now)
         elif self._latch:
             self._latch.setdefault(signal.resource, signal)
         else:
@@ -57,64 +76,61 @@ class Camera:
             self._mailbox.hand(signal)
 
     def process(self) -> ProcessGenerator:
-        """Live: the SimPy process of the agent.
+        """Live: wait for a latch to be set, then for the next tick, and answer what is latched.
 
-        Returns
-        -------
-        generator
-            Of the events that the agent waits for.
+        Yields
+        ------
+        simpy.Event
+            The first signal since the last tick; then the tick.  A continuous agent waits for
+            nothing: its demand is a line until a signal arrives.
         """
-        return self._tick_on_own_clock() if self._discrete else self._answer_on_arrival()
-
-    def _tick_on_own_clock(self) -> ProcessGenerator:
-        """Wait for a latch to be set, then for the next tick, and answer what is latched."""
-        env, clocks = self.system.env, self.system.clocks
-        assert clocks is not None  # noqa: S101 - discrete agents have clocks
-        while True:
+        clocks = self.system.clocks
+        while clocks is not None:
             yield self._mailbox
             tick = clocks.next_tick(self.agent, self.system.clock_time())
-            yield env.at(clocks.time(self.agent, tick), Kind.ACT, self.agent)
+            yield self._env.at(clocks.time(self.agent, tick), Kind.ACT, self.agent)
             self.answer(sorted(self._latch.values()), tick)
             self._latch.clear()
 
-    def _answer_on_arrival(self) -> ProcessGenerator:
-        """Answer each signal in the instant in which it arrives."""
-        while True:
-            signal = yield self._mailbox
-            self.answer([signal], self.system.env.now)
-
-    def answer(self, signals: list[Signal], moment: float) -> None:
+    def answer(self, signals: Sequence[Signal], moment: float) -> None:
         """Answer signals for different resources: Algorithm 2, the branch S = 1.
 
         Parameters
         ----------
-        signals : list of Signal
+        signals : sequence of Signal
             In the order of their resources.
         moment : float
             Index of the tick, or time.
         """
-        demand, accumulated, anchor, responses, saturated = self.system.rows
-        folded, averages, increase = self._folded, self._averages, self.increase
-        system, i, log = self.system, self.agent, self.system.log
-        now, grain = system.env.now, system.grain
-        # Averages are taken before any answer: coupled costs read all of them.
-        for j in [signal.resource for signal in signals] if self.separable else self.resources:
-            since = moment - anchor[j][i]
-            folded[j] = accumulated_at(accumulated[j][i], demand[j][i], increase[j], since, grain)
-            averages[j] = time_average(folded[j], moment, grain)
+        if not self.separable:
+            self._take_averages(moment)
         for signal in signals:
-            j = signal.resource
-            present = demand_at(demand[j][i], increase[j], moment - anchor[j][i], grain)
-            gradient = self.marginal_cost(averages, j)
-            probability = response_probability(self.normalization[j], gradient, averages[j])
-            kept, decreases = present, system.response_draws(signal)[i] < probability
-            if decreases:
-                kept = present * self.decrease[j]
-                responses[j][i] += 1
-                saturated[j][i] += probability > 1.0
-                for tell in system.on_response:
-                    tell(now, j, kept - present)
-            demand[j][i], accumulated[j][i], anchor[j][i] = kept, folded[j], moment
-            if log is not None:
-                kind = Entry.RESPOND if decreases else Entry.HOLD
-                log.add((now, kind, j, i, signal.number, present - kept))
+            self._answer(signal, moment)
+
+    def _take_averages(self, moment: float) -> None:
+        """Compute all averages before anything is answered: costs that couple resources read them."""
+        i, grain = self.agent, self._grain
+        for j, (demand, accumulated, anchor, increase, _, _) in enumerate(self._rows):
+            folded = accumulated_at(accumulated[i], demand[i], increase, moment - anchor[i], grain)
+            self._averages[j] = time_average(folded, moment, grain)
+
+    def _answer(self, signal: Signal, moment: float) -> None:
+        j, i, grain, averages = signal.resource, self.agent, self._grain, self._averages
+        demand, accumulated, anchor, increase, decrease, normalization = self._rows[j]
+        held, since = demand[i], moment - anchor[i]
+        folded = accumulated_at(accumulated[i], held, increase, since, grain)
+        averages[j] = average = time_average(folded, moment, grain)
+        present = kept = demand_at(held, increase, since, grain)
+        probability = response_probability(normalization, self.marginal_cost(averages, j), average)
+        decreases = self._draws(signal)[i] < probability
+        if decreases:
+            kept = present * decrease
+            self._responses[j][i] += 1
+            if probability > 1.0:
+                self._saturated[j][i] += 1
+            for tell in self._on_response:
+                tell(self._env.now, j, kept - present)
+        demand[i], accumulated[i], anchor[i] = kept, folded, moment
+        if self._log is not None:
+            kind = Entry.RESPOND if decreases else Entry.HOLD
+            self._log.add((self._env.now, kind, j, i, signal.number, present - kept))

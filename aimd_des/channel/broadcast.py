@@ -145,7 +145,8 @@ class _OpenChannel:
         """Draw loss, latency and duplication of every copy."""
         draws = Draws(self.keys, broadcast.resource, broadcast.number, departure, self.n_agents)
         lost = self.loss.draw(draws)
-        arrival = np.where(lost, np.inf, departure + self.latency.draw(draws))
+        arrival = departure + self.latency.draw(draws)
+        arrival[lost] = np.inf
         second = None
         if self.duplication.any():
             doubled = ~lost & (draws.uniforms(Purpose.DUPLICATION) < self.duplication)
