@@ -167,17 +167,23 @@ def _row(formula: str, setting: str, values: Any, predicted: float, rule: Rule) 
     )
 
 
-def _rows(outcomes: list[list[dict[str, Any]]]) -> list[Row]:
-    together, apart, poisson, flow = outcomes
+def _synchronised_rows(runs: list[dict[str, float]]) -> list[Row]:
     words, drawn = "Synchronised agents, over theory", "alpha and beta drawn for each replication"
     names = {
         "period": "period",
         "utilisation": "mean utilisation",
         "shares": "shares (1 − sum of deviations over sum)",
     }
-    rows: list[Row] = []
-    for key, name in names.items():
-        rows += _row(f"{words}: {name}", drawn, [run[key] for run in together], 1.0, _EXACT)
+    return [
+        row
+        for key, name in names.items()
+        for row in _row(f"{words}: {name}", drawn, [run[key] for run in runs], 1.0, _EXACT)
+    ]
+
+
+def _rows(outcomes: list[list[dict[str, Any]]]) -> list[Row]:
+    together, apart, poisson, flow = outcomes
+    rows = _synchronised_rows(together)
     alpha, beta, chance = _mixed()
     mixed = "alpha, beta and lambda differ"
     interval = float(theory.event_interval(8.0, alpha, beta, chance))

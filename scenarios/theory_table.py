@@ -1,6 +1,6 @@
 """How well do the closed forms predict what runs do?
 
-Signals, utilisation and averages of the paper's system are predicted to 1 %, the critical loss to
+Signals, utilisation and averages of the paper's system are predicted to about 1 %, the critical loss to
 0.02, with loss and without; the plain formulas of first order alone give up to 7 % too many
 signals.
 """  # noqa: D400 - a question

@@ -53,8 +53,9 @@ def exactly(time: float) -> str:
 
 def story(result: Result) -> list[str]:
     """The log, one line for each entry: time, what happened, to whom, in which broadcast."""
+    names = result.problem.agent_names
     return [
-        f"{exactly(event.time)} {f'agent {event.agent} ' if event.agent in result.problem.agent_names else ''}"
+        f"{exactly(event.time)} {f'agent {event.agent} ' if event.agent in names else ''}"
         f"{event.kind} {event.number}"
         for event in result.events.itertuples()
     ]

@@ -204,9 +204,12 @@ def test_rule_1_a_signal_that_arrives_comes_before_observers() -> None:
 
 
 def test_rule_1_a_signal_that_arrives_comes_before_the_tick() -> None:
-    for delay, answered in ((1.0, 4), (1.0 + 2**-40, 5)):
-        result = run(7.0, send_at(3.0, 0), channel=BroadcastChannel(delay))
-        assert story(result)[1:] == ["4 agent 0 deliver 0", f"{answered} agent 0 respond 0"]
+    for arrival, answered in ((4.0, 4), (math.nextafter(4.0, 5.0), 5)):
+        result = run(7.0, send_at(3.0, 0), channel=Script([arrival]))
+        assert story(result)[1:] == [
+            f"{exactly(arrival)} agent 0 deliver 0",
+            f"{answered} agent 0 respond 0",
+        ]
 
 
 def test_rule_1_the_look_comes_before_observers() -> None:
