@@ -23,7 +23,7 @@ import simpy
 
 from aimd_des.errors import InputError
 
-__all__ = ["Kind", "Mailbox", "OrderedEnvironment", "Reminder"]
+__all__ = ["Kind", "Mailbox", "OrderedEnvironment"]
 
 Callback = Callable[[Any], None]
 
@@ -161,45 +161,6 @@ class OrderedEnvironment(simpy.Environment):
         self._now = until
         if watch is not None:
             watch(until, handled)
-
-
-class Reminder(simpy.Event):
-    """An event that is scheduled again and again, always with the same callback.
-
-    Parameters
-    ----------
-    env : OrderedEnvironment
-        Where it is scheduled.
-    callback : callable
-        Called with the reminder each time.
-    """
-
-    def __init__(self, env: OrderedEnvironment, callback: Callback) -> None:
-        super().__init__(env)
-        self._environment = env
-        self._again = [callback]
-        self._ok = True
-        self._value = None
-
-    def at(self, time: float, kind: Kind, order: int) -> None:
-        """Schedule it; it must not be scheduled already.
-
-        Parameters
-        ----------
-        time : float
-            When; not before now.
-        kind : Kind
-            What it is; decides among events at the same time.
-        order : int
-            Decides among events of the same time and kind.
-
-        Raises
-        ------
-        InputError
-            If the time is in the past or no number.
-        """
-        self.callbacks = self._again
-        self._environment._push(self, time, kind, order)
 
 
 class Mailbox(simpy.Event):

@@ -29,7 +29,7 @@ class State(NamedTuple):
     accumulated : ndarray
         Demand accumulated up to the anchor: over ticks, or over time.
     anchor : ndarray
-        The moment at which a signal was answered last: index of the tick (-1 before the first), or time.
+        The last moment at which growth was broken: index of the tick (-1 before the first), or time.
     responses, saturated : ndarray of int
         Decreases, and those of them that had a response probability above 1.
     """

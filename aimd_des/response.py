@@ -1,8 +1,8 @@
 r"""The agent's rule: how demand grows, what the average is, and how a capacity signal is answered.
 
 Between two signals demand is a line, so nothing is stepped.  The state of an agent is kept at its
-*anchor*, the moment at which it answered a signal last: the demand just after it, and the demand
-accumulated up to it.  With c the moments since the anchor,
+*anchor*, the last moment at which the line broke (a response, or a tick that held): the demand just
+after it, and the demand accumulated up to it.  With c the moments since the anchor,
 
                  discrete, at tick k           continuous, at time t
     moment       k                             t

@@ -17,7 +17,7 @@ from aimd_des.population import State, law_of, observe, start, total_of, totals
 from aimd_des.problem import Problem
 from aimd_des.response import CONTINUOUS, DISCRETE, accumulated_at, demand_at, time_average
 from aimd_des.streams import Key, Purpose
-from aimd_des.transport import Agent, Flight, Signal
+from aimd_des.transport import Agent, Carrier, Signal
 
 __all__ = ["System"]
 
@@ -114,6 +114,7 @@ class System:
         self.on_response: list[Callable[[float, int, float], None]] = []
         self.on_intervention: list[Callable[[float, int, float], None]] = []
         self.delivered, self.lost, self.duplicated = np.zeros((3, m, n), dtype=np.int64)
+        self._carrier = Carrier(self.env, self.agents, log)
         self._numbers = [0] * m
         self._now = np.empty(1)
         draws = _ResponseDraws(self.keys[Purpose.RESPONSE], n)
@@ -286,12 +287,5 @@ class System:
         first_order = self.env.reserve(len(arrival))
         receivers = arrival.argsort(kind="stable")[: np.count_nonzero(arrives)]
         if len(receivers):
-            Flight(
-                self.env,
-                self.agents,
-                self.log,
-                signal,
-                arrival[receivers].tolist(),
-                receivers.tolist(),
-                first_order,
-            )
+            times = arrival[receivers].tolist()
+            self._carrier.send(signal, times, receivers.tolist(), first_order)

@@ -1,14 +1,15 @@
 """What travels and to whom: the bit, those who take part, and copies on their way."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
+from heapq import heappop, heappush, heapreplace
 from typing import Any, NamedTuple, Protocol
 
 import simpy
 
-from aimd_des.environment import Kind, OrderedEnvironment, Reminder
+from aimd_des.environment import Kind, OrderedEnvironment
 from aimd_des.log import Entry, EventLog
 
-__all__ = ["Agent", "Flight", "ProcessGenerator", "Signal"]
+__all__ = ["Agent", "Carrier", "ProcessGenerator", "Signal"]
 
 ProcessGenerator = Generator[simpy.Event, Any, Any]
 
@@ -41,80 +42,86 @@ class Agent(Protocol):
         ...
 
 
-class Flight:
-    """The copies of one broadcast on their way: one reminder, for the next of them to land.
+class Carrier:
+    """All copies on their way: those of a broadcast are sorted, and a heap holds the next of each.
+
+    The environment knows only the earliest copy.  When that has landed, the next one lands within the
+    same event unless something else is due first.
 
     Parameters
     ----------
     env : OrderedEnvironment
-        Decides when they land.
+        Decides when copies land.
     agents : sequence of Agent
         All agents.
     log : EventLog, optional
         Where landings are written.
-    signal : Signal
-        What is on its way.
-    times : list of float
-        When copies land, ascending and before the end of the run.
-    receivers : list of int
-        To whom; in the order of their index where times are equal.
-    first_order : int
-        The first of n order numbers that are set aside for these copies.
     """
 
-    __slots__ = (
-        "agents",
-        "env",
-        "first_order",
-        "log",
-        "position",
-        "receivers",
-        "reminder",
-        "signal",
-        "times",
-    )
-
-    def __init__(
-        self,
-        env: OrderedEnvironment,
-        agents: Sequence[Agent],
-        log: EventLog | None,
-        signal: Signal,
-        times: list[float],
-        receivers: list[int],
-        first_order: int,
-    ) -> None:
+    def __init__(self, env: OrderedEnvironment, agents: Sequence[Agent], log: EventLog | None) -> None:
         self.env = env
         self.agents = agents
         self.log = log
-        self.signal = signal
-        self.times = times
-        self.receivers = receivers
-        self.first_order = first_order
-        self.position = 0
-        self.reminder = Reminder(env, self.land)
-        self.reminder.at(times[0], Kind.DELIVER, first_order + receivers[0])
+        self._next: list[_Due] = []
+        # Order numbers of the copies that are scheduled.  One is scheduled only if it is earlier than
+        # all others, so they form a stack with the earliest on top.
+        self._scheduled: list[int] = []
 
-    def land(self, event: simpy.Event) -> None:
-        """Hand the signal to receivers one by one, for as long as nothing else comes in between.
+    def send(self, signal: Signal, times: list[float], receivers: list[int], first_order: int) -> None:
+        """Put copies of one broadcast on their way.
 
         Parameters
         ----------
-        event : simpy.Event
-            The reminder.
+        signal : Signal
+            What is on its way.
+        times : list of float
+            When copies land, ascending and before the end of the run; at least one.
+        receivers : list of int
+            To whom; in the order of their index where times are equal.
+        first_order : int
+            The first of n order numbers that are set aside for these copies.
         """
-        times, receivers, log, signal = self.times, self.receivers, self.log, self.signal
-        position, advance = self.position, self.env.advance
+        orders = [first_order + receiver for receiver in receivers]
+        copies = zip(times, orders, receivers, strict=True)
+        time, order, receiver = next(copies)
+        heappush(self._next, (time, order, receiver, signal, copies))
+        if self._next[0][1] == order:
+            self._schedule(time, order)
+
+    def _schedule(self, time: float, order: int) -> None:
+        self._scheduled.append(order)
+        self.env.at(time, Kind.DELIVER, order).callbacks.append(self._land)
+
+    def _land(self, event: simpy.Event) -> None:
+        """Hand copies to their receivers one by one, for as long as nothing else comes in between."""
+        due, scheduled, agents, log, advance = (
+            self._next,
+            self._scheduled,
+            self.agents,
+            self.log,
+            self.env.advance,
+        )
+        scheduled.pop()
         while True:
-            agent = receivers[position]
+            time, _, agent, signal, copies = due[0]
+            following = next(copies, None)
+            if following is None:
+                heappop(due)
+            else:
+                heapreplace(due, (*following, signal, copies))
             if log is not None:
                 entry = (signal.resource, agent, signal.number, float(signal.copy))
-                log.add((times[position], Entry.DELIVER, *entry))
-            self.agents[agent].receive(signal)
-            position += 1
-            if position == len(times):
+                log.add((time, Entry.DELIVER, *entry))
+            agents[agent].receive(signal)
+            if not due:
                 return
-            if not advance(times[position], Kind.DELIVER, self.first_order + receivers[position]):
-                break
-        self.position = position
-        self.reminder.at(times[position], Kind.DELIVER, self.first_order + receivers[position])
+            time, order = due[0][0], due[0][1]
+            if scheduled and scheduled[-1] == order:
+                return
+            if not advance(time, Kind.DELIVER, order):
+                self._schedule(time, order)
+                return
+
+
+# When the next copy of a broadcast lands, its order number and receiver, the signal, and the copies after it.
+_Due = tuple[float, int, int, Signal, Iterator[tuple[float, int, int]]]

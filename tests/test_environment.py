@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aimd_des import InputError, SimulationError
-from aimd_des.environment import Kind, Mailbox, OrderedEnvironment, Reminder
+from aimd_des.environment import Kind, Mailbox, OrderedEnvironment
 
 Log = list[Any]
 
@@ -204,23 +204,24 @@ def test_an_event_of_simpy_would_queue_behind_others_of_its_instant(env: Ordered
     assert log == ["after", "letter"]
 
 
-def test_a_reminder_comes_every_time_it_is_scheduled(env: OrderedEnvironment) -> None:
+def test_the_clock_advances_within_an_event_until_something_else_is_due(env: OrderedEnvironment) -> None:
     log: Log = []
 
-    def remind(reminder: Reminder) -> None:
-        log.append(("reminder", env.now))
-        if env.now < 3.0:
-            reminder.at(env.now + 1.0, Kind.SENSE, 7)
+    def go_on(_: simpy.Event) -> None:
+        due = [(1.5, Kind.DELIVER, 7), (2.0, Kind.DELIVER, 7), (2.0, Kind.SENSE, 5), (2.0, Kind.SENSE, 7)]
+        for time, kind, order in due:
+            log.append((time, kind.name, order, env.advance(time, kind, order), env.now))
 
-    reminder = Reminder(env, remind)
-    reminder.at(1.0, Kind.SENSE, 7)
-    for order in (6, 8):
-        call_at(env, 2.0, Kind.SENSE, note(log, order), order=order)
-    call_at(env, 2.0, Kind.DELIVER, note(log, "arrival"))
+    call_at(env, 1.0, Kind.DELIVER, go_on)
+    call_at(env, 2.0, Kind.SENSE, note(log, "look"), order=6)
     env.run_to(5.0)
-    assert log == [("reminder", 1.0), "arrival", 6, ("reminder", 2.0), 8, ("reminder", 3.0)]
-    with pytest.raises(InputError, match=r"^time = 4\.0: must be finite and not before the present, 5\.0$"):
-        reminder.at(4.0, Kind.SENSE, 7)
+    assert log == [
+        (1.5, "DELIVER", 7, True, 1.5),
+        (2.0, "DELIVER", 7, True, 2.0),
+        (2.0, "SENSE", 5, True, 2.0),
+        (2.0, "SENSE", 7, False, 2.0),
+        "look",
+    ]
 
 
 def test_an_error_in_a_process_ends_the_run_with_its_own_message(env: OrderedEnvironment) -> None:

@@ -349,6 +349,23 @@ def test_rule_2_all_else_keeps_the_order_in_which_it_was_scheduled(demands: list
     assert result.events["value"].tolist() == changes.tolist()
 
 
+@pytest.mark.xfail(
+    strict=True, raises=TypeError, reason="events of one time, kind and order are compared themselves"
+)
+def test_rule_2_events_that_are_given_the_same_order_keep_their_turn() -> None:
+    log: Log = []
+
+    def ordered(what: str) -> Any:
+        def process(system: System) -> ProcessGenerator:
+            yield system.env.at(2.0, Kind.SENSE, 7)
+            log.append(what)
+
+        return process
+
+    run(3.0, ordered("first"), ordered("second"), ordered("third"))
+    assert log == ["first", "second", "third"]
+
+
 # -- 3. Ties that are exact on paper are exact -----------------------------------------------------------
 
 

@@ -29,6 +29,15 @@ class Camera:
         i, its index.
     system : System
         The run in progress.
+
+    Attributes
+    ----------
+    resources : range
+        Indices of the resources.
+    marginal_cost : callable
+        ``marginal_cost(averages, resource)``: the partial derivative of the agent's cost.
+    increase, decrease, normalization : list of float, length m
+        alpha, beta and Gamma.
     """
 
     def __init__(self, agent: int, system: System) -> None:
@@ -42,20 +51,24 @@ class Camera:
         self._averages = [0.0] * system.problem.n_resources
         # What an answer needs, at hand: most of a run is spent there.
         law, rows = system.law, system.rows
+        self.resources = range(system.problem.n_resources)
+        self.increase: list[float] = law.increase[:, agent].tolist()
+        self.decrease: list[float] = law.decrease[:, agent].tolist()
+        self.normalization: list[float] = law.normalization.tolist()
         self._rows: list[_Row] = list(
             zip(
                 rows.demand,
                 rows.accumulated,
                 rows.anchor,
-                law.increase[:, agent].tolist(),
-                law.decrease[:, agent].tolist(),
-                law.normalization.tolist(),
+                self.increase,
+                self.decrease,
+                self.normalization,
                 strict=True,
             )
         )
         self._responses, self._saturated = rows.responses, rows.saturated
         self._env, self._grain, self._log = system.env, system.grain, system.log
-        self._draws, self._on_response = system.response_draws, system.on_response
+        self._on_response = system.on_response
 
     def receive(self, signal: Signal) -> None:
         """Take note of a capacity signal that arrives now; a continuous agent answers it at once.
@@ -66,9 +79,7 @@ class Camera:
             The bit.
         """
         if not self._discrete:
-            if not self.separable:
-                self._take_averages(self._env.now)
-            self._answer(signal, self._env.now)
+            self.answer((signal,), self._env.now)
         elif self._latch:
             self._latch.setdefault(signal.resource, signal)
         else:
@@ -104,8 +115,32 @@ class Camera:
         """
         if not self.separable:
             self._take_averages(moment)
+        i, grain, averages = self.agent, self._grain, self._averages
         for signal in signals:
-            self._answer(signal, moment)
+            j = signal.resource
+            demand, accumulated, anchor, increase, decrease, normalization = self._rows[j]
+            held, since = demand[i], moment - anchor[i]
+            folded = accumulated_at(accumulated[i], held, increase, since, grain)
+            averages[j] = average = time_average(folded, moment, grain)
+            present = demand_at(held, increase, since, grain)
+            probability = response_probability(normalization, self.marginal_cost(averages, j), average)
+            if self.system.response_draws(signal)[i] < probability:
+                kept = present * decrease
+                demand[i], accumulated[i], anchor[i] = kept, folded, moment
+                self._responses[j][i] += 1
+                if probability > 1.0:
+                    self._saturated[j][i] += 1
+                for tell in self._on_response:
+                    tell(self._env.now, j, kept - present)
+                if self._log is not None:
+                    entry = (j, i, signal.number, present - kept)
+                    self._log.add((self._env.now, Entry.RESPOND, *entry))
+            else:
+                # A tick that holds is a tick without growth; a continuous agent just grows on.
+                if self._discrete:
+                    demand[i], accumulated[i], anchor[i] = present, folded, moment
+                if self._log is not None:
+                    self._log.add((self._env.now, Entry.HOLD, j, i, signal.number, 0.0))
 
     def _take_averages(self, moment: float) -> None:
         """Compute all averages before anything is answered: costs that couple resources read them."""
@@ -113,24 +148,3 @@ class Camera:
         for j, (demand, accumulated, anchor, increase, _, _) in enumerate(self._rows):
             folded = accumulated_at(accumulated[i], demand[i], increase, moment - anchor[i], grain)
             self._averages[j] = time_average(folded, moment, grain)
-
-    def _answer(self, signal: Signal, moment: float) -> None:
-        j, i, grain, averages = signal.resource, self.agent, self._grain, self._averages
-        demand, accumulated, anchor, increase, decrease, normalization = self._rows[j]
-        held, since = demand[i], moment - anchor[i]
-        folded = accumulated_at(accumulated[i], held, increase, since, grain)
-        averages[j] = average = time_average(folded, moment, grain)
-        present = kept = demand_at(held, increase, since, grain)
-        probability = response_probability(normalization, self.marginal_cost(averages, j), average)
-        decreases = self._draws(signal)[i] < probability
-        if decreases:
-            kept = present * decrease
-            self._responses[j][i] += 1
-            if probability > 1.0:
-                self._saturated[j][i] += 1
-            for tell in self._on_response:
-                tell(self._env.now, j, kept - present)
-        demand[i], accumulated[i], anchor[i] = kept, folded, moment
-        if self._log is not None:
-            kind = Entry.RESPOND if decreases else Entry.HOLD
-            self._log.add((self._env.now, kind, j, i, signal.number, present - kept))

@@ -76,7 +76,7 @@ class Bernoulli:
         ndarray of bool, shape (n,)
             True where the copy is lost.
         """
-        if np.ndim(self.probability) == 0 and not self.probability:
+        if not isinstance(self.probability, np.ndarray) and not self.probability:
             return np.zeros(draws.n_agents, dtype=np.bool_)
         return np.less(draws.uniforms(Purpose.LOSS), self.probability)
 
