@@ -42,6 +42,20 @@ class Kind(IntEnum):
     ACT = 6
 
 
+class _Due(simpy.Event):
+    """An event of a known time; events that are given the same order keep their turn."""
+
+    def __init__(self, env: simpy.Environment, order: int, turn: int) -> None:
+        super().__init__(env)
+        self._ok = True
+        self._value = None
+        self.order = order
+        self.turn = turn
+
+    def __lt__(self, other: "_Due") -> bool:
+        return self.turn < other.turn
+
+
 class OrderedEnvironment(simpy.Environment):
     """A SimPy environment in which simultaneous events have an order that means something."""
 
@@ -49,15 +63,27 @@ class OrderedEnvironment(simpy.Environment):
         super().__init__()
         self._now: float = 0.0
         self._eid = count(_FIRST_ORDER)
-        self._acted = -math.inf
+        self._turns = count()
+        self._acted_at, self._acted = -math.inf, 0
 
-    @property
-    def agents_have_acted(self) -> bool:
-        """Whether somebody who acts after the agents has acted at this instant."""
-        return self._acted == self._now
+    def has_acted(self, agent: int | None = None) -> bool:
+        """Tell whether an agent's turn at this instant is over.
+
+        Parameters
+        ----------
+        agent : int, optional
+            i; all agents unless given.
+
+        Returns
+        -------
+        bool
+            True once somebody with the same or a later turn has acted at this instant.
+        """
+        return self._acted_at == self._now and (_FIRST_ORDER if agent is None else agent) <= self._acted
 
     def _note_act(self, event: simpy.Event) -> None:
-        self._acted = self._now
+        assert isinstance(event, _Due)  # noqa: S101 - `at` makes no others
+        self._acted_at, self._acted = self._now, event.order
 
     def reserve(self, how_many: int) -> int:
         """Set aside consecutive order numbers, to be used by events scheduled later.
@@ -99,12 +125,12 @@ class OrderedEnvironment(simpy.Environment):
         InputError
             If the time is in the past or no number.
         """
-        event = simpy.Event(self)
-        event._ok = True
-        event._value = None
-        self._push(event, time, kind, next(self._eid) if order is None else order)
-        if kind is Kind.ACT and order is None:
+        if not self._now <= time < math.inf:
+            raise InputError.of("time", time, f"finite and not before the present, {self._now!r}")
+        event = _Due(self, next(self._eid) if order is None else order, next(self._turns))
+        if kind is Kind.ACT:
             event.callbacks.append(self._note_act)
+        heappush(self._queue, (time, kind, event.order, event))  # type: ignore[misc]  # SimPy has two kinds
         return event
 
     def advance(self, time: float, kind: Kind, order: int) -> bool:
@@ -129,11 +155,6 @@ class OrderedEnvironment(simpy.Environment):
             return False
         self._now = time
         return True
-
-    def _push(self, event: simpy.Event, time: float, kind: int, order: int) -> None:
-        if not self._now <= time < math.inf:
-            raise InputError.of("time", time, f"finite and not before the present, {self._now!r}")
-        heappush(self._queue, (time, kind, order, event))  # type: ignore[misc]  # SimPy has two kinds only
 
     def run_to(self, until: float, watch: Callable[[float, int], None] | None = None) -> None:
         """Handle every event before `until`, and none that is due at `until` itself.

@@ -2,44 +2,24 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import streams
+from aimd_des import checks, streams
 from aimd_des.channel import Broadcast, Channel
 from aimd_des.checks import FloatArray
 from aimd_des.clock import AgentClocks, Clocks
 from aimd_des.environment import OrderedEnvironment
+from aimd_des.errors import InputError
 from aimd_des.log import Entry, EventLog
 from aimd_des.population import State, law_of, observe, start, total_of, totals
 from aimd_des.problem import Problem
 from aimd_des.response import CONTINUOUS, DISCRETE, accumulated_at, demand_at, time_average
-from aimd_des.streams import Key, Purpose
-from aimd_des.transport import Agent, Carrier, Signal
+from aimd_des.streams import Purpose
+from aimd_des.transport import Agent, Carrier, ResponseDraws, Signal
 
 __all__ = ["System"]
-
-# Rows of response draws kept at hand; one that is gone is drawn again, to the same bits.
-_ROWS_KEPT = 256
-
-
-class _ResponseDraws(dict[Signal, list[float]]):
-    """What decides how each agent responds to a signal; drawn when it is first asked for."""
-
-    def __init__(self, key: Key, n_agents: int) -> None:
-        super().__init__()
-        self.key = key
-        self.n_agents = n_agents
-
-    def __missing__(self, signal: Signal) -> list[float]:
-        if len(self) == _ROWS_KEPT:
-            del self[next(iter(self))]
-        row = streams.uniforms(self.key, signal.resource, signal.number, self.n_agents, signal.copy)
-        draws: list[float] = row.tolist()
-        self[signal] = draws
-        return draws
 
 
 class System:
@@ -117,11 +97,16 @@ class System:
         self._carrier = Carrier(self.env, self.agents, log)
         self._numbers = [0] * m
         self._now = np.empty(1)
-        draws = _ResponseDraws(self.keys[Purpose.RESPONSE], n)
+        draws = ResponseDraws(self.keys[Purpose.RESPONSE], n)
         self.response_draws: Callable[[Signal], list[float]] = draws.__getitem__
 
-    def clock_time(self) -> float:
+    def clock_time(self, agent: int | None = None) -> float:
         """Return the time up to which ticks lie in the past: now, or just after where agents have acted.
+
+        Parameters
+        ----------
+        agent : int, optional
+            i; all agents unless given.
 
         Returns
         -------
@@ -129,7 +114,7 @@ class System:
             For `AgentClocks.next_tick` and `next_ticks`.
         """
         now = float(self.env.now)
-        return math.nextafter(now, math.inf) if self.env.agents_have_acted else now
+        return math.nextafter(now, math.inf) if self.env.has_acted(agent) else now
 
     def moments(self) -> FloatArray:
         """Return where the agents are in their own time: the next tick, or the time.
@@ -203,9 +188,9 @@ class System:
         float
             In units of the resource.
         """
-        at, state = (resource, agent), self.state
-        since = self._moment(agent) - float(state.anchor[at])
-        return demand_at(float(state.demand[at]), float(self.law.increase[at]), since, self.grain)
+        held, anchor = self.rows.demand[resource][agent], self.rows.anchor[resource][agent]
+        increase = float(self.law.increase[resource, agent])
+        return demand_at(held, increase, self._moment(agent) - anchor, self.grain)
 
     def average(self, agent: int, resource: int) -> float:
         """Read one agent's long-term average of one resource as it is now.
@@ -220,10 +205,10 @@ class System:
         float
             In units of the resource.
         """
-        at, state, moment = (resource, agent), self.state, self._moment(agent)
-        increase, since = float(self.law.increase[at]), moment - float(state.anchor[at])
-        held, folded = float(state.demand[at]), float(state.accumulated[at])
-        return time_average(accumulated_at(folded, held, increase, since, self.grain), moment, self.grain)
+        rows, moment, increase = self.rows, self._moment(agent), float(self.law.increase[resource, agent])
+        held, since = rows.demand[resource][agent], moment - rows.anchor[resource][agent]
+        folded = accumulated_at(rows.accumulated[resource][agent], held, increase, since, self.grain)
+        return time_average(folded, moment, self.grain)
 
     def set_demand(self, agent: int, resource: int, demand: float) -> None:
         """Set one agent's demand for one resource, from which it grows on.
@@ -234,16 +219,21 @@ class System:
             i and j.
         demand : float
             At least 0, in units of the resource.
+
+        Raises
+        ------
+        InputError
+            If there is no such agent or resource, or the demand is negative or not finite.
         """
-        at, state, moment = (resource, agent), self.state, self._moment(agent)
-        before = self.demand(agent, resource)
+        checks.integer("agent", agent, low=0, high=self.problem.n_agents - 1)
+        checks.integer("resource", resource, low=0, high=self.problem.n_resources - 1)
+        demand = checks.number("demand", demand, low=0.0)
+        rows, moment, before = self.rows, self._moment(agent), self.demand(agent, resource)
+        held, folded, anchor = rows.demand[resource], rows.accumulated[resource], rows.anchor[resource]
         # A tick folds in the demand at hand, so what is set now stands just before the next tick.
-        since = moment - self.grain - float(state.anchor[at])
-        increase, held = float(self.law.increase[at]), float(state.demand[at])
-        state.accumulated[at] = accumulated_at(
-            float(state.accumulated[at]), held, increase, since, self.grain
-        )
-        state.demand[at], state.anchor[at] = demand, moment - self.grain
+        since, increase = moment - self.grain - anchor[agent], float(self.law.increase[resource, agent])
+        folded[agent] = accumulated_at(folded[agent], held[agent], increase, since, self.grain)
+        held[agent], anchor[agent] = demand, moment - self.grain
         if self.log is not None:
             self.log.add((self.env.now, Entry.CHANGE, resource, agent, -1, demand - before))
         for tell in self.on_intervention:
@@ -262,13 +252,22 @@ class System:
         resource : int
             j.
         delay : float
-            How long after now it leaves the control unit, in units of time.
+            How long after now it leaves the control unit, at least 0 and in units of time.
+
+        Raises
+        ------
+        InputError
+            If there is no such resource, the delay is negative or not finite, or the channel says
+            anything but a time for each agent that is not before the departure.
         """
+        checks.integer("resource", resource, low=0, high=self.problem.n_resources - 1)
+        checks.number("delay", delay, low=0.0)
         now = self.env.now
         signal = Broadcast(resource, self._numbers[resource], now)
         self._numbers[resource] += 1
         self.sent.append(signal)
         copies = self.link.transmit(signal, now + delay)
+        self._check(copies.arrival, now + delay)
         lost = copies.arrival == math.inf
         arrives = copies.arrival < self.until
         self.lost[resource] += lost
@@ -279,11 +278,20 @@ class System:
                 self.log.add((now, Entry.LOST, resource, agent, signal.number, 0.0))
         self._send(Signal(resource, signal.number), copies.arrival, arrives)
         if copies.second is not None:
+            self._check(copies.second, now + delay)
             twice = copies.second < self.until
             self.duplicated[resource] += twice
             self._send(Signal(resource, signal.number, 1), copies.second, twice)
 
-    def _send(self, signal: Signal, arrival: FloatArray, arrives: np.ndarray[Any, Any]) -> None:
+    def _check(self, arrival: FloatArray, departure: float) -> None:
+        """Refuse what a channel cannot mean; a minimum finds NaN, too."""
+        if arrival.shape != (self.problem.n_agents,) or not arrival.min() >= departure:
+            checks.array(
+                "arrival", np.where(arrival == math.inf, departure, arrival), (self.problem.n_agents,)
+            )
+            raise InputError.of("arrival", float(arrival.min()), f"at least {departure!r}, the departure")
+
+    def _send(self, signal: Signal, arrival: FloatArray, arrives: npt.NDArray[np.bool_]) -> None:
         first_order = self.env.reserve(len(arrival))
         receivers = arrival.argsort(kind="stable")[: np.count_nonzero(arrives)]
         if len(receivers):

@@ -6,10 +6,12 @@ from typing import Any, NamedTuple, Protocol
 
 import simpy
 
+from aimd_des import streams
 from aimd_des.environment import Kind, OrderedEnvironment
 from aimd_des.log import Entry, EventLog
+from aimd_des.streams import Key
 
-__all__ = ["Agent", "Carrier", "ProcessGenerator", "Signal"]
+__all__ = ["Agent", "Carrier", "ProcessGenerator", "ResponseDraws", "Signal"]
 
 ProcessGenerator = Generator[simpy.Event, Any, Any]
 
@@ -40,6 +42,35 @@ class Agent(Protocol):
     def process(self) -> ProcessGenerator:
         """Live: the SimPy process of the agent."""
         ...
+
+
+# Rows of response draws kept at hand; one that is gone is drawn again, to the same bits.
+_ROWS_KEPT = 256
+
+
+class ResponseDraws(dict[Signal, list[float]]):
+    """What decides how each agent responds to a signal; drawn when it is first asked for.
+
+    Parameters
+    ----------
+    key : tuple of two uint64
+        The key of the response draws.
+    n_agents : int
+        n.
+    """
+
+    def __init__(self, key: Key, n_agents: int) -> None:
+        super().__init__()
+        self.key = key
+        self.n_agents = n_agents
+
+    def __missing__(self, signal: Signal) -> list[float]:
+        if len(self) == _ROWS_KEPT:
+            del self[next(iter(self))]
+        row = streams.uniforms(self.key, signal.resource, signal.number, self.n_agents, signal.copy)
+        draws: list[float] = row.tolist()
+        self[signal] = draws
+        return draws
 
 
 class Carrier:

@@ -258,9 +258,6 @@ def test_rule_1_a_signal_sent_after_a_tick_of_plain_growth_is_answered_at_the_ne
     assert totals(result) == {0.0: 0.0, 1.0: 1.0, 2.0: 2.0, 3.0: 3.0, 4.0: 4.0, 5.0: 5.0, 6.0: 2.5, 7.0: 3.5}
 
 
-@pytest.mark.xfail(
-    strict=True, reason="that its tick is past is known only once somebody without an index has acted"
-)
 def test_rule_1_who_has_ticked_does_not_tick_again_for_a_signal_sent_by_the_next_to_tick() -> None:
     class Caller(Camera):
         """An agent that at its tick at 4 calls all others to order."""
@@ -349,9 +346,6 @@ def test_rule_2_all_else_keeps_the_order_in_which_it_was_scheduled(demands: list
     assert result.events["value"].tolist() == changes.tolist()
 
 
-@pytest.mark.xfail(
-    strict=True, raises=TypeError, reason="events of one time, kind and order are compared themselves"
-)
 def test_rule_2_events_that_are_given_the_same_order_keep_their_turn() -> None:
     log: Log = []
 

@@ -372,7 +372,6 @@ class Saying:
         return Copies(self.arrival)
 
 
-@pytest.mark.xfail(strict=True, reason="what parts of one's own say to the system is not checked")
 @pytest.mark.parametrize(
     ("parts", "message"),
     [

@@ -98,7 +98,7 @@ class Camera:
         clocks = self.system.clocks
         while clocks is not None:
             yield self._mailbox
-            tick = clocks.next_tick(self.agent, self.system.clock_time())
+            tick = clocks.next_tick(self.agent, self.system.clock_time(self.agent))
             yield self._env.at(clocks.time(self.agent, tick), Kind.ACT, self.agent)
             self.answer(sorted(self._latch.values()), tick)
             self._latch.clear()
