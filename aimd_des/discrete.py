@@ -7,6 +7,7 @@ and sets S(k+1).  With ``lag=0`` the signal set from x(k) is used at k itself.
 import numpy as np
 
 from aimd_des import checks, streams
+from aimd_des.errors import InputError
 from aimd_des.gradients import cost_table
 from aimd_des.metrics import Overshoot
 from aimd_des.population import State, law_of, start
@@ -58,6 +59,8 @@ def run_discrete(
     lag = checks.integer("lag", lag, low=0, high=1)
     key = streams.key(seed, Purpose.RESPONSE)
     recording = Recording() if recording is None else recording
+    if recording.events:
+        raise InputError.of("recording.events", True, "False: the synchronous algorithm has no events")
     n, m = problem.n_agents, problem.n_resources
     state, law, table = start(m, n, DISCRETE), law_of(problem), cost_table(problem.costs)
     control = Control(

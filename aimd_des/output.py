@@ -132,7 +132,7 @@ def write_run(
     with new_folder(folder) as place:
         (place / "scenario.toml").write_text(scenario.resolved().to_toml(), encoding="utf-8")
         result.summary(optimum).to_csv(place / "summary.csv")
-        for name in ("signals", "demand", "allocations"):
+        for name in ("signals", "demand", "allocations", *(["events"] if result.log else [])):
             getattr(result, name).to_parquet(place / f"{name}.parquet", index=False)
         if figures:
             from aimd_des.plots import paper_figures

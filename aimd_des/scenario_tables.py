@@ -28,7 +28,7 @@ Times = Literal["auto", "end"] | float | list[float]
 
 
 class Table(BaseModel):
-    """A table of the file: every key is known, every value has its type, nothing changes or is ignored."""
+    """A table of the file: every key is known, every value has its type, nothing is ignored."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
@@ -57,11 +57,8 @@ class Table(BaseModel):
         dict
             Ready to be written as TOML.
         """
-        data = {}
-        for name, value in self:
-            if value is not None and name not in self.idle():
-                data[name] = _spoken(value)
-        return data
+        idle = self.idle()
+        return {name: _spoken(value) for name, value in self if value is not None and name not in idle}
 
 
 def _spoken(value: Any) -> Any:
@@ -277,12 +274,15 @@ class RecordingTable(Table):
         Over how many of the last units of time both are kept at every unit.
     overshoot : bool
         Whether to integrate total demand.
+    events : bool
+        Whether to keep the event log.
     """
 
     demand: Times = "auto"
     allocations: Times = "auto"
     tail: int = 100
     overshoot: bool = True
+    events: bool = False
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -297,4 +297,4 @@ class RecordingTable(Table):
         Recording
             Checked.
         """
-        return Recording(self.demand, self.allocations, self.tail, self.overshoot)
+        return Recording(**dict(self))

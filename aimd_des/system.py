@@ -260,8 +260,9 @@ class System:
             If there is no such resource, the delay is negative or not finite, or the channel says
             anything but a time for each agent that is not before the departure.
         """
-        checks.integer("resource", resource, low=0, high=self.problem.n_resources - 1)
-        checks.number("delay", delay, low=0.0)
+        if not (0 <= resource < self.problem.n_resources and 0.0 <= delay < math.inf):
+            checks.integer("resource", resource, low=0, high=self.problem.n_resources - 1)
+            checks.number("delay", delay, low=0.0)
         now = self.env.now
         signal = Broadcast(resource, self._numbers[resource], now)
         self._numbers[resource] += 1

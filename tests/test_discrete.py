@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from aimd_des import InputError, Problem, Recording, run_discrete
 from aimd_des.streams import Purpose
+from models import smart_cameras
 from tests.conftest import (
     as_custom,
     assert_same_run,
@@ -282,3 +283,9 @@ def test_a_run_does_not_change_its_problem() -> None:
     before = {name: getattr(problem, name).copy() for name in names}
     quietly(run_discrete, problem, steps=300, seed=0)
     assert all(np.array_equal(getattr(problem, name), value) for name, value in before.items())
+
+
+def test_an_event_log_is_refused_where_there_are_no_events() -> None:
+    message = r"^recording\.events = True: must be False: the synchronous algorithm has no events$"
+    with pytest.raises(InputError, match=message):
+        run_discrete(smart_cameras(n_cameras=3), steps=5, seed=0, recording=Recording(events=True))

@@ -190,6 +190,14 @@ def test_a_run_is_written_as_files_that_anybody_can_read(scenario: Scenario, res
     assert quietly(again.run).digest == result.digest
 
 
+def test_the_event_log_is_written_if_it_was_kept(scenario: Scenario) -> None:
+    asked = scenario.model_copy(update={"recording": scenario.recording.model_copy(update={"events": True})})
+    result = asked.run()
+    write_run(Path("out"), asked, result, solve_optimum(result.problem), figures=False)
+    pd.testing.assert_frame_equal(pd.read_parquet("out/events.parquet"), result.events)
+    assert len(result.events) > 100
+
+
 def test_the_provenance_names_digest_seed_and_versions(scenario: Scenario, result: Result) -> None:
     write_run(Path("out"), scenario, result, solve_optimum(result.problem), figures=False)
     written = json.loads(Path("out", PROVENANCE).read_text(encoding="utf-8"))
