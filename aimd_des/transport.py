@@ -2,6 +2,7 @@
 
 from collections.abc import Generator, Iterator, Sequence
 from heapq import heappop, heappush, heapreplace
+from itertools import repeat
 from typing import Any, NamedTuple, Protocol
 
 import simpy
@@ -73,6 +74,20 @@ class ResponseDraws(dict[Signal, list[float]]):
         return draws
 
 
+class _Flight:
+    """A broadcast on its way: the signal, and the copies that are not yet among the next to land."""
+
+    __slots__ = ("copies", "signal")
+    copies: "Iterator[_Due]"
+
+    def __init__(self, signal: Signal) -> None:
+        self.signal = signal
+
+
+# When a copy lands, its order number, its receiver, and the broadcast it belongs to.
+_Due = tuple[float, int, int, _Flight]
+
+
 class Carrier:
     """All copies on their way: those of a broadcast are sorted, and a heap holds the next of each.
 
@@ -113,11 +128,12 @@ class Carrier:
             The first of n order numbers that are set aside for these copies.
         """
         orders = [first_order + receiver for receiver in receivers]
-        copies = zip(times, orders, receivers, strict=True)
-        time, order, receiver = next(copies)
-        heappush(self._next, (time, order, receiver, signal, copies))
-        if self._next[0][1] == order:
-            self._schedule(time, order)
+        flight = _Flight(signal)
+        flight.copies = zip(times, orders, receivers, repeat(flight), strict=False)
+        first = next(flight.copies)
+        heappush(self._next, first)
+        if self._next[0] is first:
+            self._schedule(times[0], orders[0])
 
     def _schedule(self, time: float, order: int) -> None:
         self._scheduled.append(order)
@@ -134,12 +150,14 @@ class Carrier:
         )
         scheduled.pop()
         while True:
-            time, _, agent, signal, copies = due[0]
-            following = next(copies, None)
+            time, _, agent, flight = due[0]
+            following = next(flight.copies, None)
             if following is None:
                 heappop(due)
+                del flight.copies  # they name the flight in turn: nothing is left for the garbage collector
             else:
-                heapreplace(due, (*following, signal, copies))
+                heapreplace(due, following)
+            signal = flight.signal
             if log is not None:
                 entry = (signal.resource, agent, signal.number, float(signal.copy))
                 log.add((time, Entry.DELIVER, *entry))
@@ -152,7 +170,3 @@ class Carrier:
             if not advance(time, Kind.DELIVER, order):
                 self._schedule(time, order)
                 return
-
-
-# When the next copy of a broadcast lands, its order number and receiver, the signal, and the copies after it.
-_Due = tuple[float, int, int, Signal, Iterator[tuple[float, int, int]]]
