@@ -175,7 +175,7 @@ def test_the_checks_see_what_they_look_for() -> None:
         "a:2: /" + "root",
         "a:2: /" + "home/me",
     ]
-    assert findings(MACHINE, {"a": "docs/work/x and a/root/b and ./home/me"}) == []
+    assert findings(MACHINE, {"a": "docs/roots/x and a/rooted/b and ./home/me"}) == []
     assert findings(UNFINISHED, {"a": "TO" + "DO: later"}) == ["a:1: TO" + "DO"]
     assert strange_hosts({"a": "https" + "://packages.example/simple"}) == [
         "a:1: https" + "://packages.example"
