@@ -116,19 +116,25 @@ def _conclude(law: Law, step: int, lag: int, control: Control) -> None:
 
 
 @kernel
+def _average(state: State, law: Law, step: int, resource: int, scratch: Scratch) -> None:
+    """Bring the averages of one resource to step k."""
+    average_row(
+        state.demand[resource],
+        state.accumulated[resource],
+        state.anchor[resource],
+        law.increase[resource],
+        float(step),
+        DISCRETE,
+        scratch.folded[resource],
+        scratch.average[resource],
+    )
+
+
+@kernel
 def _average_all(state: State, law: Law, step: int, scratch: Scratch) -> None:
     """Bring the averages of all resources to step k."""
     for j in range(state.demand.shape[0]):
-        average_row(
-            state.demand[j],
-            state.accumulated[j],
-            state.anchor[j],
-            law.increase[j],
-            float(step),
-            DISCRETE,
-            scratch.folded[j],
-            scratch.average[j],
-        )
+        _average(state, law, step, j, scratch)
 
 
 @kernel
@@ -199,16 +205,7 @@ def take_steps(
             for j in range(law.limit.shape[0]):
                 if control.signal[j]:
                     if not coupled:
-                        average_row(
-                            state.demand[j],
-                            state.accumulated[j],
-                            state.anchor[j],
-                            law.increase[j],
-                            float(step),
-                            DISCRETE,
-                            scratch.folded[j],
-                            scratch.average[j],
-                        )
+                        _average(state, law, step, j, scratch)
                     gradient_row(table, scratch.average, j, scratch.gradient[j], scratch.spare)
                     _answer_signal(state, law, step, j, control.sent[j] - 1, key, scratch)
         _conclude(law, step, lag, control)
