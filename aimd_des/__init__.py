@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from aimd_des import theory
-    from aimd_des.agents import Camera
+    from aimd_des.agents import Camera, Fleet
     from aimd_des.channel import BroadcastChannel, latency, loss
     from aimd_des.clock import Clocks
     from aimd_des.control_unit import Crossing, Sampled
@@ -30,6 +30,7 @@ _HOME = {
     "CoupledCosts": "costs",
     "Crossing": "control_unit",
     "CustomCosts": "costs",
+    "Fleet": "agents",
     "InputError": "errors",
     "Optimum": "optimum",
     "PolynomialCosts": "costs",
@@ -59,6 +60,7 @@ __all__ = [
     "CoupledCosts",
     "Crossing",
     "CustomCosts",
+    "Fleet",
     "InputError",
     "Optimum",
     "PolynomialCosts",

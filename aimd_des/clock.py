@@ -12,7 +12,7 @@ from aimd_des.compiled import kernel
 from aimd_des.errors import InputError
 from aimd_des.streams import Key, uniform_at
 
-__all__ = ["AgentClocks", "Clock", "Clocks"]
+__all__ = ["AgentClocks", "Clock", "Clocks", "next_tick", "next_ticks", "tick_time"]
 
 
 @dataclass(frozen=True)
@@ -168,28 +168,76 @@ _TICKS, _PHASES = 0, 1
 
 
 @kernel
-def _tick_time(phase: float, period: float, jitter: float, key: Key, agent: int, tick: float) -> float:
+def tick_time(phase: float, period: float, jitter: float, key: Key, agent: int, tick: float) -> float:
+    """Return the time of an agent's tick.
+
+    Parameters
+    ----------
+    phase, period, jitter : float
+        Of the agent, drift included in the period.
+    key : tuple of two uint64
+        The run's key for clocks.
+    agent : int
+        i.
+    tick : float
+        Its index q, a whole number from 0.
+
+    Returns
+    -------
+    float
+        In units of time.
+    """
     time = phase + tick * period
     return time + jitter * uniform_at(key, _TICKS, int(tick), agent) if jitter > 0.0 else time
 
 
 @kernel
-def _next_tick(phase: float, period: float, jitter: float, key: Key, agent: int, time: float) -> float:
-    """Count the ticks before a time; exact, though the division is not."""
+def next_tick(phase: float, period: float, jitter: float, key: Key, agent: int, time: float) -> float:
+    """Count an agent's ticks before a time; exact, though the division is not.
+
+    Parameters
+    ----------
+    phase, period, jitter : float
+        Of the agent, drift included in the period.
+    key : tuple of two uint64
+        The run's key for clocks.
+    agent : int
+        i.
+    time : float
+        Any time.
+
+    Returns
+    -------
+    float
+        The index of the first tick at or after the time.
+    """
     tick = max(np.ceil((time - phase) / period), 0.0)
-    while tick > 0.0 and _tick_time(phase, period, jitter, key, agent, tick - 1.0) >= time:
+    while tick > 0.0 and tick_time(phase, period, jitter, key, agent, tick - 1.0) >= time:
         tick -= 1.0
-    while _tick_time(phase, period, jitter, key, agent, tick) < time:
+    while tick_time(phase, period, jitter, key, agent, tick) < time:
         tick += 1.0
     return float(tick)
 
 
 @kernel
-def _next_ticks(
+def next_ticks(
     phase: FloatArray, period: FloatArray, jitter: FloatArray, key: Key, time: float, out: FloatArray
 ) -> None:
+    """Count every agent's ticks before a time.
+
+    Parameters
+    ----------
+    phase, period, jitter : ndarray, shape (n,)
+        Of each agent, drift included in the period.
+    key : tuple of two uint64
+        The run's key for clocks.
+    time : float
+        Any time.
+    out : ndarray, shape (n,) or (1,)
+        Receives the indices of the first ticks at or after the time.
+    """
     for i in range(out.shape[0]):
-        out[i] = _next_tick(phase[i], period[i], jitter[i], key, i, time)
+        out[i] = next_tick(phase[i], period[i], jitter[i], key, i, time)
 
 
 class AgentClocks:
@@ -206,12 +254,16 @@ class AgentClocks:
     ----------
     common : bool
         Whether all agents tick at the same times.
+    rows : tuple of ndarray
+        Phase, period and jitter.
+    key : tuple of two uint64
+        The run's key for clocks.
     """
 
     def __init__(self, phase: FloatArray, period: FloatArray, jitter: FloatArray, key: Key) -> None:
-        self._rows = (phase, period, jitter)
+        self.rows = (phase, period, jitter)
         self._numbers = tuple(zip(phase.tolist(), period.tolist(), jitter.tolist(), strict=True))
-        self._key = key
+        self.key = key
         self.common = bool(np.ptp(phase) == 0.0 and np.ptp(period) == 0.0 and not jitter.any())
         self._shared = Clock(*self._numbers[0][1::-1])
         self._ticks = np.empty(1 if self.common else len(phase))
@@ -235,7 +287,7 @@ class AgentClocks:
         """
         if self.common:
             return self._shared.time(tick)
-        return _tick_time(*self._numbers[agent], self._key, agent, float(tick))
+        return tick_time(*self._numbers[agent], self.key, agent, float(tick))
 
     def next_tick(self, agent: int, time: float) -> int:
         """Return the index of an agent's first tick at or after a time.
@@ -256,7 +308,7 @@ class AgentClocks:
             if time != self._asked:
                 self._asked, self._answer = time, self._shared.next_tick(time)
             return self._answer
-        return int(_next_tick(*self._numbers[agent], self._key, agent, time))
+        return int(next_tick(*self._numbers[agent], self.key, agent, time))
 
     def next_ticks(self, time: float) -> FloatArray:
         """Return the index of every agent's first tick at or after a time.
@@ -274,5 +326,5 @@ class AgentClocks:
         if self.common:
             self._ticks[0] = self._shared.next_tick(time)
         else:
-            _next_ticks(*self._rows, self._key, time, self._ticks)
+            next_ticks(*self.rows, self.key, time, self._ticks)
         return self._ticks

@@ -19,7 +19,7 @@ __all__ = ["ControlUnit", "Crossing", "Sampled"]
 # Broadcasts at one instant, one after another without anybody responding, after which time is
 # taken to stand still.  If responses were possible at all, with a chance of 1/100 say, to get here
 # would have a probability of 1e-43.
-_MOST_AT_ONE_INSTANT = 10_000
+MOST_AT_ONE_INSTANT = 10_000
 
 
 class ControlUnit(Protocol):
@@ -133,6 +133,7 @@ class Crossing:
         slope = float(np.cumsum(system.law.increase[resource])[-1])
         alarm = _Alarm(system, resource)
         at_this_instant, instant = 0, -1.0
+        yield alarm.at(env.now, sooner_if_raised=False)
         while True:
             now = env.now
             soonest = now + (limit - system.total(resource)) / slope
@@ -142,15 +143,29 @@ class Crossing:
             # At the threshold, or so near below it that no representable time lies in between.
             at_this_instant = at_this_instant + 1 if now == instant else 1
             instant = now
-            if at_this_instant > _MOST_AT_ONE_INSTANT:
-                raise SimulationError(self._standstill(system, resource))
+            if at_this_instant > MOST_AT_ONE_INSTANT:
+                raise SimulationError(self.standstill(system, resource))
             system.broadcast(resource, self.sensing_delay)
             yield alarm.at(now + self.refractory, sooner_if_raised=False)
 
-    def _standstill(self, system: System, resource: int) -> str:
+    def standstill(self, system: System, resource: int) -> str:
+        """Say why time cannot advance.
+
+        Parameters
+        ----------
+        system : System
+            The run in progress.
+        resource : int
+            j.
+
+        Returns
+        -------
+        str
+            With what to do about it.
+        """
         name = system.problem.resource_names[resource]
         return (
-            f"time {system.env.now!r}, resource {name}: after {_MOST_AT_ONE_INSTANT} signals at this instant "
+            f"time {system.env.now!r}, resource {name}: after {MOST_AT_ONE_INSTANT} signals at this instant "
             "total demand is still at its threshold, and time cannot advance since refractory = "
             f"{self.refractory!r}; set refractory greater than 0, or let signals arrive at once and reach "
             "somebody who can respond"

@@ -28,8 +28,11 @@ __all__ = ["Kind", "Mailbox", "OrderedEnvironment"]
 Callback = Callable[[Any], None]
 
 # Order numbers below this are indices of agents or resources.
-_FIRST_ORDER = 1 << 40
+FIRST_ORDER = 1 << 40
 _WATCH_EVERY = 1 << 12
+
+# Before every event.
+_NOTHING = (-math.inf, 0, 0)
 
 
 class Kind(IntEnum):
@@ -62,9 +65,37 @@ class OrderedEnvironment(simpy.Environment):
     def __init__(self) -> None:
         super().__init__()
         self._now: float = 0.0
-        self._eid = count(_FIRST_ORDER)
+        self._eid = count(FIRST_ORDER)
         self._turns = count()
         self._acted_at, self._acted = -math.inf, 0
+        self._reached: tuple[Any, ...] = _NOTHING
+
+    @property
+    def reached(self) -> tuple[float, int, int]:
+        """The latest (time, kind, order) among the events handled since `forget_reached` was called.
+
+        What is due before it has happened, or would have if it were an event of its own.  It is no
+        earlier than the present event, and later where one of this instant was scheduled after its turn.
+        """
+        time, kind, order = self._reached[:3]
+        return time, kind, order
+
+    def forget_reached(self) -> None:
+        """Begin anew: what becomes due from now on, even now, is ahead of all that has been handled."""
+        self._reached = _NOTHING
+
+    @property
+    def upcoming(self) -> tuple[float, int, int]:
+        """The (time, kind, order) of the event that is due next; at infinity if there is none."""
+        if not self._queue:
+            return math.inf, 0, 0
+        time, kind, order, _ = self._queue[0]
+        return time, kind, order
+
+    @property
+    def acted(self) -> tuple[float, int]:
+        """When somebody last acted, and the last turn that was over then."""
+        return self._acted_at, self._acted
 
     def has_acted(self, agent: int | None = None) -> bool:
         """Tell whether an agent's turn at this instant is over.
@@ -79,7 +110,7 @@ class OrderedEnvironment(simpy.Environment):
         bool
             True once somebody with the same or a later turn has acted at this instant.
         """
-        return self._acted_at == self._now and (_FIRST_ORDER if agent is None else agent) <= self._acted
+        return self._acted_at == self._now and (FIRST_ORDER if agent is None else agent) <= self._acted
 
     def _note_act(self, event: simpy.Event) -> None:
         assert isinstance(event, _Due)  # noqa: S101 - `at` makes no others
@@ -150,10 +181,12 @@ class OrderedEnvironment(simpy.Environment):
         bool
             Whether the clock stands at `time` now; if not, it has to be scheduled.
         """
-        queue = self._queue
-        if queue and queue[0] < (time, kind, order):
+        queue, key = self._queue, (time, kind, order)
+        if queue and queue[0] < key:
             return False
         self._now = time
+        if key > self._reached:
+            self._reached = key
         return True
 
     def run_to(self, until: float, watch: Callable[[float, int], None] | None = None) -> None:
@@ -170,7 +203,10 @@ class OrderedEnvironment(simpy.Environment):
         queue = self._queue
         while queue and queue[0][0] < until:
             # `simpy.Environment.step` without what only its own `run` needs; it is called for every event.
-            self._now, _, _, event = heappop(queue)
+            present = heappop(queue)
+            if present > self._reached:
+                self._reached = present
+            self._now, _, _, event = present
             callbacks, event.callbacks = event.callbacks, None  # type: ignore[assignment]
             for callback in callbacks:
                 callback(event)
@@ -180,6 +216,7 @@ class OrderedEnvironment(simpy.Environment):
             if watch is not None and handled % _WATCH_EVERY == 0:
                 watch(self._now, handled)
         self._now = until
+        self._reached = (until, -1, 0)
         if watch is not None:
             watch(until, handled)
 

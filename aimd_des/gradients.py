@@ -12,7 +12,7 @@ from aimd_des.checks import FloatArray
 from aimd_des.compiled import formula, kernel
 from aimd_des.costs import Costs, CoupledCosts, CustomCosts, PolynomialCosts
 
-__all__ = ["CostTable", "cost_table", "gradient_row", "marginal_cost"]
+__all__ = ["CostTable", "cost_table", "gradient_at", "gradient_row", "marginal_cost"]
 
 
 class CostTable(NamedTuple):
@@ -121,6 +121,45 @@ def gradient_row(
         _horner_row(table.sum_slopes, spare[0], spare[1])
         for i in range(n):
             out[i] += table.weights[resource, i] * spare[1, i]
+
+
+@formula
+def _horner_at(rows: FloatArray, agent: int, argument: float) -> float:
+    """Evaluate one agent's polynomial."""
+    top = rows.shape[0] - 1
+    total = rows[top, agent]
+    for d in range(top - 1, -1, -1):
+        total = total * argument + rows[d, agent]
+    return total
+
+
+@formula
+def gradient_at(table: CostTable, averages: FloatArray, resource: int, agent: int) -> float:
+    """Evaluate grad_j f_i of one agent at its averages: the bits that `gradient_row` has for it.
+
+    Parameters
+    ----------
+    table : CostTable
+        The costs.
+    averages : ndarray, shape (m,)
+        The agent's, in units of the resources; only that of `resource` is read where costs are separable.
+    resource, agent : int
+        j and i.
+
+    Returns
+    -------
+    float
+        In units of cost per unit of the resource.
+    """
+    total = _horner_at(table.slopes[resource], agent, averages[resource])
+    m = table.quadratic.shape[0] if table.weights.shape[0] > 0 else 0
+    if m > 0:
+        weighted = 0.0
+        for other in range(m):
+            total += table.quadratic[resource, other, agent] * averages[other]
+            weighted += table.weights[other, agent] * averages[other]
+        total += table.weights[resource, agent] * _horner_at(table.sum_slopes, agent, weighted)
+    return total
 
 
 def _horner(coefficients: Sequence[float], argument: float) -> float:

@@ -1,5 +1,6 @@
 """The event log: every broadcast, copy and answer of a run, in the order in which they happened."""
 
+from collections.abc import Callable, Iterable
 from enum import IntEnum
 
 import numpy as np
@@ -9,7 +10,10 @@ import pandas as pd
 from aimd_des.checks import FloatArray
 from aimd_des.frames import categorical
 
-__all__ = ["Entry", "EventLog"]
+__all__ = ["Entry", "EventLog", "LogEntry"]
+
+#: Time, kind (`Entry`), resource, agent, number of the broadcast, value.
+LogEntry = tuple[float, int, int, int, int, float]
 
 
 class Entry(IntEnum):
@@ -33,8 +37,24 @@ class EventLog:
     """Entries in the order of events: time, then kind, then broadcast and agent."""
 
     def __init__(self) -> None:
-        self._entries: list[tuple[float, int, int, int, int, float]] = []
-        self.add = self._entries.append
+        self._entries: list[LogEntry] = []
+        self.add: Callable[[LogEntry], None] = self._entries.append
+        self.extend: Callable[[Iterable[LogEntry]], None] = self._entries.extend
+
+    def lead(self, before: Callable[[], None]) -> None:
+        """Have something done before an entry is added.
+
+        Parameters
+        ----------
+        before : callable
+            Adds, by `extend`, what has happened until now and is not in the log yet.
+        """
+
+        def add(entry: LogEntry) -> None:
+            before()
+            self._entries.append(entry)
+
+        self.add = add
 
     def columns(self) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray]:
         """Return the entries as arrays.

@@ -1,12 +1,10 @@
 """Puts control unit, channel, agents and observers together and runs them: wiring, no rules."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Literal
 
-import numpy as np
-
 from aimd_des import checks, streams
-from aimd_des.agents import Camera
+from aimd_des.agents import Autopilot, Camera, Fleet
 from aimd_des.channel import BroadcastChannel, Channel
 from aimd_des.clock import Clocks
 from aimd_des.control_unit import ControlUnit, Crossing, Sampled
@@ -14,7 +12,7 @@ from aimd_des.errors import InputError
 from aimd_des.log import EventLog
 from aimd_des.observing import Observer
 from aimd_des.problem import Problem
-from aimd_des.recording import Recording, Signals
+from aimd_des.recording import Recording
 from aimd_des.results import Account, Result
 from aimd_des.streams import Purpose
 from aimd_des.system import System
@@ -39,8 +37,11 @@ class Simulation:
         `Sampled` with period 1 unless given.
     channel : Channel, optional
         A perfect `BroadcastChannel` (no latency, no loss) unless given.
-    agents : callable
-        Makes an agent from (index, system); `Camera` unless given.
+    agents : callable or Fleet
+        Makes an agent from (index, system), `Camera` unless given; or `Fleet`: all agents in compiled
+        code, with the same events.
+    special : mapping of int to callable
+        Agents that are not as the others: makes those with these indices from (index, system).
     clocks : Clocks, optional
         Of discrete agents: tick q at time q for all, unless given.
     seed : int
@@ -68,7 +69,8 @@ class Simulation:
         dynamics: Dynamics = "discrete",
         control_unit: ControlUnit | None = None,
         channel: Channel | None = None,
-        agents: Callable[[int, System], Agent] = Camera,
+        agents: Callable[[int, System], Agent] | type[Fleet] = Camera,
+        special: Mapping[int, Callable[[int, System], Agent]] | None = None,
         clocks: Clocks | None = None,
         seed: int,
         recording: Recording | None = None,
@@ -90,10 +92,23 @@ class Simulation:
         self.control_unit = Sampled() if control_unit is None else control_unit
         self.channel = BroadcastChannel() if channel is None else channel
         self.agents = agents
+        self.special = self._checked(special)
         self.clocks = Clocks() if clocks is None and dynamics == "discrete" else clocks
         self.seed = seed
         self.recording = Recording() if recording is None else recording
         self.processes = tuple(processes)
+
+    def _checked(
+        self, special: Mapping[int, Callable[[int, System], Agent]] | None
+    ) -> dict[int, Callable[[int, System], Agent]]:
+        """Take in the special agents in the order of their index."""
+        made = {} if special is None else dict(special)
+        for index, maker in made.items():
+            checks.integer("index in special", index, low=0, high=self.problem.n_agents - 1)
+            if not callable(maker) or maker is Fleet:
+                allowed = "a class or function that makes an agent, such as Camera"
+                raise InputError.of(f"special[{index}]", maker, allowed)
+        return dict(sorted(made.items()))
 
     def run(self, until: float, watch: Callable[[float, int], None] | None = None) -> Result:
         """Run over [0, until): what is due at `until` does not happen, but the last look is taken there.
@@ -127,26 +142,36 @@ class Simulation:
         log = EventLog() if self.recording.events else None
         system = System(self.problem, self.channel, self.clocks, self.seed, until, log)
         observer = Observer(system, self.recording)
-        system.env.process(self.control_unit.process(system))
-        for index in range(self.problem.n_agents):
-            agent = self.agents(index, system)
-            system.agents.append(agent)
-            system.env.process(agent.process())
+        self._populate(system)
         for process in self.processes:
             system.env.process(process(system))
         system.env.run_to(until, watch)
-        signals = Signals(
-            time=np.array([signal.time for signal in system.sent], dtype=np.float64),
-            resource=np.array([signal.resource for signal in system.sent], dtype=np.int64),
-            number=np.array([signal.number for signal in system.sent], dtype=np.int64),
-        )
+        signals = system.transmitter.sent.signals()
         account = Account(
-            delivered=system.delivered,
-            lost=system.lost,
-            in_flight=system.in_flight,
-            duplicated=system.duplicated,
+            delivered=system.transmitter.delivered,
+            lost=system.transmitter.lost,
+            in_flight=system.transmitter.in_flight,
+            duplicated=system.transmitter.duplicated,
             responses=system.state.responses,
             saturated=system.state.saturated,
         )
         observations = observer.finish()
         return Result(self.problem, self.dynamics, self.seed, until, signals, observations, account, log)
+
+    def _populate(self, system: System) -> None:
+        """Start the control unit, then the agents."""
+        control_unit, own = self.control_unit, range(self.problem.n_agents)
+        if self.agents is Fleet:
+            own = self.special
+            fleet = Fleet(system, absent=own)
+            system.join(fleet)
+            if isinstance(control_unit, Sampled | Crossing) and Autopilot.can_fly(control_unit):
+                system.env.process(Autopilot(fleet, control_unit).process())
+            else:
+                system.env.process(control_unit.process(system))
+        else:
+            system.env.process(control_unit.process(system))
+        for index in own:
+            agent = self.special.get(index, self.agents)(index, system)
+            system.agents[index] = agent
+            system.env.process(agent.process())

@@ -4,20 +4,19 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
 from aimd_des import checks, streams
-from aimd_des.channel import Broadcast, Channel
+from aimd_des.channel import Channel
 from aimd_des.checks import FloatArray
 from aimd_des.clock import AgentClocks, Clocks
 from aimd_des.environment import OrderedEnvironment
-from aimd_des.errors import InputError
 from aimd_des.log import Entry, EventLog
 from aimd_des.population import State, law_of, observe, start, total_of, totals
 from aimd_des.problem import Problem
 from aimd_des.response import CONTINUOUS, DISCRETE, accumulated_at, demand_at, time_average
 from aimd_des.streams import Purpose
-from aimd_des.transport import Agent, Carrier, ResponseDraws, Signal
+from aimd_des.transmission import Transmitter
+from aimd_des.transport import Agent, Carrier, Collective, ResponseDraws, Signal
 
 __all__ = ["System"]
 
@@ -49,16 +48,16 @@ class System:
     rows : State
         The same memory as views of rows, which hand out Python's numbers: several times faster
         than NumPy's, one at a time.
-    agents : list of Agent
-        The agents in the order of their index.
+    agents : dict of int to Agent
+        The agents that are processes of their own, by their index.
     clocks : AgentClocks or None
         The agents' clocks; None for continuous agents.
     grain : float
         Grain of time of the agents' rule.
-    sent : list of Broadcast
-        All signals so far.
-    delivered, lost, duplicated : ndarray of int, shape (m, n)
-        Copies by what becomes of them; duplicates that arrive are counted apart.
+    transmitter : Transmitter
+        Sends the signals and keeps the account of them.
+    collective : Collective or None
+        The agents that are advanced together, if there are any.
     response_draws : callable
         Gives, for a signal, what decides how each agent responds to it: n uniform numbers.
     on_response, on_intervention : list of callable
@@ -89,13 +88,12 @@ class System:
         self.law = law_of(problem)
         self.state = start(m, n, self.grain)
         self.rows = State(*([memoryview(row) for row in array] for array in self.state))  # type: ignore[arg-type]
-        self.agents: list[Agent] = []
-        self.sent: list[Broadcast] = []
+        self.agents: dict[int, Agent] = {}
         self.on_response: list[Callable[[float, int, float], None]] = []
         self.on_intervention: list[Callable[[float, int, float], None]] = []
-        self.delivered, self.lost, self.duplicated = np.zeros((3, m, n), dtype=np.int64)
-        self._carrier = Carrier(self.env, self.agents, log)
-        self._numbers = [0] * m
+        self.collective: Collective | None = None
+        carrier = Carrier(self.env, self.agents, log)
+        self.transmitter = Transmitter(self.env, self.link, m, n, until, carrier, log)
         self._now = np.empty(1)
         draws = ResponseDraws(self.keys[Purpose.RESPONSE], n)
         self.response_draws: Callable[[Signal], list[float]] = draws.__getitem__
@@ -142,6 +140,7 @@ class System:
         float
             In units of the resource.
         """
+        self.settle()
         state = self.state
         increase = self.law.increase[resource]
         return total_of(state.demand[resource], increase, state.anchor[resource], self.moments(), self.grain)
@@ -154,6 +153,7 @@ class System:
         ndarray, shape (m,)
             In units of the resources.
         """
+        self.settle()
         total = np.empty(self.problem.n_resources)
         totals(self.state, self.law, self.moments(), self.grain, total)
         return total
@@ -166,6 +166,7 @@ class System:
         demand, average : ndarray, shape (m, n)
             In units of the resources.
         """
+        self.settle()
         demand, average = np.empty_like(self.state.demand), np.empty_like(self.state.demand)
         observe(self.state, self.law, self.moments(), self.grain, demand, average)
         return demand, average
@@ -188,6 +189,7 @@ class System:
         float
             In units of the resource.
         """
+        self.settle()
         held, anchor = self.rows.demand[resource][agent], self.rows.anchor[resource][agent]
         increase = float(self.law.increase[resource, agent])
         return demand_at(held, increase, self._moment(agent) - anchor, self.grain)
@@ -205,6 +207,7 @@ class System:
         float
             In units of the resource.
         """
+        self.settle()
         rows, moment, increase = self.rows, self._moment(agent), float(self.law.increase[resource, agent])
         held, since = rows.demand[resource][agent], moment - rows.anchor[resource][agent]
         folded = accumulated_at(rows.accumulated[resource][agent], held, increase, since, self.grain)
@@ -239,10 +242,22 @@ class System:
         for tell in self.on_intervention:
             tell(self.env.now, resource, demand - before)
 
-    @property
-    def in_flight(self) -> npt.NDArray[np.int64]:
-        """Copies that are neither lost nor will have arrived by the end, shape (m, n)."""
-        return np.array(self._numbers)[:, None] - self.delivered - self.lost
+    def settle(self) -> None:
+        """Bring agents that are advanced together to where events have come; reading the state does it, too."""
+        if self.collective is not None:
+            self.collective.settle()
+
+    def join(self, collective: Collective) -> None:
+        """Let agents that are advanced together take part.
+
+        Parameters
+        ----------
+        collective : Collective
+            There is one at most.
+        """
+        self.collective = self.transmitter.collective = collective
+        if self.log is not None:
+            self.log.lead(collective.settle)
 
     def broadcast(self, resource: int, delay: float = 0.0) -> None:
         """Send a capacity signal for one resource to all agents.
@@ -263,38 +278,5 @@ class System:
         if not (0 <= resource < self.problem.n_resources and 0.0 <= delay < math.inf):
             checks.integer("resource", resource, low=0, high=self.problem.n_resources - 1)
             checks.number("delay", delay, low=0.0)
-        now = self.env.now
-        signal = Broadcast(resource, self._numbers[resource], now)
-        self._numbers[resource] += 1
-        self.sent.append(signal)
-        copies = self.link.transmit(signal, now + delay)
-        self._check(copies.arrival, now + delay)
-        lost = copies.arrival == math.inf
-        arrives = copies.arrival < self.until
-        self.lost[resource] += lost
-        self.delivered[resource] += arrives
-        if self.log is not None:
-            self.log.add((now, Entry.SIGNAL, resource, -1, signal.number, self.total(resource)))
-            for agent in np.flatnonzero(lost).tolist():
-                self.log.add((now, Entry.LOST, resource, agent, signal.number, 0.0))
-        self._send(Signal(resource, signal.number), copies.arrival, arrives)
-        if copies.second is not None:
-            self._check(copies.second, now + delay)
-            twice = copies.second < self.until
-            self.duplicated[resource] += twice
-            self._send(Signal(resource, signal.number, 1), copies.second, twice)
-
-    def _check(self, arrival: FloatArray, departure: float) -> None:
-        """Refuse what a channel cannot mean; a minimum finds NaN, too."""
-        if arrival.shape != (self.problem.n_agents,) or not arrival.min() >= departure:
-            checks.array(
-                "arrival", np.where(arrival == math.inf, departure, arrival), (self.problem.n_agents,)
-            )
-            raise InputError.of("arrival", float(arrival.min()), f"at least {departure!r}, the departure")
-
-    def _send(self, signal: Signal, arrival: FloatArray, arrives: npt.NDArray[np.bool_]) -> None:
-        first_order = self.env.reserve(len(arrival))
-        receivers = arrival.argsort(kind="stable")[: np.count_nonzero(arrives)]
-        if len(receivers):
-            times = arrival[receivers].tolist()
-            self._carrier.send(signal, times, receivers.tolist(), first_order)
+        self.settle()
+        self.transmitter.send(resource, self.env.now, delay, self.total)

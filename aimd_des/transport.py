@@ -1,18 +1,21 @@
 """What travels and to whom: the bit, those who take part, and copies on their way."""
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Mapping
 from heapq import heappop, heappush, heapreplace
 from itertools import repeat
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+import numpy.typing as npt
 import simpy
 
 from aimd_des import streams
+from aimd_des.checks import FloatArray
 from aimd_des.environment import Kind, OrderedEnvironment
 from aimd_des.log import Entry, EventLog
 from aimd_des.streams import Key
 
-__all__ = ["Agent", "Carrier", "ProcessGenerator", "ResponseDraws", "Signal"]
+__all__ = ["Agent", "Carrier", "Collective", "ProcessGenerator", "ResponseDraws", "Signal"]
 
 ProcessGenerator = Generator[simpy.Event, Any, Any]
 
@@ -42,6 +45,27 @@ class Agent(Protocol):
 
     def process(self) -> ProcessGenerator:
         """Live: the SimPy process of the agent."""
+        ...
+
+
+class Collective(Protocol):
+    """Agents that are advanced together, when somebody looks, and not one by one.
+
+    Attributes
+    ----------
+    members : ndarray of bool, shape (n,)
+        Who belongs to it.
+    """
+
+    @property
+    def members(self) -> npt.NDArray[np.bool_]: ...  # noqa: D102 - described with the class
+
+    def send(self, signal: Signal, arrival: FloatArray, first_order: int) -> None:
+        """Put the members' copies of a broadcast on their way; those of others are none of its business."""
+        ...
+
+    def settle(self) -> None:
+        """Bring the members to where events have come: all that is due before happens now."""
         ...
 
 
@@ -98,13 +122,13 @@ class Carrier:
     ----------
     env : OrderedEnvironment
         Decides when copies land.
-    agents : sequence of Agent
-        All agents.
+    agents : mapping of int to Agent
+        All receivers, by their index.
     log : EventLog, optional
         Where landings are written.
     """
 
-    def __init__(self, env: OrderedEnvironment, agents: Sequence[Agent], log: EventLog | None) -> None:
+    def __init__(self, env: OrderedEnvironment, agents: Mapping[int, Agent], log: EventLog | None) -> None:
         self.env = env
         self.agents = agents
         self.log = log

@@ -472,7 +472,7 @@ def wired(
     log, n = EventLog(), problem.n_agents
     system = System(problem, parts["channel"], parts.get("clocks"), seed, until, log)
     cameras = {agent: Camera(agent, system) for agent in made}
-    system.agents.extend(cameras[agent] for agent in range(n))
+    system.agents.update(cameras)
     lives = [*(cameras[agent].process for agent in range(n)), lambda: parts["control_unit"].process(system)]
     for life in started:
         system.env.process(lives[life]())
@@ -519,7 +519,7 @@ def test_the_order_in_which_cameras_are_made_and_started_has_no_influence(
     assert np.array_equal(demand.T, result.demand_at_end)
     assert np.array_equal(average.T, result.average_at_end)
     for count in ("delivered", "lost", "in_flight", "duplicated"):
-        assert np.array_equal(getattr(system, count), getattr(result.account, count))
+        assert np.array_equal(getattr(system.transmitter, count), getattr(result.account, count))
 
 
 @pytest.mark.parametrize("name", SYSTEMS)

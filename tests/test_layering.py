@@ -33,6 +33,7 @@ ORDER = [
     "discrete",
     "channel",
     "transport",
+    "transmission",
     "system",
     "observing",
     "control_unit",

@@ -1,0 +1,173 @@
+"""All that the compiled agents of one run work on, and how copies become theirs."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.agents.flights import Flights
+from aimd_des.agents.radix import bits_of, put
+from aimd_des.checks import FloatArray
+from aimd_des.clock import next_tick, tick_time
+from aimd_des.compiled import kernel
+from aimd_des.gradients import CostTable
+from aimd_des.population import Law, State
+from aimd_des.streams import Key, uniforms_row
+
+__all__ = ["Answers", "Crowd", "Rhythm", "Scratch", "accept"]
+
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
+
+
+class Rhythm(NamedTuple):
+    """The clocks of discrete agents; of continuous ones, the arrays are empty.
+
+    Attributes
+    ----------
+    phase, period, jitter : ndarray, shape (n,) or (0,)
+        Of each agent, drift included in the period.
+    key : tuple of two uint64
+        The run's key for clocks.
+    """
+
+    phase: FloatArray
+    period: FloatArray
+    jitter: FloatArray
+    key: Key
+
+
+class Answers(NamedTuple):
+    """Answers that somebody wants to know of, in the order in which they were computed.
+
+    Attributes
+    ----------
+    key : ndarray of int, shape (a,)
+        Bits of the time.
+    rank : ndarray of int, shape (a,)
+        Order number of the copy that was answered.
+    agent, resource : ndarray of int, shape (a,)
+        i and j.
+    change : ndarray, shape (a,)
+        Of demand; not a number where the agent holds.
+    count : ndarray of int, shape (1,)
+        How many there are.
+    """
+
+    key: IntArray
+    rank: IntArray
+    agent: IntArray
+    resource: IntArray
+    change: FloatArray
+    count: IntArray
+
+
+class Scratch(NamedTuple):
+    """Working memory, so that nothing is allocated per event.
+
+    `first_key`, `first_arrival` and `first_rank`, shape (n,), are of the earliest copy of each agent
+    among those that are due; `uniform`, (n,), is a row of draws; `average` and `gradient`, (m,), are of
+    the agent at hand.
+    """
+
+    first_key: IntArray
+    first_arrival: FloatArray
+    first_rank: IntArray
+    uniform: FloatArray
+    average: FloatArray
+    gradient: FloatArray
+
+
+class Crowd(NamedTuple):
+    """The agents that are advanced together.
+
+    Attributes
+    ----------
+    state, law : State, Law
+        State and parameters of all agents, as arrays of shape (m, n).
+    members : ndarray of bool, shape (n,)
+        Who is advanced here.
+    table : CostTable
+        Private costs of the built-in families.
+    gradient : int
+        Address of the compiled gradient of other costs; 0 where there is none.
+    coupled : bool
+        Whether costs couple the resources.
+    rhythm : Rhythm
+        Clocks.
+    grain, until : float
+        Grain of time, and the end of the run.
+    key : tuple of two uint64
+        The key of the response draws.
+    flights : Flights
+        Copies on their way: in one queue if costs are coupled, else in one for each resource.
+    answers : Answers
+        Kept where somebody wants to know of them, which `hearing` tells: 0 nobody, 1 of responses, 2 of
+        all answers.
+    hearing : int
+        See there.
+    scratch : Scratch
+        Working memory.
+    """
+
+    state: State
+    law: Law
+    members: BoolArray
+    table: CostTable
+    gradient: int
+    coupled: bool
+    rhythm: Rhythm
+    grain: float
+    until: float
+    key: Key
+    flights: Flights
+    answers: Answers
+    hearing: int
+    scratch: Scratch
+
+
+@kernel
+def accept(
+    crowd: Crowd,
+    resource: int,
+    number: int,
+    copy: int,
+    arrival: FloatArray,
+    first_rank: int,
+    acted_at: float,
+    acted: int,
+) -> None:
+    """Put the members' copies of one broadcast on their way.
+
+    Parameters
+    ----------
+    crowd : Crowd
+        The agents; there must be room for n copies.
+    resource, number, copy : int
+        The signal.
+    arrival : ndarray, shape (n,)
+        When copies arrive; inf where they are lost.
+    first_rank : int
+        Order number of agent 0's copy.
+    acted_at, acted : float, int
+        When somebody last acted, and the last turn that was over then: who has had its turn at this
+        instant answers at its next tick.
+    """
+    queue = resource if not crowd.coupled else 0
+    ticking, rhythm, flights = crowd.grain > 0.0, crowd.rhythm, crowd.flights
+    uniform = crowd.scratch.uniform
+    uniforms_row(crowd.key, resource, number, copy, uniform)
+    for i in range(arrival.shape[0]):
+        time = arrival[i]
+        if time < crowd.until and crowd.members[i]:
+            if ticking:
+                from_ = np.nextafter(time, np.inf) if time == acted_at and i <= acted else time
+                phase, period, jitter = rhythm.phase[i], rhythm.period[i], rhythm.jitter[i]
+                tick = next_tick(phase, period, jitter, rhythm.key, i, from_)
+                due = tick_time(phase, period, jitter, rhythm.key, i, tick)
+                if due < crowd.until:
+                    put(flights, queue, bits_of(due), tick, time, i, resource, first_rank + i, uniform[i])
+                    flights.aloft[0] += 1
+            else:
+                put(flights, queue, bits_of(time), time, time, i, resource, first_rank + i, uniform[i])
+                flights.aloft[0] += 1

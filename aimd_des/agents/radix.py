@@ -1,0 +1,232 @@
+"""Copies on their way, sorted no further than is needed: a radix heap on the bits of time.
+
+Whoever looks at the agents asks for all copies that are due by then, in any order, and never goes back
+in time.  So a copy is kept by the highest bit in which its time differs from the last look: what
+differs in a lower bit than the present look does is due as a whole, and only one level has to be sorted
+out.  A copy sinks through a few levels in its life, whatever the number of copies on their way.
+(R. K. Ahuja, K. Mehlhorn, J. B. Orlin and R. E. Tarjan, "Faster algorithms for the shortest path
+problem", Journal of the ACM 37, 1990.)  Times are at least 0, and then their bits, read as an integer,
+are in the order of the numbers.
+
+Each chain is in the order in which copies were put there: mostly that of the agents, so that memory is
+read in passes.
+"""
+
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+from aimd_des.agents.flights import BLOCK, DUE, Flights
+from aimd_des.compiled import formula
+
+__all__ = ["bits_of", "move", "put", "raise_due", "release", "time_of"]
+
+
+@intrinsic  # type: ignore[untyped-decorator]  # numba has no type information
+def _highest_bit(typingctx: Any, word: Any) -> Any:  # noqa: ARG001 - numba's calling convention
+    """Return the index of the highest bit that is set, -1 of 0."""
+    signature = types.int64(types.int64)
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
+        zeros = builder.ctlz(args[0], ir.Constant(ir.IntType(1), 0))
+        return builder.sub(ir.Constant(ir.IntType(64), 63), zeros)
+
+    return signature, codegen
+
+
+@formula
+def bits_of(time: float) -> np.int64:
+    """Return the bits of a time, as an integer that is in the order of times.
+
+    Parameters
+    ----------
+    time : float
+        At least 0.
+
+    Returns
+    -------
+    int64
+        At least 0.
+    """
+    # Adding 0.0 makes +0.0 of -0.0.
+    return np.float64(time + 0.0).view(np.int64)
+
+
+@formula
+def time_of(key: np.int64) -> np.float64:
+    """Return the time that bits stand for.
+
+    Parameters
+    ----------
+    key : int64
+        As from `bits_of`.
+
+    Returns
+    -------
+    float64
+        The time.
+    """
+    return np.int64(key).view(np.float64)
+
+
+@formula
+def _place(flights: Flights, queue: int, chain: int) -> Any:
+    """Return the block, and the place in it, behind the last copy of a chain."""
+    block = flights.tail[queue, chain]
+    if block < 0 or flights.filled[block] == BLOCK:
+        fresh = flights.free[0]
+        flights.free[0] = flights.following[fresh]
+        flights.following[fresh] = -1
+        flights.filled[fresh] = 0
+        if block < 0:
+            flights.head[queue, chain] = fresh
+        else:
+            flights.following[block] = fresh
+        flights.tail[queue, chain] = fresh
+        block = fresh
+    place = flights.filled[block]
+    flights.filled[block] = place + 1
+    return block, place
+
+
+@formula
+def release(flights: Flights, block: int) -> int:
+    """Give a block back whose copies are elsewhere, or answered.
+
+    Parameters
+    ----------
+    flights : Flights
+        The copies on their way.
+    block : int
+        The block.
+
+    Returns
+    -------
+    int
+        The next block of its chain.
+    """
+    following = flights.following[block]
+    flights.following[block] = flights.free[0]
+    flights.free[0] = block
+    return following
+
+
+@formula
+def put(
+    flights: Flights,
+    queue: int,
+    key: int,
+    moment: float,
+    arrival: float,
+    agent: int,
+    resource: int,
+    rank: int,
+    uniform: float,
+) -> None:
+    """Put a copy on its way.
+
+    Parameters
+    ----------
+    flights : Flights
+        The copies on their way; there must be room.
+    queue : int
+        Which queue.
+    key, moment, arrival, agent, resource, rank, uniform
+        As in `Flights`; due no earlier than the last release of this queue.
+    """
+    block, place = _place(flights, queue, _highest_bit(key ^ flights.base[queue]) + 1)
+    flights.key[block, place] = key
+    flights.agent[block, place] = agent
+    flights.resource[block, place] = resource
+    flights.rank[block, place] = rank
+    flights.uniform[block, place] = uniform
+    if flights.moment.shape[0] > 0:
+        flights.moment[block, place] = moment
+        flights.arrival[block, place] = arrival
+
+
+@formula
+def move(flights: Flights, queue: int, chain: int, old: int, place: int) -> None:
+    """Copy a copy to the end of a chain.
+
+    Parameters
+    ----------
+    flights : Flights
+        The copies on their way.
+    queue, chain : int
+        Where to.
+    old, place : int
+        Block and place where it stands.
+    """
+    block, end = _place(flights, queue, chain)
+    flights.key[block, end] = flights.key[old, place]
+    flights.agent[block, end] = flights.agent[old, place]
+    flights.resource[block, end] = flights.resource[old, place]
+    flights.rank[block, end] = flights.rank[old, place]
+    flights.uniform[block, end] = flights.uniform[old, place]
+    if flights.moment.shape[0] > 0:
+        flights.moment[block, end] = flights.moment[old, place]
+        flights.arrival[block, end] = flights.arrival[old, place]
+
+
+@formula
+def _join(flights: Flights, queue: int, chain: int) -> None:
+    """Hang a whole chain behind that of the copies that are due."""
+    first = flights.head[queue, chain]
+    if first >= 0:
+        if flights.head[queue, DUE] < 0:
+            flights.head[queue, DUE] = first
+        else:
+            flights.following[flights.tail[queue, DUE]] = first
+        flights.tail[queue, DUE] = flights.tail[queue, chain]
+        flights.head[queue, chain] = flights.tail[queue, chain] = -1
+
+
+@formula
+def _raise_ties(flights: Flights, queue: int, limit: int) -> None:
+    """Make of the copies of this very time those due that come before `limit`: by turn, or by order number."""
+    ticking = flights.moment.shape[0] > 0
+    block = flights.head[queue, 0]
+    flights.head[queue, 0] = flights.tail[queue, 0] = -1
+    while block >= 0:
+        for place in range(flights.filled[block]):
+            order = flights.agent[block, place] if ticking else flights.rank[block, place]
+            move(flights, queue, DUE if order < limit else 0, block, place)
+        block = release(flights, block)
+
+
+@formula
+def raise_due(flights: Flights, queue: int, time: float, limit: int) -> None:
+    """Put all copies of a queue that are due in its chain of those.
+
+    Parameters
+    ----------
+    flights : Flights
+        The copies on their way.
+    queue : int
+        Which queue.
+    time : float
+        What is due before is due; not before the time of the last release.
+    limit : int
+        What is due at this very time is due if its order number (of discrete agents: the agent's index)
+        is below this.
+    """
+    base, now = flights.base[queue], bits_of(time)
+    if now > base:
+        flights.base[queue] = now
+        top = _highest_bit(now ^ base) + 1
+        for level in range(top):
+            _join(flights, queue, level)
+        block = flights.head[queue, top]
+        flights.head[queue, top] = flights.tail[queue, top] = -1
+        while block >= 0:
+            for place in range(flights.filled[block]):
+                key = flights.key[block, place]
+                chain = DUE if key < now else _highest_bit(key ^ now) + 1
+                move(flights, queue, chain, block, place)
+            block = release(flights, block)
+    if limit > 0 and flights.head[queue, 0] >= 0:
+        _raise_ties(flights, queue, limit)
