@@ -188,7 +188,7 @@ def tick_time(phase: float, period: float, jitter: float, key: Key, agent: int, 
         In units of time.
     """
     time = phase + tick * period
-    return time + jitter * uniform_at(key, _TICKS, int(tick), agent) if jitter > 0.0 else time
+    return time + jitter * uniform_at(key, _TICKS, int(tick), 0, agent) if jitter > 0.0 else time
 
 
 @kernel

@@ -16,7 +16,7 @@ import numba
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.extending import register_jitable
 
-__all__ = ["formula", "kernel"]
+__all__ = ["formula", "kernel", "routine"]
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -54,11 +54,19 @@ def formula(function: _Function) -> _Function:
     callable
         The function itself.
     """
-    return cast(_Function, register_jitable(error_model="numpy")(function))
+    return cast(_Function, register_jitable(error_model="numpy", forceinline=True, _nrt=False)(function))
+
+
+def _compiled(function: _Function, **options: bool) -> _Function:
+    dispatcher = numba.njit(error_model="numpy", nogil=True, _nrt=False, **options)(function)
+    dispatcher._cache = _PackageCache(function)
+    return cast(_Function, dispatcher)
 
 
 def kernel(function: _Function) -> _Function:
     """Compile a function over arrays when it is first called, and keep the result on disk.
+
+    Kernels that call it hold a copy of its code.
 
     Parameters
     ----------
@@ -70,6 +78,22 @@ def kernel(function: _Function) -> _Function:
     callable
         The compiled function; its source stays reachable as ``.py_func``.
     """
-    dispatcher = numba.njit(error_model="numpy", nogil=True, forceinline=True)(function)
-    dispatcher._cache = _PackageCache(function)
-    return cast(_Function, dispatcher)
+    return _compiled(function, forceinline=True)
+
+
+def routine(function: _Function) -> _Function:
+    """Compile a function as `kernel` does, but into one piece of code that all others call.
+
+    For what is large or used in many places, where a copy in each would take long to compile.
+
+    Parameters
+    ----------
+    function : callable
+        A function that Numba can compile without Python objects.
+
+    Returns
+    -------
+    callable
+        The compiled function; its source stays reachable as ``.py_func``.
+    """
+    return _compiled(function)

@@ -17,7 +17,7 @@ from aimd_des.recording import Observations, Recording
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
 
-__all__ = ["ConstantPieces", "LinearPieces", "Observer"]
+__all__ = ["ConstantPieces", "LinearPieces", "Observer", "fold_change"]
 
 # Changes of the total kept back before they are integrated in one go.
 _BUFFERED = 1 << 16
@@ -30,14 +30,24 @@ class ConstantPieces:
     ----------
     system : System
         The run in progress.
+
+    Attributes
+    ----------
+    peak, above, excess : ndarray, shape (m,)
+        Running maximum of the total, time above capacity, and integral of what exceeds it.
+    measured : ndarray, shape (1,)
+        Up to when.
+    following : bool
+        Whether it follows the ticks itself; set to False before the run by whoever does so instead.
     """
 
     def __init__(self, system: System) -> None:
         m = system.problem.n_resources
         self.system = system
         self.peak, self.above, self.excess = np.zeros((3, m))
-        self.measured_to = 0.0
+        self.measured = np.zeros(1)
         system.on_intervention.append(self._changed)
+        self.following = True
         system.env.process(self._follow_ticks())
 
     def _follow_ticks(self) -> ProcessGenerator:
@@ -47,26 +57,26 @@ class ConstantPieces:
         agents = range(1 if clocks.common else self.system.problem.n_agents)
         ticks = [(clocks.time(agent, 0), agent, 0) for agent in agents]
         heapify(ticks)
-        while True:
+        while self.following:
             time, agent, tick = ticks[0]
-            if time > env.now or self.measured_to < time:
+            if time > env.now or self.measured[0] < time:
                 yield env.at(time, Kind.OBSERVE)
                 self._close(self.system.totals())
             heapreplace(ticks, (clocks.time(agent, tick + 1), agent, tick + 1))
 
     def _changed(self, time: float, resource: int, change: float) -> None:
         """Close an interval that is cut short from outside; ticks have closed theirs before anybody acts."""
-        if time > self.measured_to:
+        if time > self.measured[0]:
             before = self.system.totals()
             before[resource] -= change
             self._close(before)
 
     def _close(self, total: FloatArray) -> None:
         now, capacity = self.system.env.now, self.system.law.capacity
-        duration = now - self.measured_to
+        duration = now - self.measured[0]
         if duration > 0.0:
             fold_overshoot(total, capacity, duration, self.peak, self.above, self.excess)
-            self.measured_to = now
+            self.measured[0] = now
 
     def finish(self) -> Overshoot:
         """Close the last interval.
@@ -82,23 +92,37 @@ class ConstantPieces:
 
 
 @kernel
+def fold_change(running: FloatArray, time: float, change: float, slope: float, capacity: float) -> None:
+    """Close a piece of a line with a change of the total.
+
+    Parameters
+    ----------
+    running : ndarray, shape (5,)
+        Time and total at the last change, peak, time above capacity, and integral of what exceeds it.
+    time, change : float
+        When the total changes, and by how much.
+    slope, capacity : float
+        Growth of the total per unit of time, and C.
+    """
+    total = running[1]
+    duration = time - running[0]
+    end = total + slope * duration
+    running[2] = max(running[2], total, end)
+    if end > capacity:
+        over = end - capacity
+        under = max(capacity - total, 0.0)
+        crossed = duration - under / slope
+        running[3] += crossed
+        running[4] += 0.5 * (over + max(total - capacity, 0.0)) * crossed
+    running[0], running[1] = time, end + change
+
+
+@kernel
 def _fold_line(
     times: FloatArray, changes: FloatArray, slope: float, capacity: float, running: FloatArray
 ) -> None:
-    """Integrate a line that is broken by changes; `running` is [time, total, peak, above, excess]."""
-    time, total, peak, above, excess = running[0], running[1], running[2], running[3], running[4]
     for change in range(times.shape[0]):
-        duration = times[change] - time
-        end = total + slope * duration
-        peak = max(peak, total, end)
-        if end > capacity:
-            over = end - capacity
-            under = max(capacity - total, 0.0)
-            crossed = duration - under / slope
-            above += crossed
-            excess += 0.5 * (over + max(total - capacity, 0.0)) * crossed
-        time, total = times[change], end + changes[change]
-    running[0], running[1], running[2], running[3], running[4] = time, total, peak, above, excess
+        fold_change(running, times[change], changes[change], slope, capacity)
 
 
 class LinearPieces:
@@ -108,23 +132,48 @@ class LinearPieces:
     ----------
     system : System
         The run in progress.
+
+    Attributes
+    ----------
+    slope : ndarray, shape (m,)
+        Growth of the total, in units of the resource per unit of time.
+    running : ndarray, shape (m, 5)
+        As `fold_change` has them.
     """
 
     def __init__(self, system: System) -> None:
         m = system.problem.n_resources
         self.system = system
-        self.slope = np.cumsum(system.law.increase, axis=1)[:, -1]
+        self.slope = np.cumsum(system.law.increase, axis=1)[:, -1].copy()
         self.running = np.zeros((m, 5))
         self.times = [array("d") for _ in range(m)]
         self.changes = [array("d") for _ in range(m)]
-        system.on_response.append(self._changed)
-        system.on_intervention.append(self._changed)
+        system.on_response.append(self.changed)
+        system.on_intervention.append(self.changed)
 
-    def _changed(self, time: float, resource: int, change: float) -> None:
+    def changed(self, time: float, resource: int, change: float) -> None:
+        """Take note of a change of the total.
+
+        Parameters
+        ----------
+        time : float
+            When: now.
+        resource : int
+            j.
+        change : float
+            In units of the resource.
+        """
+        self.system.settle()
         self.times[resource].append(time)
         self.changes[resource].append(change)
         if len(self.times[resource]) == _BUFFERED:
             self._fold(resource)
+
+    def flush(self) -> None:
+        """Fold what has been kept back."""
+        for resource, times in enumerate(self.times):
+            if times:
+                self._fold(resource)
 
     def _fold(self, resource: int) -> None:
         _fold_line(
@@ -146,8 +195,8 @@ class LinearPieces:
         """
         until = self.system.until
         for resource in range(len(self.slope)):
-            self._changed(until, resource, 0.0)
-            self._fold(resource)
+            self.changed(until, resource, 0.0)
+        self.flush()
         capacity = self.system.problem.capacity
         _, _, peak, above, excess = self.running.T
         return Overshoot(peak / capacity, above / until, excess / until / capacity)
@@ -192,10 +241,7 @@ class Observer:
             self.demand[page], self.average[page] = self.system.allocations()
 
     def _keep_totals(self, row: int) -> None:
-        _, average = self.system.allocations()
-        self.total_demand[row] = self.system.totals()
-        # One by one, in index order: `ndarray.sum` adds in an order that is not promised.
-        self.total_average[row] = np.cumsum(average, axis=1)[:, -1]
+        self.system.observe_totals(self.total_demand[row], self.total_average[row])
 
     def finish(self) -> Observations:
         """Take the last look, at the end of the run.

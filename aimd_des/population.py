@@ -14,7 +14,7 @@ from aimd_des.compiled import formula, kernel
 from aimd_des.problem import Problem
 from aimd_des.response import accumulated_at, demand_at, time_average
 
-__all__ = ["Law", "State", "law_of", "observe", "start", "total_of", "totals"]
+__all__ = ["Law", "State", "law_of", "observe", "observe_totals", "start", "total_of", "totals"]
 
 IntArray = npt.NDArray[np.int64]
 
@@ -194,3 +194,34 @@ def observe(
             folded = accumulated_at(state.accumulated[j, i], held, increase, since, grain)
             demand[j, i] = demand_at(held, increase, since, grain)
             average[j, i] = time_average(folded, now, grain)
+
+
+@kernel
+def observe_totals(
+    state: State, law: Law, moment: FloatArray, grain: float, demand: FloatArray, average: FloatArray
+) -> None:
+    """Sum demand and average over the agents in index order, for every resource.
+
+    Parameters
+    ----------
+    state : State
+        State of all agents.
+    law : Law
+        Parameters of the rule.
+    moment : ndarray, shape (n,) or (1,)
+        The moment at hand: of each agent, or common to all.
+    grain : float
+        Grain of time.
+    demand, average : ndarray, shape (m,)
+        Receive the sums, in units of the resources.
+    """
+    totals(state, law, moment, grain, demand)
+    for j in range(state.demand.shape[0]):
+        used = 0.0
+        for i in range(state.demand.shape[1]):
+            now = _moment_of(moment, i)
+            since = now - state.anchor[j, i]
+            held, increase = state.demand[j, i], law.increase[j, i]
+            folded = accumulated_at(state.accumulated[j, i], held, increase, since, grain)
+            used += time_average(folded, now, grain)
+        average[j] = used

@@ -142,7 +142,7 @@ class Simulation:
         log = EventLog() if self.recording.events else None
         system = System(self.problem, self.channel, self.clocks, self.seed, until, log)
         observer = Observer(system, self.recording)
-        self._populate(system)
+        self._populate(system, observer)
         for process in self.processes:
             system.env.process(process(system))
         system.env.run_to(until, watch)
@@ -158,12 +158,12 @@ class Simulation:
         observations = observer.finish()
         return Result(self.problem, self.dynamics, self.seed, until, signals, observations, account, log)
 
-    def _populate(self, system: System) -> None:
+    def _populate(self, system: System, observer: Observer) -> None:
         """Start the control unit, then the agents."""
         control_unit, own = self.control_unit, range(self.problem.n_agents)
         if self.agents is Fleet:
             own = self.special
-            fleet = Fleet(system, absent=own)
+            fleet = Fleet(system, own, observer.meter)
             system.join(fleet)
             if isinstance(control_unit, Sampled | Crossing) and Autopilot.can_fly(control_unit):
                 system.env.process(Autopilot(fleet, control_unit).process())

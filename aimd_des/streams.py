@@ -19,7 +19,7 @@ from numba.extending import intrinsic
 
 from aimd_des import checks
 from aimd_des.checks import FloatArray
-from aimd_des.compiled import kernel
+from aimd_des.compiled import kernel, routine
 
 __all__ = ["Key", "Purpose", "generator", "key", "uniform_at", "uniforms", "uniforms_row"]
 
@@ -118,7 +118,7 @@ def _block(c0: np.uint64, c1: np.uint64, c2: np.uint64, c3: np.uint64, key: Key)
     return c0, c1, c2, c3
 
 
-@kernel
+@routine
 def uniforms_row(key: Key, resource: int, number: int, lane: int, out: FloatArray) -> None:
     """Fill `out` with the draws of agents 0, 1, ... for one broadcast.
 
@@ -150,15 +150,15 @@ def uniforms_row(key: Key, resource: int, number: int, lane: int, out: FloatArra
             out[_FOUR * whole + rest] = (words[rest] >> _DROPPED) * _SCALE
 
 
-@kernel
-def uniform_at(key: Key, resource: int, number: int, agent: int) -> float:
-    """Draw the uniform number of one agent: what `uniforms_row` puts at its place, lane 0.
+@routine
+def uniform_at(key: Key, resource: int, number: int, lane: int, agent: int) -> float:
+    """Draw the uniform number of one agent: what `uniforms_row` puts at its place.
 
     Parameters
     ----------
     key : tuple of two uint64
         The key of the purpose.
-    resource, number : int
+    resource, number, lane : int
         The address of the row.
     agent : int
         i.
@@ -168,7 +168,7 @@ def uniform_at(key: Key, resource: int, number: int, agent: int) -> float:
     float
         On [0, 1).
     """
-    words = _block(np.uint64(agent // _FOUR + 1), np.uint64(0), np.uint64(resource), np.uint64(number), key)
+    words = _block(np.uint64(agent // _FOUR + 1), np.uint64(lane), np.uint64(resource), np.uint64(number), key)
     return float((words[agent % _FOUR] >> _DROPPED) * _SCALE)
 
 

@@ -11,7 +11,7 @@ from aimd_des.checks import FloatArray
 from aimd_des.clock import AgentClocks, Clocks
 from aimd_des.environment import OrderedEnvironment
 from aimd_des.log import Entry, EventLog
-from aimd_des.population import State, law_of, observe, start, total_of, totals
+from aimd_des.population import State, law_of, observe, observe_totals, start, total_of, totals
 from aimd_des.problem import Problem
 from aimd_des.response import CONTINUOUS, DISCRETE, accumulated_at, demand_at, time_average
 from aimd_des.streams import Purpose
@@ -157,6 +157,17 @@ class System:
         total = np.empty(self.problem.n_resources)
         totals(self.state, self.law, self.moments(), self.grain, total)
         return total
+
+    def observe_totals(self, demand: FloatArray, average: FloatArray) -> None:
+        """Sum demand and averages of all agents as they are now.
+
+        Parameters
+        ----------
+        demand, average : ndarray, shape (m,)
+            Receive the sums, in units of the resources.
+        """
+        self.settle()
+        observe_totals(self.state, self.law, self.moments(), self.grain, demand, average)
 
     def allocations(self) -> tuple[FloatArray, FloatArray]:
         """Read demand and average of every agent as they are now.

@@ -3,18 +3,24 @@
 import numpy as np
 import simpy
 
-from aimd_des.agents.fleet import Fleet
-from aimd_des.agents.pilot import BROADCAST, CROWDED, REACHED, STANDSTILL, Limits, Pilot, steer
+from aimd_des.agents.fleet import TOLD_AT_ONCE, Fleet
+from aimd_des.agents.pilot import CROWDED, REACHED, REFUSED, STANDSTILL, Limits, Pilot, sample, sense
+from aimd_des.agents.post import Post
 from aimd_des.agents.settling import LAST
+from aimd_des.channel import BroadcastChannel, CompiledLink
+from aimd_des.channel.loss.rows import refuse_loss
+from aimd_des.channel.table import ChannelTable
 from aimd_des.control_unit import ControlUnit, Crossing, Sampled
 from aimd_des.environment import Kind, Mailbox
 from aimd_des.errors import SimulationError
+from aimd_des.observing import ConstantPieces
+from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
 
 __all__ = ["Autopilot"]
 
-# Answers of which somebody is told in one go.
-_TOLD_AT_ONCE = 1 << 16
+# Signals that are handed over in one go.
+_SIGNALS = 1 << 14
 
 
 class Autopilot:
@@ -47,11 +53,17 @@ class Autopilot:
             instant=np.full(m, -1.0),
             repeated=np.zeros(m, dtype=np.int64),
             due=np.zeros(m, dtype=np.bool_),
+            total=np.zeros(m),
             now=np.zeros(1),
             moment=np.zeros(1 if common else system.problem.n_agents),
             woken=np.zeros(1, dtype=np.bool_),
-            answers=_TOLD_AT_ONCE,
+            answers=TOLD_AT_ONCE,
         )
+        self.post = self._post()
+        # The ticks of a common clock are followed in compiled code.
+        if isinstance(fleet.overshoot, ConstantPieces) and common and not self.pilot.crossing:
+            fleet.overshoot.following = False
+            fleet.meter = fleet.meter._replace(steps=True)
         self._mailbox = Mailbox(system.env)
         self._setting = 0
         system.on_intervention.append(self._changed)
@@ -87,13 +99,41 @@ class Autopilot:
             while self._steer() != REACHED:
                 pass
 
-    def _next_look(self) -> tuple[float, int]:
-        """Return when the next look is, and its turn at that instant: that of its resource, or any."""
-        pilot = self.pilot
+    def _post(self) -> Post:
+        system, account = self.system, self.system.transmitter
+        link, n = system.link, system.problem.n_agents
+        # Compiled code takes a channel in any case; one that it does not use is as good as another.
+        table = link.table if isinstance(link, CompiledLink) else _unused_channel(system)
+        return Post(
+            compiled=isinstance(link, CompiledLink) and system.log is None and bool(self.fleet.members.all()),
+            channel=table,
+            numbers=account.numbers,
+            delivered=account.delivered,
+            lost=account.lost,
+            duplicated=account.duplicated,
+            arrival=np.zeros(n),
+            second=np.zeros(n),
+            order=np.zeros(1, dtype=np.int64),
+            time=np.zeros(_SIGNALS),
+            resource=np.zeros(_SIGNALS, dtype=np.int64),
+            number=np.zeros(_SIGNALS, dtype=np.int64),
+            count=np.zeros(1, dtype=np.int64),
+            code=np.zeros(1, dtype=np.int64),
+        )
+
+    def _next(self) -> tuple[float, Kind, int | None]:
+        """Return when there is something to be done next, and its turn at that instant."""
+        pilot, meter = self.pilot, self.fleet.meter
         if pilot.crossing:
             resource = int(np.argmin(pilot.alarm))
-            return float(pilot.alarm[resource]), resource
-        return pilot.phase + int(pilot.look[0]) * pilot.period, 0
+            return float(pilot.alarm[resource]), Kind.SENSE, resource
+        look = pilot.phase + int(pilot.look[0]) * pilot.period
+        if meter.steps:
+            assert self.system.clocks is not None  # noqa: S101 - only agents that tick are measured in steps
+            tick = self.system.clocks.time(0, int(meter.tick[0]))
+            if tick < look:
+                return tick, Kind.OBSERVE, None
+        return look, Kind.SENSE, None
 
     def _set_alarm(self) -> None:
         self._setting += 1
@@ -103,9 +143,7 @@ class Autopilot:
             if setting == self._setting:
                 self._mailbox.hand(None)
 
-        time, turn = self._next_look()
-        event = self.system.env.at(time, Kind.SENSE, turn if self.pilot.crossing else None)
-        event.callbacks.append(ring)
+        self.system.env.at(*self._next()).callbacks.append(ring)
 
     def _changed(self, time: float, resource: int, change: float) -> None:
         """Look again at once where a demand has been raised from outside, which no bound has foreseen."""
@@ -115,23 +153,47 @@ class Autopilot:
 
     def _steer(self) -> int:
         """Go on with looks to the next event; do what compiled code has stopped for."""
-        env, pilot, fleet = self.system.env, self.pilot, self.fleet
+        env, pilot, post, fleet = self.system.env, self.pilot, self.post, self.fleet
         fleet.listen()
+        fleet.flush()
+        # Listeners outside are told in time: whatever they do comes before the next signal.
+        told = fleet.crowd.hearing > 0 and not fleet.meter.lines
+        post = post._replace(compiled=post.compiled and not told)
         horizon, kind, order = min(env.upcoming, (self.system.until, 0, 0))
         turns = LAST if kind > Kind.SENSE else order if kind == Kind.SENSE else 0
-        status: int = steer(fleet.crowd, pilot, Limits(horizon, turns, *env.acted))
+        limits = Limits(horizon, turns, kind > Kind.OBSERVE, *env.acted)
+        post.order[0] = env.reserve(2 * len(post.arrival) * _SIGNALS)
+        steer = sense if pilot.crossing else sample
+        status: int = steer(fleet.crowd, pilot, post, fleet.meter, limits)
+        count = int(post.count[0])
+        post.count[0] = 0
+        self.system.transmitter.sent.extend(post.time[:count], post.resource[:count], post.number[:count])
+        env.forget_reached()
         if status == CROWDED:
-            env.advance(*self._at(self._next_look()))
-            fleet.settle()
-        if status in (BROADCAST, STANDSTILL):
-            resources = np.flatnonzero(pilot.due).tolist()
-            env.advance(*self._at((float(pilot.now[0]), resources[0])))
-            if status == STANDSTILL:
-                assert isinstance(self.control_unit, Crossing)  # noqa: S101 - sampled ones go on by themselves
-                raise SimulationError(self.control_unit.standstill(self.system, resources[0]))
-            for resource in resources:
-                self.system.broadcast(resource, pilot.delay)
+            fleet.make_room(2 * pilot.due.size)
+            if told:
+                time, kind_, turn = self._next()
+                env.advance(time, kind_, turn or 0)
+                fleet.settle()
+        elif status != REACHED:
+            self._stand_in(status)
         return status
 
-    def _at(self, look: tuple[float, int]) -> tuple[float, Kind, int]:
-        return look[0], Kind.SENSE, look[1]
+    def _stand_in(self, status: int) -> None:
+        """Do what compiled code cannot, at the time of its last look."""
+        resources, now = np.flatnonzero(self.pilot.due).tolist(), float(self.pilot.now[0])
+        self.system.env.advance(now, Kind.SENSE, resources[0])
+        if status == REFUSED:
+            resource, departure = int(self.post.resource[0]), now + self.pilot.delay
+            raise refuse_loss(self.post.channel.loss, int(self.post.code[0]), resource, departure)
+        if status == STANDSTILL:
+            assert isinstance(self.control_unit, Crossing)  # noqa: S101 - sampled ones go on by themselves
+            raise SimulationError(self.control_unit.standstill(self.system, resources[0]))
+        for resource in resources:
+            self.system.broadcast(resource, self.pilot.delay)
+
+
+def _unused_channel(system: System) -> ChannelTable:
+    link = BroadcastChannel().open(system.problem.n_agents, system.keys)
+    assert isinstance(link, CompiledLink)  # noqa: S101 - of built-in models
+    return link.table

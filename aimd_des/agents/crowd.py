@@ -9,7 +9,7 @@ from aimd_des.agents.flights import Flights
 from aimd_des.agents.radix import bits_of, put
 from aimd_des.checks import FloatArray
 from aimd_des.clock import next_tick, tick_time
-from aimd_des.compiled import kernel
+from aimd_des.compiled import routine
 from aimd_des.gradients import CostTable
 from aimd_des.population import Law, State
 from aimd_des.streams import Key, uniforms_row
@@ -101,6 +101,8 @@ class Crowd(NamedTuple):
         The key of the response draws.
     flights : Flights
         Copies on their way: in one queue if costs are coupled, else in one for each resource.
+    room : int
+        How many copies there may be at a time.
     answers : Answers
         Kept where somebody wants to know of them, which `hearing` tells: 0 nobody, 1 of responses, 2 of
         all answers.
@@ -121,12 +123,13 @@ class Crowd(NamedTuple):
     until: float
     key: Key
     flights: Flights
+    room: int
     answers: Answers
     hearing: int
     scratch: Scratch
 
 
-@kernel
+@routine
 def accept(
     crowd: Crowd,
     resource: int,

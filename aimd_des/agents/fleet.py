@@ -13,26 +13,29 @@ from numba.core.dispatcher import Dispatcher
 
 from aimd_des.agents.crowd import Answers, Crowd, Rhythm, Scratch, accept
 from aimd_des.agents.flights import enlarge, room, take_off
-from aimd_des.agents.settling import LAST, settle_all
+from aimd_des.agents.meter import Meter
+from aimd_des.agents.pilot import settle_and_fold
+from aimd_des.agents.settling import LAST
 from aimd_des.checks import FloatArray
 from aimd_des.costs import CustomCosts
 from aimd_des.environment import Kind
 from aimd_des.errors import InputError
 from aimd_des.gradients import cost_table
 from aimd_des.log import Entry, LogEntry
+from aimd_des.observing import ConstantPieces, LinearPieces
 from aimd_des.streams import Purpose
 from aimd_des.system import System
 from aimd_des.transport import Signal
 
-__all__ = ["Fleet"]
+__all__ = ["TOLD_AT_ONCE", "Fleet"]
 
 BoolArray = npt.NDArray[np.bool_]
 
 # Broadcasts in flight for which there is space at first.
 _FLIGHTS = 4
 
-# Answers of which somebody is told in one go.
-_TOLD_AT_ONCE = 1 << 16
+#: Answers of which somebody is told in one go.
+TOLD_AT_ONCE = 1 << 16
 
 _NOBODY, _RESPONSES, _ALL = 0, 1, 2
 
@@ -49,11 +52,15 @@ class Fleet:
         The run in progress.
     absent : collection of int
         Agents that are no part of it.
+    overshoot : ConstantPieces or LinearPieces, optional
+        What integrates total demand.
 
     Attributes
     ----------
     members : ndarray of bool, shape (n,)
         Who is part of it.
+    crowd, meter : Crowd, Meter
+        What compiled code works on.
 
     Raises
     ------
@@ -61,7 +68,12 @@ class Fleet:
         If costs are functions that cannot be called by compiled code.
     """
 
-    def __init__(self, system: System, absent: Collection[int] = ()) -> None:
+    def __init__(
+        self,
+        system: System,
+        absent: Collection[int] = (),
+        overshoot: ConstantPieces | LinearPieces | None = None,
+    ) -> None:
         problem = system.problem
         n, m = problem.n_agents, problem.n_resources
         self.system = system
@@ -69,6 +81,7 @@ class Fleet:
         self.members[list(absent)] = False
         gradient = _compiled_gradient(problem.costs)
         ticking = system.clocks is not None
+        flights = take_off(_FLIGHTS * n, m if problem.costs.separable else 1, ticking)
         rhythm = (np.empty(0), np.empty(0), np.empty(0)) if system.clocks is None else system.clocks.rows
         self.crowd = Crowd(
             state=system.state,
@@ -81,7 +94,8 @@ class Fleet:
             grain=system.grain,
             until=system.until,
             key=system.keys[Purpose.RESPONSE],
-            flights=take_off(_FLIGHTS * n, m if problem.costs.separable else 1, ticking),
+            flights=flights,
+            room=room(flights),
             answers=_answers(0),
             hearing=_NOBODY,
             scratch=Scratch(
@@ -93,17 +107,53 @@ class Fleet:
                 gradient=np.zeros(m),
             ),
         )
+        self.overshoot = overshoot
+        self.meter = self._meter(overshoot)
         self._settled = system.env.reached
         # With a log: copies that have not landed yet, and what signal the copies from an order number on are of.
         self._landing: list[tuple[float, int, LogEntry]] = []
         self._signals: dict[int, Signal] = {}
 
+    def _meter(self, overshoot: ConstantPieces | LinearPieces | None) -> Meter:
+        """Let compiled code work on what the observer has."""
+        m = self.system.problem.n_resources
+        lines = overshoot if isinstance(overshoot, LinearPieces) else None
+        steps = overshoot if isinstance(overshoot, ConstantPieces) else None
+        return Meter(
+            lines=False,
+            steps=False,
+            capacity=self.crowd.law.capacity,
+            slope=lines.slope if lines else np.zeros(m),
+            running=lines.running if lines else np.zeros((m, 5)),
+            peak=steps.peak if steps else np.zeros(m),
+            above=steps.above if steps else np.zeros(m),
+            excess=steps.excess if steps else np.zeros(m),
+            measured=steps.measured if steps else np.zeros(1),
+            tick=np.zeros(1, dtype=np.int64),
+            order=np.zeros(0, dtype=np.int64),
+            spare=np.zeros(0, dtype=np.int64),
+        )
+
     def listen(self) -> None:
-        """Keep answers from now on if somebody wants to know of them."""
-        hearing = _ALL if self.system.log is not None else _RESPONSES if self.system.on_response else _NOBODY
-        if hearing != self.crowd.hearing:
-            space = 0 if hearing == _NOBODY else room(self.crowd.flights) + _TOLD_AT_ONCE
-            self.crowd = self.crowd._replace(hearing=hearing, answers=_answers(space))
+        """Keep answers from now on if somebody wants to know of them, in compiled code or outside."""
+        listeners = self.system.on_response
+        own = isinstance(self.overshoot, LinearPieces) and listeners == [self.overshoot.changed]
+        hearing = _ALL if self.system.log is not None else _RESPONSES if listeners else _NOBODY
+        if hearing != self.crowd.hearing or (own and hearing == _RESPONSES) != self.meter.lines:
+            self.meter = self.meter._replace(lines=own and hearing == _RESPONSES)
+            self.crowd = self.crowd._replace(hearing=hearing)
+            self._make_room_for_answers()
+
+    def _make_room_for_answers(self) -> None:
+        if self.crowd.hearing != _NOBODY:
+            space = self.crowd.room + TOLD_AT_ONCE
+            answers = _answers(space)
+            for new, old in zip(answers, self.crowd.answers, strict=True):
+                new[: len(old)] = old
+            self.crowd = self.crowd._replace(answers=answers)
+            if self.meter.lines:
+                order, spare = np.zeros((2, space), dtype=np.int64)
+                self.meter = self.meter._replace(order=order, spare=spare)
 
     def send(self, signal: Signal, arrival: FloatArray, first_order: int) -> None:
         """Put the members' copies of a broadcast on their way.
@@ -139,14 +189,10 @@ class Fleet:
         """
         flights = self.crowd.flights
         needed = int(flights.aloft[0]) + rows * len(self.members)
-        if needed > room(flights):
-            larger = enlarge(flights, 2 * needed)
-            self.crowd = self.crowd._replace(flights=larger)
-            if self.crowd.hearing != _NOBODY:
-                answers = _answers(room(larger) + _TOLD_AT_ONCE)
-                for new, old in zip(answers, self.crowd.answers, strict=True):
-                    new[: len(old)] = old
-                self.crowd = self.crowd._replace(answers=answers)
+        if needed > self.crowd.room:
+            flights = enlarge(flights, 2 * needed)
+            self.crowd = self.crowd._replace(flights=flights, room=room(flights))
+            self._make_room_for_answers()
 
     def settle(self) -> None:
         """Let the members answer all copies that are due before what happens now."""
@@ -155,14 +201,22 @@ class Fleet:
             self._settled = reached
             time, kind, order = reached
             if time >= 0.0:
-                settle_all(self.crowd, time, _limit(kind, order, Kind.ACT if self.crowd.grain else Kind.DELIVER))
-                self._tell(reached)
+                self.flush()
+                own = Kind.ACT if self.crowd.grain else Kind.DELIVER
+                settle_and_fold(self.crowd, self.meter, time, _limit(kind, order, own))
+                if self.crowd.hearing != _NOBODY and not self.meter.lines:
+                    self._tell(reached)
+
+    def flush(self) -> None:
+        """Have changes folded in that come before those of the members."""
+        if self.meter.lines and isinstance(self.overshoot, LinearPieces):
+            self.overshoot.flush()
 
     def _tell(self, reached: tuple[float, int, int]) -> None:
         """Tell of the answers since the last time, in the order of events."""
         answers = self.crowd.answers
-        count = int(answers.count[0]) if self.crowd.hearing != _NOBODY else 0
-        answers.count[:] = 0
+        count = int(answers.count[0])
+        answers.count[0] = 0
         told: list[tuple[float, int, int, int, LogEntry]] = []
         while self._landing and (self._landing[0][0], Kind.DELIVER, self._landing[0][1]) < reached:
             time, order, entry = heappop(self._landing)

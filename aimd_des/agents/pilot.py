@@ -6,21 +6,35 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.agents.crowd import Crowd
-from aimd_des.agents.settling import LAST, settle, settle_all
+from aimd_des.agents.meter import Meter, fold_answers
+from aimd_des.agents.post import Post, broadcast
+from aimd_des.agents.settling import LAST, settle
 from aimd_des.checks import FloatArray
 from aimd_des.clock import next_ticks
-from aimd_des.compiled import formula, kernel
+from aimd_des.compiled import formula, routine
 from aimd_des.control_unit import MOST_AT_ONE_INSTANT
 from aimd_des.environment import FIRST_ORDER
+from aimd_des.metrics import fold_overshoot
 from aimd_des.population import total_of
 
-__all__ = ["BROADCAST", "CROWDED", "REACHED", "STANDSTILL", "Limits", "Pilot", "steer"]
+__all__ = [
+    "BROADCAST",
+    "CROWDED",
+    "REACHED",
+    "REFUSED",
+    "STANDSTILL",
+    "Limits",
+    "Pilot",
+    "sample",
+    "sense",
+    "settle_and_fold",
+]
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 
 #: What has ended a stretch of compiled looks.
-REACHED, BROADCAST, CROWDED, STANDSTILL = 0, 1, 2, 3
+REACHED, BROADCAST, CROWDED, STANDSTILL, REFUSED = 0, 1, 2, 3, 4
 
 
 class Pilot(NamedTuple):
@@ -46,6 +60,8 @@ class Pilot(NamedTuple):
         How often it did at that instant.
     due : ndarray of bool, shape (m,)
         Resources to broadcast for, at `now`.
+    total : ndarray, shape (m,)
+        Total demand at the latest look of a sampled one.
     now : ndarray, shape (1,)
         Time of the latest look.
     moment : ndarray, shape (n,) or (1,)
@@ -68,6 +84,7 @@ class Pilot(NamedTuple):
     instant: FloatArray
     repeated: IntArray
     due: BoolArray
+    total: FloatArray
     now: FloatArray
     moment: FloatArray
     woken: BoolArray
@@ -83,19 +100,35 @@ class Limits(NamedTuple):
         Up to here.
     turns : int
         Looks at the horizon itself come before what is there if their turn is below this.
+    observing : bool
+        Whether observers at the horizon itself come before what is there.
     acted_at, acted : float, int
         When somebody last acted, and the last turn that was over then.
     """
 
     horizon: float
     turns: int
+    observing: bool
     acted_at: float
     acted: int
 
 
 @formula
-def _within(time: float, turn: int, limits: Limits) -> bool:
-    return time < limits.horizon or (time == limits.horizon and turn < limits.turns)
+def _within(pilot: Pilot, time: float, turn: int, limits: Limits) -> bool:
+    # What the present event of SimPy is for has come to its turn, whatever else is due at this instant.
+    return pilot.woken[0] or time < limits.horizon or (time == limits.horizon and turn < limits.turns)
+
+
+@formula
+def _crowded(crowd: Crowd, pilot: Pilot, post: Post) -> bool:
+    """Tell whether there may be too little space for what a look can bring."""
+    if crowd.answers.count[0] > pilot.answers:
+        return True
+    m, n = pilot.due.shape[0], post.arrival.shape[0]
+    signals = 1 if pilot.crossing else m
+    copies = signals * n * (2 if post.channel.duplicates else 1)
+    full = post.count[0] + signals > post.time.shape[0] or crowd.flights.aloft[0] + copies > crowd.room
+    return post.compiled and full
 
 
 @formula
@@ -117,43 +150,125 @@ def _total(crowd: Crowd, pilot: Pilot, resource: int) -> float:
     return total_of(state.demand[resource], increase, state.anchor[resource], pilot.moment, crowd.grain)
 
 
-@kernel
-def _sample(crowd: Crowd, pilot: Pilot, limits: Limits) -> int:
-    """Look at phase + q * period: `Sampled`."""
+@formula
+def _find_totals(crowd: Crowd, pilot: Pilot, meter: Meter, now: float, limits: Limits) -> None:
+    """Bring all agents to a time, and add up their demand."""
+    turn = limits.acted + 1 if now == limits.acted_at else 0
+    settle(crowd, 0, crowd.flights.base.shape[0], now, turn if crowd.grain > 0.0 else LAST)
+    if meter.lines and crowd.answers.count[0] > 0:
+        fold_answers(crowd.answers, meter)
+    _find_moments(crowd, pilot, limits)
+    for j in range(pilot.total.shape[0]):
+        pilot.total[j] = _total(crowd, pilot, j)
+
+
+@formula
+def _measure(pilot: Pilot, meter: Meter, now: float) -> None:
+    """Close the interval of constant demand that ends with the tick at hand."""
+    duration = now - meter.measured[0]
+    meter.tick[0] += 1
+    if duration > 0.0:
+        fold_overshoot(pilot.total, meter.capacity, duration, meter.peak, meter.above, meter.excess)
+        meter.measured[0] = now
+
+
+@formula
+def _next_tick(crowd: Crowd, meter: Meter) -> float:
+    """Return the next tick of a common clock that closes an interval."""
+    return crowd.rhythm.phase[0] + meter.tick[0] * crowd.rhythm.period[0] if meter.steps else np.inf
+
+
+@routine
+def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, limits: Limits) -> int:
+    """Look at phase + q * period, and measure before the ticks of a common clock, until something else is due.
+
+    Parameters
+    ----------
+    crowd : Crowd
+        The agents.
+    pilot : Pilot
+        A sampled control unit.
+    post : Post
+        The way of its signals.
+    meter : Meter
+        Overshoot.
+    limits : Limits
+        How far.
+
+    Returns
+    -------
+    int
+        As of `sense`.
+    """
+    summed = -1.0
     while True:
-        now = pilot.phase + pilot.look[0] * pilot.period
-        # Looks after the first have not been scheduled, and would come after what is there.
-        if not _within(now, 0 if pilot.woken[0] else LAST - 1, limits):
+        look, tick = pilot.phase + pilot.look[0] * pilot.period, _next_tick(crowd, meter)
+        now, looking = min(look, tick), look <= tick
+        if looking:
+            # Looks after the first have not been scheduled, and would come after what is there.
+            if not _within(pilot, now, LAST - 1, limits):
+                return REACHED
+            if _crowded(crowd, pilot, post):
+                return CROWDED
+        elif not _within(pilot, now, LAST - 1 if limits.observing else LAST, limits):
             return REACHED
-        if crowd.answers.count[0] > pilot.answers:
-            return CROWDED
-        pilot.now[0] = now
         pilot.woken[0] = False
+        if now != summed:
+            _find_totals(crowd, pilot, meter, now, limits)
+            pilot.now[0] = summed = now
+        if not looking:
+            _measure(pilot, meter, now)
+            continue
         pilot.look[0] += 1
-        turn = limits.acted + 1 if now == limits.acted_at else 0
-        settle_all(crowd, now, turn if crowd.grain > 0.0 else LAST)
-        _find_moments(crowd, pilot, limits)
-        any_due = False
+        due = False
         for j in range(pilot.due.shape[0]):
-            pilot.due[j] = _total(crowd, pilot, j) > crowd.law.limit[j]
-            any_due = any_due or pilot.due[j]
-        if any_due:
+            pilot.due[j] = pilot.total[j] > crowd.law.limit[j]
+            due = due or pilot.due[j]
+        if due and not post.compiled:
             return BROADCAST
+        for j in range(pilot.due.shape[0]):
+            if pilot.due[j] and not broadcast(crowd, post, j, now, pilot.delay, limits.acted_at, limits.acted):
+                return REFUSED
 
 
-@kernel
-def _sense(crowd: Crowd, pilot: Pilot, limits: Limits) -> int:
-    """Go from one possible crossing to the next: `Crossing`."""
+@routine
+def sense(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, limits: Limits) -> int:
+    """Go from one possible crossing to the next, until something else is due.
+
+    Parameters
+    ----------
+    crowd : Crowd
+        The agents.
+    pilot : Pilot
+        A crossing control unit.
+    post : Post
+        The way of its signals.
+    meter : Meter
+        Overshoot.
+    limits : Limits
+        How far.
+
+    Returns
+    -------
+    int
+        `REACHED`: the next look is beyond the horizon.  `BROADCAST`: signals are due.  `CROWDED`: there may
+        be too little room for what the next look brings.  `STANDSTILL`: time cannot advance.  `REFUSED`:
+        the channel has not taken a signal.
+    """
     alarm = pilot.alarm
     while True:
         j = np.argmin(alarm)
         now = alarm[j]
-        if not _within(now, j, limits):
+        if not _within(pilot, now, j, limits):
             return REACHED
-        if crowd.answers.count[0] > pilot.answers:
+        if _crowded(crowd, pilot, post):
             return CROWDED
+        pilot.woken[0] = False
         pilot.now[0] = now
-        settle(crowd, 0 if crowd.coupled else j, now, LAST)
+        queue = 0 if crowd.coupled else j
+        settle(crowd, queue, queue + 1, now, LAST)
+        if meter.lines and crowd.answers.count[0] > 0:
+            fold_answers(crowd.answers, meter)
         _find_moments(crowd, pilot, limits)
         soonest = now + (crowd.law.limit[j] - _total(crowd, pilot, j)) / pilot.slope[j]
         pilot.watchful[j] = soonest > now
@@ -167,26 +282,25 @@ def _sense(crowd: Crowd, pilot: Pilot, limits: Limits) -> int:
         if pilot.repeated[j] > MOST_AT_ONE_INSTANT:
             return STANDSTILL
         alarm[j] = now + pilot.refractory
-        return BROADCAST
+        if not post.compiled:
+            return BROADCAST
+        if not broadcast(crowd, post, j, now, pilot.delay, limits.acted_at, limits.acted):
+            return REFUSED
 
 
-@kernel
-def steer(crowd: Crowd, pilot: Pilot, limits: Limits) -> int:
-    """Look, and let the agents answer what has arrived by then, until somebody else has to do something.
+@routine
+def settle_and_fold(crowd: Crowd, meter: Meter, time: float, limit: int) -> None:
+    """Let all agents answer all copies that are due, and measure.
 
     Parameters
     ----------
     crowd : Crowd
         The agents.
-    pilot : Pilot
-        The control unit.
-    limits : Limits
-        How far.
-
-    Returns
-    -------
-    int
-        `REACHED`: the next look is beyond the horizon.  `BROADCAST`: signals are due.  `CROWDED`: there is
-        no more room for answers.  `STANDSTILL`: time cannot advance.
+    meter : Meter
+        Overshoot.
+    time, limit : float, int
+        As for `settle`.
     """
-    return _sense(crowd, pilot, limits) if pilot.crossing else _sample(crowd, pilot, limits)
+    settle(crowd, 0, crowd.flights.base.shape[0], time, limit)
+    if meter.lines and crowd.answers.count[0] > 0:
+        fold_answers(crowd.answers, meter)

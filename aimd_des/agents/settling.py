@@ -17,7 +17,7 @@ from aimd_des.compiled import formula, kernel
 from aimd_des.gradients import gradient_at
 from aimd_des.response import accumulated_at, demand_at, response_probability, time_average
 
-__all__ = ["LAST", "settle", "settle_all"]
+__all__ = ["LAST", "settle"]
 
 #: Above every order number, and the bits of every time.
 LAST = (1 << 63) - 1
@@ -148,39 +148,23 @@ def _answer_first(crowd: Crowd, queue: int) -> None:
 
 
 @kernel
-def settle(crowd: Crowd, queue: int, time: float, limit: int) -> None:
-    """Let all agents answer the copies of one queue that are due.
+def settle(crowd: Crowd, first: int, last: int, time: float, limit: int) -> None:
+    """Let all agents answer the copies that are due.
 
     Parameters
     ----------
     crowd : Crowd
         The agents.
-    queue : int
-        Which queue: the resource, or 0 where costs are coupled.
+    first, last : int
+        In which queues: from the first to the one before the last.
     time : float
         What is due before is due.
     limit : int
         What is due at this very time is due if its order number (of discrete agents: the agent's index)
         is below this.
     """
-    raise_due(crowd.flights, queue, time, limit)
-    while crowd.flights.head[queue, DUE] >= 0:
-        _find_first(crowd, queue)
-        _answer_first(crowd, queue)
-
-
-@kernel
-def settle_all(crowd: Crowd, time: float, limit: int) -> None:
-    """Let all agents answer all copies that are due.
-
-    Parameters
-    ----------
-    crowd : Crowd
-        The agents.
-    time : float
-        What is due before is due.
-    limit : int
-        As for `settle`.
-    """
-    for queue in range(crowd.flights.base.shape[0]):
-        settle(crowd, queue, time, limit)
+    for queue in range(first, last):
+        raise_due(crowd.flights, queue, time, limit)
+        while crowd.flights.head[queue, DUE] >= 0:
+            _find_first(crowd, queue)
+            _answer_first(crowd, queue)

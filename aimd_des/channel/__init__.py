@@ -1,6 +1,6 @@
 """The broadcast channel: what happens to the copies of a signal on their way to the agents."""
 
-from aimd_des.channel.broadcast import Broadcast, BroadcastChannel, Channel, Copies, Link
+from aimd_des.channel.broadcast import Broadcast, BroadcastChannel, Channel, CompiledLink, Copies, Link
 from aimd_des.channel.draws import Draws
 
-__all__ = ["Broadcast", "BroadcastChannel", "Channel", "Copies", "Draws", "Link"]
+__all__ = ["Broadcast", "BroadcastChannel", "Channel", "CompiledLink", "Copies", "Draws", "Link"]

@@ -9,12 +9,27 @@ import numpy.typing as npt
 
 from aimd_des import checks
 from aimd_des.channel.draws import Draws
-from aimd_des.channel.latency import Constant, Latency
+from aimd_des.channel.latency import (
+    Constant,
+    Empirical,
+    Exponential,
+    Latency,
+    LogNormal,
+    Pareto,
+    ShiftedGamma,
+    Uniform,
+)
+from aimd_des.channel.latency.base import Parametrised
 from aimd_des.channel.loss import Bernoulli, Loss, LossProcess
+from aimd_des.channel.loss.rows import TabledLoss, refuse_loss
+from aimd_des.channel.table import ChannelTable, channel_table, transmit
 from aimd_des.checks import FloatArray
 from aimd_des.streams import Key, Purpose
 
-__all__ = ["Broadcast", "BroadcastChannel", "Channel", "Copies", "Link"]
+__all__ = ["Broadcast", "BroadcastChannel", "Channel", "CompiledLink", "Copies", "Link"]
+
+# What there are formulas for in compiled code; not what users derive from these.
+_COMPILED = {Constant, Empirical, Exponential, LogNormal, Pareto, ShiftedGamma, Uniform}
 
 
 class Broadcast(NamedTuple):
@@ -125,14 +140,57 @@ class BroadcastChannel:
         assert isinstance(self.loss, Loss)  # noqa: S101
         self.latency.check(n_agents)
         checks.fits("duplication", self.duplication, n_agents)
-        duplication = np.asarray(self.duplication, dtype=np.float64)
+        duplication, loss = np.asarray(self.duplication, dtype=np.float64), self.loss.start(n_agents)
+        if type(loss) is TabledLoss and type(self.latency) in _COMPILED:
+            assert isinstance(self.latency, Parametrised)  # noqa: S101 - all of these are
+            latency = self.latency.table(n_agents)
+            return CompiledLink(channel_table(latency, loss.table, duplication, self.fifo, keys))
         latest = np.zeros(n_agents) if self.fifo else None
-        return _OpenChannel(self.latency, self.loss.start(n_agents), duplication, latest, n_agents, keys)
+        return _OpenChannel(self.latency, loss, duplication, latest, n_agents, keys)
+
+
+class CompiledLink:
+    """A `BroadcastChannel` of built-in models in one run.
+
+    Parameters
+    ----------
+    table : ChannelTable
+        The channel, as compiled code takes it.
+    """
+
+    def __init__(self, table: ChannelTable) -> None:
+        self.table = table
+
+    def transmit(self, broadcast: Broadcast, departure: float) -> Copies:
+        """Draw loss, latency and duplication of every copy.
+
+        Parameters
+        ----------
+        broadcast : Broadcast
+            The signal.
+        departure : float
+            When it leaves the control unit.
+
+        Returns
+        -------
+        Copies
+            When they arrive.
+
+        Raises
+        ------
+        SimulationError
+            If a record of losses has ended, or bursts of loss are asked for an earlier time.
+        """
+        arrival, second = np.empty((2, len(self.table.lost)))
+        code = transmit(self.table, broadcast.resource, broadcast.number, departure, arrival, second)
+        if code:
+            raise refuse_loss(self.table.loss, code, broadcast.resource, departure)
+        return Copies(arrival, second if self.table.duplicates else None)
 
 
 @dataclass(frozen=True, eq=False)
 class _OpenChannel:
-    """A `BroadcastChannel` in one run; `latest` is the last arrival on each link where links are FIFO."""
+    """A `BroadcastChannel` with the user's own models; `latest` is the last arrival on links that are FIFO."""
 
     latency: Latency
     loss: LossProcess

@@ -7,10 +7,13 @@ from aimd_des import streams
 from aimd_des.checks import FloatArray
 from aimd_des.streams import Key, Purpose
 
-__all__ = ["Draws"]
+__all__ = ["LANES_PER_COPY", "LANES_PER_PART", "Draws"]
 
-# Lanes of a second copy are kept apart from those of the first.
-_LANES_PER_COPY = 1 << 32
+#: Lanes of a second copy are kept apart from those of the first.
+LANES_PER_COPY = 1 << 32
+
+#: Each of several models of loss draws from lanes of its own; those of the first are what it would have alone.
+LANES_PER_PART = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,8 @@ class Draws:
         n.
     copy : int
         0 for the copies that every broadcast makes, 1 for duplicates.
+    part : int
+        Which of several models of loss.
     """
 
     keys: Mapping[Purpose, Key]
@@ -39,6 +44,22 @@ class Draws:
     time: float
     n_agents: int
     copy: int = 0
+    part: int = 0
+
+    def lane(self, attempt: int) -> int:
+        """Return where the numbers of an attempt stand.
+
+        Parameters
+        ----------
+        attempt : int
+            Which of several numbers, for methods that need more than one.
+
+        Returns
+        -------
+        int
+            The lane of `streams.uniforms_row`.
+        """
+        return self.copy * LANES_PER_COPY + self.part * LANES_PER_PART + attempt
 
     def uniforms(self, purpose: Purpose, attempt: int = 0) -> FloatArray:
         """Draw one uniform number for each agent.
@@ -55,5 +76,5 @@ class Draws:
         ndarray, shape (n,)
             On [0, 1).
         """
-        lane = self.copy * _LANES_PER_COPY + attempt
-        return streams.uniforms(self.keys[purpose], self.resource, self.number, self.n_agents, lane)
+        key, lane = self.keys[purpose], self.lane(attempt)
+        return streams.uniforms(key, self.resource, self.number, self.n_agents, lane)

@@ -2,12 +2,15 @@
 
 from typing import ClassVar, Protocol, runtime_checkable
 
+import numpy as np
+
 from aimd_des.channel.draws import Draws
+from aimd_des.channel.latency.rows import LatencyTable, latency_row
 from aimd_des.channel.parameters import fit
 from aimd_des.checks import FloatArray
 from aimd_des.streams import Purpose
 
-__all__ = ["Inverted", "Latency", "Parametrised"]
+__all__ = ["Latency", "Parametrised"]
 
 
 @runtime_checkable
@@ -24,7 +27,12 @@ class Latency(Protocol):
 
 
 class Parametrised:
-    """A model whose parameters are one for all agents or one for each."""
+    """A model whose parameters are one for all agents or one for each.
+
+    Most turn one uniform number into a latency by the quantile function.  The larger the number, the
+    longer the latency: two such models with the same seed are late for the same agents and broadcasts,
+    which makes comparisons between them sharp.
+    """
 
     _each: ClassVar[tuple[str, ...]]
 
@@ -43,15 +51,19 @@ class Parametrised:
         """
         fit(self, self._each, n_agents)
 
+    def table(self, n_agents: int) -> LatencyTable:
+        """Lay out the model for compiled code.
 
-class Inverted(Parametrised):
-    """A model that turns one uniform number into a latency by its quantile function.
+        Parameters
+        ----------
+        n_agents : int
+            n.
 
-    The larger the number, the longer the latency: two such models with the same seed are late for
-    the same agents and broadcasts, which makes comparisons between them sharp.
-    """
-
-    def _quantile(self, uniform: FloatArray) -> FloatArray:
+        Returns
+        -------
+        LatencyTable
+            The distribution and its parameters.
+        """
         raise NotImplementedError
 
     def draw(self, draws: Draws) -> FloatArray:
@@ -67,4 +79,7 @@ class Inverted(Parametrised):
         ndarray, shape (n,)
             In units of time.
         """
-        return self._quantile(draws.uniforms(Purpose.LATENCY))
+        out, spare = np.empty((2, draws.n_agents))
+        address = draws.keys[Purpose.LATENCY], draws.resource, draws.number, draws.lane(0)
+        latency_row(self.table(draws.n_agents), *address, out, spare)
+        return np.asarray(out)

@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des import checks
-from aimd_des.channel.draws import Draws
+from aimd_des.channel.latency.base import Parametrised
+from aimd_des.channel.latency.rows import LatencyTable, Distribution, latency_table
 from aimd_des.channel.parameters import LONGEST, scalar_or_row
 from aimd_des.checks import FloatArray
 
@@ -14,7 +15,7 @@ __all__ = ["Constant"]
 
 
 @dataclass(frozen=True, eq=False)
-class Constant:
+class Constant(Parametrised):
     """The same latency for every broadcast.
 
     Parameters
@@ -59,17 +60,17 @@ class Constant:
         """
         checks.fits("latency", self.value, n_agents)
 
-    def draw(self, draws: Draws) -> FloatArray:
-        """Return the latency of each agent's copy.
+    def table(self, n_agents: int) -> LatencyTable:
+        """Lay out the model for compiled code.
 
         Parameters
         ----------
-        draws : Draws
-            The broadcast's random numbers.
+        n_agents : int
+            n.
 
         Returns
         -------
-        ndarray, shape (n,)
-            In units of time.
+        LatencyTable
+            The distribution and its parameters.
         """
-        return np.broadcast_to(np.asarray(self.value, dtype=np.float64), (draws.n_agents,))
+        return latency_table(Distribution.CONSTANT, n_agents, self.value)

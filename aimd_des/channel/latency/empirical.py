@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from aimd_des import checks
-from aimd_des.channel.latency.base import Inverted
+from aimd_des.channel.latency.base import Parametrised
+from aimd_des.channel.latency.rows import LatencyTable, Distribution, latency_table
 from aimd_des.channel.measured import read_columns
 from aimd_des.channel.parameters import LONGEST, scalar_or_row, take
 from aimd_des.checks import FloatArray
@@ -18,7 +19,7 @@ __all__ = ["Empirical"]
 
 
 @dataclass(frozen=True, eq=False)
-class Empirical(Inverted):
+class Empirical(Parametrised):
     """Draws from measured latencies, with replacement: each is as likely as any other.
 
     Their order does not matter, and a dependence between successive ones is not kept.
@@ -90,10 +91,20 @@ class Empirical(Inverted):
     def _mean(self) -> float:
         return math.fsum(self.values.tolist()) / len(self.values)
 
-    def _quantile(self, uniform: FloatArray) -> FloatArray:
-        # The product may round up to the number of values.
-        index = np.minimum((uniform * len(self.values)).astype(np.int64), len(self.values) - 1)
-        return self.scale * self.values[index]
+    def table(self, n_agents: int) -> LatencyTable:
+        """Lay out the model for compiled code.
+
+        Parameters
+        ----------
+        n_agents : int
+            n.
+
+        Returns
+        -------
+        LatencyTable
+            The distribution and its parameters.
+        """
+        return latency_table(Distribution.EMPIRICAL, n_agents, self.scale, values=self.values)
 
 
 _ALLOWED = "a finite number at least 0"

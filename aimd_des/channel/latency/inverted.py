@@ -1,12 +1,4 @@
-"""Latencies drawn by inversion: uniform, exponential, lognormal and Pareto.
-
-With u the uniform number of the copy and z the normal number that it stands for:
-
-    uniform      low + (high - low) * u
-    exponential  -mean * log(1 - u)
-    lognormal    median * exp(sigma * z)
-    Pareto       minimum * (1 - u)**(-1 / shape)
-"""
+"""Latencies drawn by inversion: uniform, exponential, lognormal and Pareto."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,10 +7,11 @@ from typing import ClassVar
 import numpy as np
 
 from aimd_des import checks
-from aimd_des.channel.latency.base import Inverted
+from aimd_des.channel.latency.base import Parametrised
+from aimd_des.channel.latency.rows import LatencyTable, Distribution, latency_table
 from aimd_des.channel.parameters import LONGEST, fit, refuse, scalar_or_row, take
 from aimd_des.checks import FloatArray
-from aimd_des.elementary import expm1, exps, log1p, logs, standard_normals
+from aimd_des.elementary import expm1, exps, log1p
 
 __all__ = ["Exponential", "LogNormal", "Pareto", "Uniform"]
 
@@ -36,7 +29,7 @@ def _applied(function: Callable[[float], float], values: FloatArray) -> FloatArr
 
 
 @dataclass(frozen=True, eq=False)
-class Uniform(Inverted):
+class Uniform(Parametrised):
     """Any latency between two bounds with equal probability.
 
     Parameters
@@ -70,12 +63,24 @@ class Uniform(Inverted):
         width = self.high - self.low
         return scalar_or_row(width * width / 12.0)
 
-    def _quantile(self, uniform: FloatArray) -> FloatArray:
-        return np.minimum(self.low + (self.high - self.low) * uniform, self.high)
+    def table(self, n_agents: int) -> LatencyTable:
+        """Lay out the model for compiled code.
+
+        Parameters
+        ----------
+        n_agents : int
+            n.
+
+        Returns
+        -------
+        LatencyTable
+            The distribution and its parameters.
+        """
+        return latency_table(Distribution.UNIFORM, n_agents, self.low, self.high)
 
 
 @dataclass(frozen=True, eq=False)
-class Exponential(Inverted):
+class Exponential(Parametrised):
     """Latency without memory: often short, sometimes long.
 
     Parameters
@@ -100,13 +105,24 @@ class Exponential(Inverted):
         """mean**2, in squared units of time."""
         return scalar_or_row(self.mean * self.mean)
 
-    def _quantile(self, uniform: FloatArray) -> FloatArray:
-        # 1 - u is exact and never 0; 0 - log keeps a latency of zero from being -0.0.
-        return self.mean * (0.0 - logs(1.0 - uniform))
+    def table(self, n_agents: int) -> LatencyTable:
+        """Lay out the model for compiled code.
+
+        Parameters
+        ----------
+        n_agents : int
+            n.
+
+        Returns
+        -------
+        LatencyTable
+            The distribution and its parameters.
+        """
+        return latency_table(Distribution.EXPONENTIAL, n_agents, self.mean)
 
 
 @dataclass(frozen=True, eq=False)
-class LogNormal(Inverted):
+class LogNormal(Parametrised):
     """Latency whose logarithm is normal: most are near the median, a few are much longer.
 
     Given by its own mean and standard deviation, not by those of its logarithm; see `from_median`
@@ -180,12 +196,24 @@ class LogNormal(Inverted):
         """std**2, in squared units of time."""
         return scalar_or_row(self.std * self.std)
 
-    def _quantile(self, uniform: FloatArray) -> FloatArray:
-        return self.median * exps(self.sigma * standard_normals(uniform))
+    def table(self, n_agents: int) -> LatencyTable:
+        """Lay out the model for compiled code.
+
+        Parameters
+        ----------
+        n_agents : int
+            n.
+
+        Returns
+        -------
+        LatencyTable
+            The distribution and its parameters.
+        """
+        return latency_table(Distribution.LOGNORMAL, n_agents, self.median, self.sigma)
 
 
 @dataclass(frozen=True, eq=False)
-class Pareto(Inverted):
+class Pareto(Parametrised):
     """Latency with a heavy tail: the probability to exceed x is (minimum / x)**shape.
 
     Parameters
@@ -225,5 +253,17 @@ class Pareto(Inverted):
         finite = spread * spread * (1.0 + 2.0 / (shape - 2.0))
         return scalar_or_row(np.where(np.isfinite(shape), finite, np.inf))
 
-    def _quantile(self, uniform: FloatArray) -> FloatArray:
-        return self.minimum * exps(logs(1.0 - uniform) / -np.asarray(self.shape))
+    def table(self, n_agents: int) -> LatencyTable:
+        """Lay out the model for compiled code.
+
+        Parameters
+        ----------
+        n_agents : int
+            n.
+
+        Returns
+        -------
+        LatencyTable
+            The distribution and its parameters.
+        """
+        return latency_table(Distribution.PARETO, n_agents, self.shape, self.minimum)

@@ -1,6 +1,6 @@
 """Several causes of loss at once."""
 
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,16 +9,13 @@ import numpy.typing as npt
 from aimd_des.channel.draws import Draws
 from aimd_des.channel.loss.base import BoolArray, Loss, LossProcess
 from aimd_des.channel.loss.independent import Bernoulli
+from aimd_des.channel.loss.rows import TabledLoss, join
 from aimd_des.channel.loss.trace import Trace
 from aimd_des.channel.parameters import scalar_or_row
 from aimd_des.checks import FloatArray
 from aimd_des.errors import InputError
-from aimd_des.streams import Purpose
 
 __all__ = ["Combined"]
-
-# Each part draws from lanes of its own; those of the first are what it would have alone.
-_LANES_PER_PART = 1 << 16
 
 
 class Combined:
@@ -70,7 +67,7 @@ class Combined:
             kept = kept * (1.0 - part.mean)
         return scalar_or_row(1.0 - kept)
 
-    def start(self, n_agents: int) -> "_Parts":
+    def start(self, n_agents: int) -> LossProcess:
         """Begin a run of every model.
 
         Parameters
@@ -88,7 +85,9 @@ class Combined:
         InputError
             If there is a value for each agent somewhere and their number is not n.
         """
-        return _Parts([part.start(n_agents) for part in self.losses])
+        processes = [part.start(n_agents) for part in self.losses]
+        tables = [process.table for process in processes if type(process) is TabledLoss]
+        return TabledLoss(join(tables)) if len(tables) == len(processes) else _Parts(processes)
 
 
 class _Parts:
@@ -101,16 +100,5 @@ class _Parts:
         """Ask every model, also for copies that another one has lost: what it remembers must be kept up."""
         lost = np.zeros(draws.n_agents, dtype=np.bool_)
         for part, process in enumerate(self._processes):
-            lost |= process.draw(_PartDraws(**vars(draws), part=part))
+            lost |= process.draw(replace(draws, part=part))
         return lost
-
-
-@dataclass(frozen=True)
-class _PartDraws(Draws):
-    """The random numbers of one broadcast for one of several models."""
-
-    part: int = 0
-
-    def uniforms(self, purpose: Purpose, attempt: int = 0) -> FloatArray:
-        """Draw one uniform number for each agent."""
-        return super().uniforms(purpose, attempt + self.part * _LANES_PER_PART)

@@ -16,13 +16,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from aimd_des.channel.draws import Draws
-from aimd_des.channel.loss.base import BoolArray
+from aimd_des.channel.loss.rows import Cause, TabledLoss, loss_table
 from aimd_des.channel.parameters import LONGEST, fit, scalar_or_row, take
 from aimd_des.checks import FloatArray
-from aimd_des.elementary import exps
-from aimd_des.errors import SimulationError
-from aimd_des.streams import Purpose
 
 __all__ = ["GilbertElliott"]
 
@@ -74,7 +70,7 @@ class GilbertElliott:
         """A + b, the rate at which the past is forgotten, per unit of time."""
         return scalar_or_row(1.0 / (self.mean_burst * (1.0 - np.asarray(self.mean_loss))))
 
-    def start(self, n_agents: int) -> "_Links":
+    def start(self, n_agents: int) -> TabledLoss:
         """Begin a run, with links as they are in the long run.
 
         Parameters
@@ -84,7 +80,7 @@ class GilbertElliott:
 
         Returns
         -------
-        LossProcess
+        TabledLoss
             The links of all agents.
 
         Raises
@@ -93,30 +89,4 @@ class GilbertElliott:
             If there is a value for each agent and their number is not n.
         """
         fit(self, self._each, n_agents)
-        return _Links(np.asarray(self.mean_loss), np.asarray(self.rate))
-
-
-class _Links:
-    """The links of one run: their state at the last broadcast, and when that was."""
-
-    def __init__(self, mean_loss: FloatArray, rate: FloatArray) -> None:
-        self._mean_loss, self._rate = mean_loss, rate
-        self._bad: BoolArray | None = None
-        self._time = 0.0
-
-    def draw(self, draws: Draws) -> BoolArray:
-        """Move all links to the time of the broadcast; those that are bad lose it."""
-        if self._bad is None:
-            chance = self._mean_loss
-        elif draws.time >= self._time:
-            # At the same instant the memory is 1 and the chance 0 or 1: the state stays.
-            memory = exps(-self._rate * (draws.time - self._time))
-            chance = self._mean_loss + (self._bad - self._mean_loss) * memory
-        else:
-            raise SimulationError(
-                f"time {draws.time!r}, resource {draws.resource}: a broadcast that is earlier than the one "
-                f"before it, at {self._time!r}; bursts of loss need broadcasts in the order of time"
-            )
-        self._bad = np.less(draws.uniforms(Purpose.LOSS), chance)
-        self._time = draws.time
-        return self._bad
+        return TabledLoss(loss_table(Cause.BURSTS, n_agents, self.mean_loss, self.rate))

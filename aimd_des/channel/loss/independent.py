@@ -6,11 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des import checks
-from aimd_des.channel.draws import Draws
-from aimd_des.channel.loss.base import BoolArray
+from aimd_des.channel.loss.rows import Cause, TabledLoss, loss_table
 from aimd_des.channel.parameters import scalar_or_row
 from aimd_des.checks import FloatArray
-from aimd_des.streams import Purpose
 
 __all__ = ["Bernoulli", "CommonMode"]
 
@@ -42,7 +40,7 @@ class Bernoulli:
         """Share of copies that are lost: the probability."""
         return scalar_or_row(self.probability)
 
-    def start(self, n_agents: int) -> "Bernoulli":
+    def start(self, n_agents: int) -> TabledLoss:
         """Begin a run: independent losses remember nothing.
 
         Parameters
@@ -52,8 +50,8 @@ class Bernoulli:
 
         Returns
         -------
-        Bernoulli
-            Itself.
+        TabledLoss
+            The losses of the run.
 
         Raises
         ------
@@ -61,24 +59,8 @@ class Bernoulli:
             If there is a probability for each agent and their number is not n.
         """
         checks.fits("loss", self.probability, n_agents)
-        return self
-
-    def draw(self, draws: Draws) -> BoolArray:
-        """Return whether each agent's copy is lost.
-
-        Parameters
-        ----------
-        draws : Draws
-            The broadcast's random numbers.
-
-        Returns
-        -------
-        ndarray of bool, shape (n,)
-            True where the copy is lost.
-        """
-        if not isinstance(self.probability, np.ndarray) and not self.probability:
-            return np.zeros(draws.n_agents, dtype=np.bool_)
-        return np.less(draws.uniforms(Purpose.LOSS), self.probability)
+        cause = Cause.CHANCE if np.any(self.probability) else Cause.NOTHING
+        return TabledLoss(loss_table(cause, n_agents, self.probability))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +89,7 @@ class CommonMode:
         """Share of copies that are lost: the probability."""
         return self.probability
 
-    def start(self, n_agents: int) -> "CommonMode":
+    def start(self, n_agents: int) -> TabledLoss:
         """Begin a run: independent losses remember nothing.
 
         Parameters
@@ -117,23 +99,7 @@ class CommonMode:
 
         Returns
         -------
-        CommonMode
-            Itself.
+        TabledLoss
+            The losses of the run.
         """
-        return self
-
-    def draw(self, draws: Draws) -> BoolArray:
-        """Return whether the broadcast is lost.
-
-        Parameters
-        ----------
-        draws : Draws
-            The broadcast's random numbers.
-
-        Returns
-        -------
-        ndarray of bool, shape (n,)
-            All True or all False.
-        """
-        # The first agent's number decides for all: it is there however many agents there are.
-        return np.full(draws.n_agents, draws.uniforms(Purpose.LOSS)[0] < self.probability)
+        return TabledLoss(loss_table(Cause.COMMON, n_agents, self.probability))

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.channel.draws import Draws
 from aimd_des.channel.loss.base import BoolArray
+from aimd_des.channel.loss.rows import Cause, TabledLoss, loss_table
 from aimd_des.channel.measured import read_columns
 from aimd_des.channel.parameters import scalar_or_row
 from aimd_des.checks import FloatArray
-from aimd_des.errors import InputError, SimulationError
+from aimd_des.errors import InputError
 
 __all__ = ["Trace"]
 
@@ -88,7 +88,7 @@ class Trace:
         lost = np.asarray(self.lost)
         return scalar_or_row(lost.sum(axis=0) / len(lost))
 
-    def start(self, n_agents: int) -> "_Reading":
+    def start(self, n_agents: int) -> TabledLoss:
         """Begin a run at the first row.
 
         Parameters
@@ -98,7 +98,7 @@ class Trace:
 
         Returns
         -------
-        LossProcess
+        TabledLoss
             A reading of the record.
 
         Raises
@@ -109,27 +109,7 @@ class Trace:
         lost = np.asarray(self.lost)
         if lost.ndim > 1 and lost.shape[1] != n_agents:
             raise InputError.of("shape of Trace.lost", lost.shape, f"({len(lost)}, {n_agents})", _REMEDY)
-        return _Reading(lost, self.repeat)
-
-
-class _Reading:
-    """How far a run has read the record."""
-
-    def __init__(self, lost: BoolArray, repeat: bool) -> None:
-        self._lost, self._repeat = lost, repeat
-        self._row = 0
-
-    def draw(self, draws: Draws) -> BoolArray:
-        """Return the next row."""
-        rows = len(self._lost)
-        if self._row >= rows and not self._repeat:
-            raise SimulationError(
-                f"time {draws.time!r}, resource {draws.resource}: broadcast {self._row} of the run has no "
-                f"row in a trace of {rows}; give Trace more rows, or repeat=True to begin anew"
-            )
-        row = self._lost[self._row % rows]
-        self._row += 1
-        return np.broadcast_to(row, (draws.n_agents,))
+        return TabledLoss(loss_table(Cause.RECORD, n_agents, record=lost, repeat=bool(self.repeat)))
 
 
 def _record(given: npt.ArrayLike) -> BoolArray:
