@@ -20,18 +20,39 @@ import numpy.typing as npt
 from aimd_des.checks import FloatArray
 from aimd_des.compiled import formula, kernel
 
-__all__ = ["exp", "expm1", "exps", "log", "log1p", "logs", "standard_normal", "standard_normals"]
+__all__ = ["exp", "expm1", "exps", "log", "log1p", "log_normal", "logs", "standard_normal", "standard_normals"]
 
 # log 2 in two parts. The first has 20 bits to spare, so that its product with an exponent is exact.
 _LOG2_HIGH, _LOG2_LOW = float.fromhex("0x1.62e42fee00000p-1"), float.fromhex("0x1.a39ef35793c76p-33")
 _PER_LOG2 = 1.4426950408889634
 _ROOT_HALF = 0.7071067811865476
 
+# The bits of a number's fraction, and the exponent of 1/2 where those of the exponent stand.
+_FRACTION, _HALF = (1 << 52) - 1, 1022 << 52
+
 # Beyond these, exp is inf or 0 in double precision.
 _EXP_HIGHEST, _EXP_LOWEST = 709.782712893384, -745.1332191019412
 
 # Half the width of a cell of the uniform numbers, which are multiples of 2**-53.
 _HALF_CELL = 2.0**-54
+
+
+@formula
+def _log_of(fraction: float, exponent: float) -> float:
+    """Return the logarithm of fraction * 2**exponent, where the fraction is from 1/2 to 1."""
+    small = fraction < _ROOT_HALF
+    fraction, exponent = 2.0 * fraction if small else fraction, exponent - 1.0 if small else exponent
+    f = fraction - 1.0
+    s = f / (2.0 + f)
+    z = s * s
+    # 2 * artanh(s) = 2 * s + s * tail; ten terms reach beyond the last bit, for z < 0.0295.
+    tail = 2.0 / 17.0 + z * (2.0 / 19.0 + z * (2.0 / 21.0))
+    tail = 2.0 / 11.0 + z * (2.0 / 13.0 + z * (2.0 / 15.0 + z * tail))
+    tail = z * (2.0 / 3.0 + z * (2.0 / 5.0 + z * (2.0 / 7.0 + z * (2.0 / 9.0 + z * tail))))
+    # 2 * s is written as f - (half - s * half), so that its rounding is small beside f.
+    half = 0.5 * f * f
+    low = s * (half + tail) + exponent * _LOG2_LOW
+    return exponent * _LOG2_HIGH - ((half - low) - f)
 
 
 @formula
@@ -51,19 +72,26 @@ def log(x: float) -> float:
     if not 0.0 < x < math.inf:
         return -math.inf if x == 0.0 else (x if x > 0.0 else math.nan)
     fraction, exponent = math.frexp(x)
-    if fraction < _ROOT_HALF:
-        fraction, exponent = 2.0 * fraction, exponent - 1
-    f = fraction - 1.0
-    s = f / (2.0 + f)
-    z = s * s
-    # 2 * artanh(s) = 2 * s + s * tail; ten terms reach beyond the last bit, for z < 0.0295.
-    tail = 2.0 / 17.0 + z * (2.0 / 19.0 + z * (2.0 / 21.0))
-    tail = 2.0 / 11.0 + z * (2.0 / 13.0 + z * (2.0 / 15.0 + z * tail))
-    tail = z * (2.0 / 3.0 + z * (2.0 / 5.0 + z * (2.0 / 7.0 + z * (2.0 / 9.0 + z * tail))))
-    # 2 * s is written as f - (half - s * half), so that its rounding is small beside f.
-    half = 0.5 * f * f
-    low = s * (half + tail) + exponent * _LOG2_LOW
-    return exponent * _LOG2_HIGH - ((half - low) - f)
+    return _log_of(fraction, float(exponent))
+
+
+@formula
+def log_normal(x: float) -> float:
+    """Return the natural logarithm of a normal number, in a form that compilers can vectorise.
+
+    Parameters
+    ----------
+    x : float
+        From 2**-1022 on, and finite; in plain Python, a NumPy number.
+
+    Returns
+    -------
+    float
+        What `log` returns.
+    """
+    bits = np.float64(x).view(np.int64)
+    fraction = np.int64((bits & _FRACTION) | _HALF).view(np.float64)
+    return _log_of(fraction, float((bits >> 52) - 1022))
 
 
 @formula

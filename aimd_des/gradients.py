@@ -12,7 +12,7 @@ from aimd_des.checks import FloatArray
 from aimd_des.compiled import formula, kernel
 from aimd_des.costs import Costs, CoupledCosts, CustomCosts, PolynomialCosts
 
-__all__ = ["CostTable", "cost_table", "gradient_at", "gradient_row", "marginal_cost"]
+__all__ = ["CostTable", "cost_table", "gradient_at", "gradient_row", "horner_step", "marginal_cost"]
 
 
 class CostTable(NamedTuple):
@@ -121,6 +121,25 @@ def gradient_row(
         _horner_row(table.sum_slopes, spare[0], spare[1])
         for i in range(n):
             out[i] += table.weights[resource, i] * spare[1, i]
+
+
+@formula
+def horner_step(
+    total: FloatArray, argument: FloatArray, coefficient: FloatArray, count: int, first: bool
+) -> None:
+    """Take one step of Horner's scheme for several polynomials.
+
+    Parameters
+    ----------
+    total, argument, coefficient : ndarray, shape (count,) or longer
+        What has been evaluated so far, where, and the coefficients of the next lower power.
+    count : int
+        How many polynomials.
+    first : bool
+        Whether nothing has been evaluated so far: these are the highest powers.
+    """
+    for row in range(count):
+        total[row] = coefficient[row] if first else total[row] * argument[row] + coefficient[row]
 
 
 @formula

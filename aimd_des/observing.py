@@ -211,6 +211,15 @@ class Observer:
         The run in progress.
     recording : Recording
         What to keep.
+
+    Attributes
+    ----------
+    demand_times : ndarray, shape (q,)
+        When totals are kept.
+    total_demand, total_average : ndarray, shape (q, m)
+        The totals.
+    watching : bool
+        Whether it keeps them itself; set to False before the run by whoever does so instead.
     """
 
     def __init__(self, system: System, recording: Recording) -> None:
@@ -222,6 +231,7 @@ class Observer:
         self.total_average = np.zeros((len(self.demand_times), m))
         self.demand = np.zeros((len(self.allocation_times), m, n))
         self.average = np.zeros((len(self.allocation_times), m, n))
+        self.watching = True
         self.meter: ConstantPieces | LinearPieces | None = None
         if recording.overshoot:
             self.meter = LinearPieces(system) if system.clocks is None else ConstantPieces(system)
@@ -230,7 +240,7 @@ class Observer:
 
     def _watch_totals(self) -> ProcessGenerator:
         """Keep the totals; the last look is left to `finish`."""
-        for row, time in enumerate(self.demand_times[:-1].tolist()):
+        for row, time in enumerate(self.demand_times[:-1].tolist() if self.watching else ()):
             yield self.system.env.at(time, Kind.OBSERVE)
             self._keep_totals(row)
 

@@ -166,7 +166,7 @@ class Simulation:
             fleet = Fleet(system, own, observer.meter)
             system.join(fleet)
             if isinstance(control_unit, Sampled | Crossing) and Autopilot.can_fly(control_unit):
-                system.env.process(Autopilot(fleet, control_unit).process())
+                system.env.process(Autopilot(fleet, control_unit, observer).process())
             else:
                 system.env.process(control_unit.process(system))
         else:

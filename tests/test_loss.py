@@ -264,7 +264,7 @@ def test_combined_mean_is_for_each_agent_where_a_part_is() -> None:
 
     class Silent:
         def start(self, n_agents: int) -> Any:
-            return Bernoulli(0.0)
+            return Bernoulli(0.0).start(n_agents)
 
     assert "Silent has no attribute `mean`" in refusal(lambda: Combined(0.1, Silent()).mean)
     assert not losses(Combined(0.0, Silent()), 3, range(5)).any()

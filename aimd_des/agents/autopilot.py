@@ -1,19 +1,22 @@
 """The SimPy process that lets a fleet's control unit look in compiled code for as long as nothing else is due."""
 
+import math
+
 import numpy as np
 import simpy
 
+from aimd_des.agents.crowd import LAST
 from aimd_des.agents.fleet import TOLD_AT_ONCE, Fleet
+from aimd_des.agents.meter import Watch
 from aimd_des.agents.pilot import CROWDED, REACHED, REFUSED, STANDSTILL, Limits, Pilot, sample, sense
 from aimd_des.agents.post import Post
-from aimd_des.agents.settling import LAST
 from aimd_des.channel import BroadcastChannel, CompiledLink
 from aimd_des.channel.loss.rows import refuse_loss
 from aimd_des.channel.table import ChannelTable
 from aimd_des.control_unit import ControlUnit, Crossing, Sampled
 from aimd_des.environment import Kind, Mailbox
 from aimd_des.errors import SimulationError
-from aimd_des.observing import ConstantPieces
+from aimd_des.observing import ConstantPieces, Observer
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
 
@@ -32,9 +35,11 @@ class Autopilot:
         The agents.
     control_unit : Sampled or Crossing
         What decides.
+    observer : Observer
+        Its looks at totals are taken in compiled code, too.
     """
 
-    def __init__(self, fleet: Fleet, control_unit: Sampled | Crossing) -> None:
+    def __init__(self, fleet: Fleet, control_unit: Sampled | Crossing, observer: Observer) -> None:
         self.fleet, self.control_unit = fleet, control_unit
         self.system = system = fleet.system
         m = system.problem.n_resources
@@ -64,6 +69,13 @@ class Autopilot:
         if isinstance(fleet.overshoot, ConstantPieces) and common and not self.pilot.crossing:
             fleet.overshoot.following = False
             fleet.meter = fleet.meter._replace(steps=True)
+        observer.watching = False
+        self.watch = Watch(
+            observer.demand_times[:-1].copy(),
+            observer.total_demand,
+            observer.total_average,
+            np.zeros(1, dtype=np.int64),
+        )
         self._mailbox = Mailbox(system.env)
         self._setting = 0
         system.on_intervention.append(self._changed)
@@ -123,17 +135,17 @@ class Autopilot:
 
     def _next(self) -> tuple[float, Kind, int | None]:
         """Return when there is something to be done next, and its turn at that instant."""
-        pilot, meter = self.pilot, self.fleet.meter
+        pilot, meter, watch, turn = self.pilot, self.fleet.meter, self.watch, None
         if pilot.crossing:
-            resource = int(np.argmin(pilot.alarm))
-            return float(pilot.alarm[resource]), Kind.SENSE, resource
-        look = pilot.phase + int(pilot.look[0]) * pilot.period
+            turn = int(np.argmin(pilot.alarm))
+            look = float(pilot.alarm[turn])
+        else:
+            look = pilot.phase + int(pilot.look[0]) * pilot.period
+        observed = float(watch.times[watch.row[0]]) if watch.row[0] < len(watch.times) else math.inf
         if meter.steps:
             assert self.system.clocks is not None  # noqa: S101 - only agents that tick are measured in steps
-            tick = self.system.clocks.time(0, int(meter.tick[0]))
-            if tick < look:
-                return tick, Kind.OBSERVE, None
-        return look, Kind.SENSE, None
+            observed = min(observed, self.system.clocks.time(0, int(meter.tick[0])))
+        return (observed, Kind.OBSERVE, None) if observed < look else (look, Kind.SENSE, turn)
 
     def _set_alarm(self) -> None:
         self._setting += 1
@@ -164,7 +176,7 @@ class Autopilot:
         limits = Limits(horizon, turns, kind > Kind.OBSERVE, *env.acted)
         post.order[0] = env.reserve(2 * len(post.arrival) * _SIGNALS)
         steer = sense if pilot.crossing else sample
-        status: int = steer(fleet.crowd, pilot, post, fleet.meter, limits)
+        status: int = steer(fleet.crowd, pilot, post, fleet.meter, self.watch, limits)
         count = int(post.count[0])
         post.count[0] = 0
         self.system.transmitter.sent.extend(post.time[:count], post.resource[:count], post.number[:count])

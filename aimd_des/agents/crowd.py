@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.agents.flights import Flights
+from aimd_des.agents.flights import BLOCK, Flights
 from aimd_des.agents.radix import bits_of, put
 from aimd_des.checks import FloatArray
 from aimd_des.clock import next_tick, tick_time
@@ -14,7 +14,10 @@ from aimd_des.gradients import CostTable
 from aimd_des.population import Law, State
 from aimd_des.streams import Key, uniforms_row
 
-__all__ = ["Answers", "Crowd", "Rhythm", "Scratch", "accept"]
+__all__ = ["LAST", "Answers", "Crowd", "Rhythm", "Scratch", "accept", "scratch_for"]
+
+#: Above every order number, and the bits of every time.
+LAST = (1 << 63) - 1
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
@@ -29,12 +32,15 @@ class Rhythm(NamedTuple):
         Of each agent, drift included in the period.
     key : tuple of two uint64
         The run's key for clocks.
+    common : bool
+        Whether all tick at the same times.
     """
 
     phase: FloatArray
     period: FloatArray
     jitter: FloatArray
     key: Key
+    common: bool
 
 
 class Answers(NamedTuple):
@@ -67,7 +73,8 @@ class Scratch(NamedTuple):
 
     `first_key`, `first_arrival` and `first_rank`, shape (n,), are of the earliest copy of each agent
     among those that are due; `uniform`, (n,), is a row of draws; `average` and `gradient`, (m,), are of
-    the agent at hand.
+    the agent at hand.  Of the copies of one block that are answered together, shape (BLOCK,): `chosen` are
+    their places, and all after it what the answers are computed from.
     """
 
     first_key: IntArray
@@ -76,6 +83,44 @@ class Scratch(NamedTuple):
     uniform: FloatArray
     average: FloatArray
     gradient: FloatArray
+    chosen: npt.NDArray[np.uint64]
+    moment: FloatArray
+    since: FloatArray
+    held: FloatArray
+    accumulated: FloatArray
+    increase: FloatArray
+    gamma: FloatArray
+    folded: FloatArray
+    present: FloatArray
+    averages: FloatArray
+    coefficient: FloatArray
+    slope: FloatArray
+    probability: FloatArray
+
+
+def scratch_for(n_resources: int, n_agents: int) -> Scratch:
+    """Make the working memory of one run.
+
+    Parameters
+    ----------
+    n_resources, n_agents : int
+        m and n.
+
+    Returns
+    -------
+    Scratch
+        With nobody's copies due.
+    """
+    return Scratch(
+        np.full(n_agents, LAST),
+        np.zeros(n_agents),
+        np.zeros(n_agents, dtype=np.int64),
+        np.zeros(n_agents),
+        np.zeros(n_resources),
+        np.zeros(n_resources),
+        np.zeros(BLOCK, dtype=np.uint64),
+        *np.zeros((12, BLOCK)),
+    )
 
 
 class Crowd(NamedTuple):
@@ -160,17 +205,21 @@ def accept(
     ticking, rhythm, flights = crowd.grain > 0.0, crowd.rhythm, crowd.flights
     uniform = crowd.scratch.uniform
     uniforms_row(crowd.key, resource, number, copy, uniform)
+    before, due, tick = np.inf, np.inf, 0.0
     for i in range(arrival.shape[0]):
         time = arrival[i]
-        if time < crowd.until and crowd.members[i]:
-            if ticking:
-                from_ = np.nextafter(time, np.inf) if time == acted_at and i <= acted else time
+        if not (time < crowd.until and crowd.members[i]):
+            continue
+        if ticking:
+            from_ = np.nextafter(time, np.inf) if time == acted_at and i <= acted else time
+            # Where the clock is common, the tick is mostly that of the agent before.
+            if not (rhythm.common and before < from_ <= due):
                 phase, period, jitter = rhythm.phase[i], rhythm.period[i], rhythm.jitter[i]
                 tick = next_tick(phase, period, jitter, rhythm.key, i, from_)
                 due = tick_time(phase, period, jitter, rhythm.key, i, tick)
-                if due < crowd.until:
-                    put(flights, queue, bits_of(due), tick, time, i, resource, first_rank + i, uniform[i])
-                    flights.aloft[0] += 1
-            else:
-                put(flights, queue, bits_of(time), time, time, i, resource, first_rank + i, uniform[i])
-                flights.aloft[0] += 1
+                before = tick_time(phase, period, jitter, rhythm.key, i, tick - 1.0) if tick > 0.0 else -np.inf
+        else:
+            due = time
+        if due < crowd.until:
+            put(flights, queue, bits_of(due), tick, time, i, resource, first_rank + i, uniform[i])
+            flights.aloft[0] += 1

@@ -11,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 from numba.core.dispatcher import Dispatcher
 
-from aimd_des.agents.crowd import Answers, Crowd, Rhythm, Scratch, accept
+from aimd_des.agents.crowd import LAST, Answers, Crowd, Rhythm, accept, scratch_for
 from aimd_des.agents.flights import enlarge, room, take_off
 from aimd_des.agents.meter import Meter
 from aimd_des.agents.pilot import settle_and_fold
-from aimd_des.agents.settling import LAST
 from aimd_des.checks import FloatArray
 from aimd_des.costs import CustomCosts
 from aimd_des.environment import Kind
@@ -90,7 +89,7 @@ class Fleet:
             table=cost_table(problem.costs),
             gradient=0 if gradient is None else gradient.address,
             coupled=not problem.costs.separable,
-            rhythm=Rhythm(*rhythm, system.keys[Purpose.CLOCK]),
+            rhythm=Rhythm(*rhythm, system.keys[Purpose.CLOCK], system.clocks is None or system.clocks.common),
             grain=system.grain,
             until=system.until,
             key=system.keys[Purpose.RESPONSE],
@@ -98,14 +97,7 @@ class Fleet:
             room=room(flights),
             answers=_answers(0),
             hearing=_NOBODY,
-            scratch=Scratch(
-                first_key=np.full(n, LAST),
-                first_arrival=np.zeros(n),
-                first_rank=np.zeros(n, dtype=np.int64),
-                uniform=np.zeros(n),
-                average=np.zeros(m),
-                gradient=np.zeros(m),
-            ),
+            scratch=scratch_for(m, n),
         )
         self.overshoot = overshoot
         self.meter = self._meter(overshoot)

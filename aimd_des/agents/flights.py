@@ -10,7 +10,7 @@ from aimd_des.checks import FloatArray
 __all__ = ["BLOCK", "DUE", "LATER", "Flights", "enlarge", "room", "take_off"]
 
 IntArray = npt.NDArray[np.int64]
-SmallArray = npt.NDArray[np.int32]
+IndexArray = npt.NDArray[np.uint32]
 
 #: Copies in a block.
 BLOCK = 64
@@ -27,17 +27,19 @@ _CHAINS = _LEVELS + 2
 class Flights(NamedTuple):
     """All copies on their way, in one queue or in one for each resource.
 
+    Block number b has the places from b * BLOCK on.
+
     Attributes
     ----------
-    key : ndarray of int, shape (b, BLOCK)
+    key : ndarray of int, shape (b * BLOCK,)
         When each is due: the bits of its time of arrival or, for a discrete agent, of the tick after it.
-    moment, arrival : ndarray, shape (b, BLOCK) or (0, 0)
+    moment, arrival : ndarray, shape (b * BLOCK,) or (0,)
         Of discrete agents only: index of that tick, and time of arrival.
-    agent, resource : ndarray of int32, shape (b, BLOCK)
-        i and j.
-    rank : ndarray of int, shape (b, BLOCK)
+    agent, resource : ndarray of uint32, shape (b * BLOCK,)
+        i and j; without a sign, so that compiled code need not ask whether they count from the end.
+    rank : ndarray of int, shape (b * BLOCK,)
         Order number; decides between copies that arrive at the same time.
-    uniform : ndarray, shape (b, BLOCK)
+    uniform : ndarray, shape (b * BLOCK,)
         The draw that decides how the agent responds.
     following, filled : ndarray of int, shape (b,)
         The next block of a chain (-1: none), and how many copies are in a block.
@@ -54,8 +56,8 @@ class Flights(NamedTuple):
     key: IntArray
     moment: FloatArray
     arrival: FloatArray
-    agent: SmallArray
-    resource: SmallArray
+    agent: IndexArray
+    resource: IndexArray
     rank: IntArray
     uniform: FloatArray
     following: IntArray
@@ -106,14 +108,14 @@ def take_off(copies: int, queues: int, ticking: bool) -> Flights:
         Empty.
     """
     blocks = _blocks_for(copies, queues)
-    shape = (blocks, BLOCK)
-    own = shape if ticking else (0, 0)
+    shape = blocks * BLOCK
+    own = shape if ticking else 0
     return Flights(
         key=np.empty(shape, dtype=np.int64),
         moment=np.empty(own),
         arrival=np.empty(own),
-        agent=np.empty(shape, dtype=np.int32),
-        resource=np.empty(shape, dtype=np.int32),
+        agent=np.empty(shape, dtype=np.uint32),
+        resource=np.empty(shape, dtype=np.uint32),
         rank=np.empty(shape, dtype=np.int64),
         uniform=np.empty(shape),
         following=np.append(np.arange(1, blocks), -1),

@@ -1,4 +1,4 @@
-"""Overshoot in compiled code: the answers of a fleet are put in the order of time only where somebody measures."""
+"""What is observed in compiled code: for overshoot the answers of a fleet are put in the order of time only where somebody measures."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ from aimd_des.checks import FloatArray
 from aimd_des.compiled import formula, kernel, routine
 from aimd_des.observing import fold_change
 
-__all__ = ["Meter", "fold_answers"]
+__all__ = ["Meter", "Watch", "fold_answers"]
 
 IntArray = npt.NDArray[np.int64]
 
@@ -52,6 +52,25 @@ class Meter(NamedTuple):
     tick: IntArray
     order: IntArray
     spare: IntArray
+
+
+class Watch(NamedTuple):
+    """Where totals are kept, as in `observing.Observer`.
+
+    Attributes
+    ----------
+    times : ndarray, shape (q,)
+        When; ascending.
+    demand, average : ndarray, shape (q, m) or longer
+        Receive the sums.
+    row : ndarray of int, shape (1,)
+        Index of the next.
+    """
+
+    times: FloatArray
+    demand: FloatArray
+    average: FloatArray
+    row: IntArray
 
 
 @formula

@@ -5,17 +5,17 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.agents.crowd import Crowd
-from aimd_des.agents.meter import Meter, fold_answers
+from aimd_des.agents.crowd import LAST, Crowd
+from aimd_des.agents.meter import Meter, Watch, fold_answers
 from aimd_des.agents.post import Post, broadcast
-from aimd_des.agents.settling import LAST, settle
+from aimd_des.agents.settling import settle
 from aimd_des.checks import FloatArray
 from aimd_des.clock import next_ticks
 from aimd_des.compiled import formula, routine
 from aimd_des.control_unit import MOST_AT_ONE_INSTANT
 from aimd_des.environment import FIRST_ORDER
 from aimd_des.metrics import fold_overshoot
-from aimd_des.population import total_of
+from aimd_des.population import observe_totals, total_of
 
 __all__ = [
     "BROADCAST",
@@ -151,8 +151,9 @@ def _total(crowd: Crowd, pilot: Pilot, resource: int) -> float:
 
 
 @formula
-def _find_totals(crowd: Crowd, pilot: Pilot, meter: Meter, now: float, limits: Limits) -> None:
-    """Bring all agents to a time, and add up their demand."""
+def _find_totals(crowd: Crowd, pilot: Pilot, meter: Meter, limits: Limits) -> None:
+    """Bring all agents to the time of the look, and add up their demand."""
+    now = pilot.now[0]
     turn = limits.acted + 1 if now == limits.acted_at else 0
     settle(crowd, 0, crowd.flights.base.shape[0], now, turn if crowd.grain > 0.0 else LAST)
     if meter.lines and crowd.answers.count[0] > 0:
@@ -178,9 +179,24 @@ def _next_tick(crowd: Crowd, meter: Meter) -> float:
     return crowd.rhythm.phase[0] + meter.tick[0] * crowd.rhythm.period[0] if meter.steps else np.inf
 
 
+@formula
+def _next_row(watch: Watch) -> float:
+    """Return when totals are kept next."""
+    row = watch.row[0]
+    return watch.times[row] if row < watch.times.shape[0] else np.inf
+
+
+@formula
+def _keep(crowd: Crowd, pilot: Pilot, watch: Watch) -> None:
+    """Keep the totals of demand and of averages."""
+    row = watch.row[0]
+    observe_totals(crowd.state, crowd.law, pilot.moment, crowd.grain, watch.demand[row], watch.average[row])
+    watch.row[0] += 1
+
+
 @routine
-def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, limits: Limits) -> int:
-    """Look at phase + q * period, and measure before the ticks of a common clock, until something else is due.
+def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, limits: Limits) -> int:
+    """Look at phase + q * period, and let observers look, until something else is due.
 
     Parameters
     ----------
@@ -192,6 +208,8 @@ def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, limits: Limits)
         The way of its signals.
     meter : Meter
         Overshoot.
+    watch : Watch
+        Totals.
     limits : Limits
         How far.
 
@@ -202,8 +220,8 @@ def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, limits: Limits)
     """
     summed = -1.0
     while True:
-        look, tick = pilot.phase + pilot.look[0] * pilot.period, _next_tick(crowd, meter)
-        now, looking = min(look, tick), look <= tick
+        look, tick, row = pilot.phase + pilot.look[0] * pilot.period, _next_tick(crowd, meter), _next_row(watch)
+        now, looking = min(look, tick, row), look <= min(tick, row)
         if looking:
             # Looks after the first have not been scheduled, and would come after what is there.
             if not _within(pilot, now, LAST - 1, limits):
@@ -214,10 +232,13 @@ def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, limits: Limits)
             return REACHED
         pilot.woken[0] = False
         if now != summed:
-            _find_totals(crowd, pilot, meter, now, limits)
             pilot.now[0] = summed = now
+            _find_totals(crowd, pilot, meter, limits)
         if not looking:
-            _measure(pilot, meter, now)
+            if now == tick:
+                _measure(pilot, meter, now)
+            if now == row:
+                _keep(crowd, pilot, watch)
             continue
         pilot.look[0] += 1
         due = False
@@ -232,8 +253,8 @@ def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, limits: Limits)
 
 
 @routine
-def sense(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, limits: Limits) -> int:
-    """Go from one possible crossing to the next, until something else is due.
+def sense(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, limits: Limits) -> int:
+    """Go from one possible crossing to the next, and let observers look, until something else is due.
 
     Parameters
     ----------
@@ -245,6 +266,8 @@ def sense(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, limits: Limits) 
         The way of its signals.
     meter : Meter
         Overshoot.
+    watch : Watch
+        Totals.
     limits : Limits
         How far.
 
@@ -258,7 +281,15 @@ def sense(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, limits: Limits) 
     alarm = pilot.alarm
     while True:
         j = np.argmin(alarm)
-        now = alarm[j]
+        now, row = alarm[j], _next_row(watch)
+        if row < now:
+            if not _within(pilot, row, LAST - 1 if limits.observing else LAST, limits):
+                return REACHED
+            pilot.woken[0] = False
+            pilot.now[0] = row
+            _find_totals(crowd, pilot, meter, limits)
+            _keep(crowd, pilot, watch)
+            continue
         if not _within(pilot, now, j, limits):
             return REACHED
         if _crowded(crowd, pilot, post):

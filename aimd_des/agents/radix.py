@@ -22,7 +22,7 @@ from numba.extending import intrinsic
 from aimd_des.agents.flights import BLOCK, DUE, Flights
 from aimd_des.compiled import formula
 
-__all__ = ["bits_of", "move", "put", "raise_due", "release", "time_of"]
+__all__ = ["bits_of", "move", "places", "put", "raise_due", "release", "time_of"]
 
 
 @intrinsic  # type: ignore[untyped-decorator]  # numba has no type information
@@ -73,8 +73,28 @@ def time_of(key: np.int64) -> np.float64:
 
 
 @formula
-def _place(flights: Flights, queue: int, chain: int) -> Any:
-    """Return the block, and the place in it, behind the last copy of a chain."""
+def places(flights: Flights, block: int) -> Any:
+    """Return the places of the copies in a block.
+
+    Parameters
+    ----------
+    flights : Flights
+        The copies on their way.
+    block : int
+        The block.
+
+    Returns
+    -------
+    range
+        Without a sign: compiled code need not ask whether they count from the end.
+    """
+    first = block * BLOCK
+    return range(np.uint64(first), np.uint64(first + flights.filled[block]))
+
+
+@formula
+def _end(flights: Flights, queue: int, chain: int) -> np.uint64:
+    """Return the place behind the last copy of a chain."""
     block = flights.tail[queue, chain]
     if block < 0 or flights.filled[block] == BLOCK:
         fresh = flights.free[0]
@@ -89,7 +109,7 @@ def _place(flights: Flights, queue: int, chain: int) -> Any:
         block = fresh
     place = flights.filled[block]
     flights.filled[block] = place + 1
-    return block, place
+    return np.uint64(block * BLOCK + place)
 
 
 @formula
@@ -137,19 +157,19 @@ def put(
     key, moment, arrival, agent, resource, rank, uniform
         As in `Flights`; due no earlier than the last release of this queue.
     """
-    block, place = _place(flights, queue, _highest_bit(key ^ flights.base[queue]) + 1)
-    flights.key[block, place] = key
-    flights.agent[block, place] = agent
-    flights.resource[block, place] = resource
-    flights.rank[block, place] = rank
-    flights.uniform[block, place] = uniform
+    end = _end(flights, queue, _highest_bit(key ^ flights.base[queue]) + 1)
+    flights.key[end] = key
+    flights.agent[end] = agent
+    flights.resource[end] = resource
+    flights.rank[end] = rank
+    flights.uniform[end] = uniform
     if flights.moment.shape[0] > 0:
-        flights.moment[block, place] = moment
-        flights.arrival[block, place] = arrival
+        flights.moment[end] = moment
+        flights.arrival[end] = arrival
 
 
 @formula
-def move(flights: Flights, queue: int, chain: int, old: int, place: int) -> None:
+def move(flights: Flights, queue: int, chain: int, place: int) -> None:
     """Copy a copy to the end of a chain.
 
     Parameters
@@ -158,18 +178,18 @@ def move(flights: Flights, queue: int, chain: int, old: int, place: int) -> None
         The copies on their way.
     queue, chain : int
         Where to.
-    old, place : int
-        Block and place where it stands.
+    place : int
+        Where it stands.
     """
-    block, end = _place(flights, queue, chain)
-    flights.key[block, end] = flights.key[old, place]
-    flights.agent[block, end] = flights.agent[old, place]
-    flights.resource[block, end] = flights.resource[old, place]
-    flights.rank[block, end] = flights.rank[old, place]
-    flights.uniform[block, end] = flights.uniform[old, place]
+    end = _end(flights, queue, chain)
+    flights.key[end] = flights.key[place]
+    flights.agent[end] = flights.agent[place]
+    flights.resource[end] = flights.resource[place]
+    flights.rank[end] = flights.rank[place]
+    flights.uniform[end] = flights.uniform[place]
     if flights.moment.shape[0] > 0:
-        flights.moment[block, end] = flights.moment[old, place]
-        flights.arrival[block, end] = flights.arrival[old, place]
+        flights.moment[end] = flights.moment[place]
+        flights.arrival[end] = flights.arrival[place]
 
 
 @formula
@@ -186,15 +206,28 @@ def _join(flights: Flights, queue: int, chain: int) -> None:
 
 
 @formula
+def _hand_over(flights: Flights, queue: int, block: int) -> int:
+    """Hang a block, all of whose copies are due, behind those that are; return the next of its chain."""
+    following = flights.following[block]
+    flights.following[block] = -1
+    if flights.head[queue, DUE] < 0:
+        flights.head[queue, DUE] = block
+    else:
+        flights.following[flights.tail[queue, DUE]] = block
+    flights.tail[queue, DUE] = block
+    return following
+
+
+@formula
 def _raise_ties(flights: Flights, queue: int, limit: int) -> None:
     """Make of the copies of this very time those due that come before `limit`: by turn, or by order number."""
     ticking = flights.moment.shape[0] > 0
     block = flights.head[queue, 0]
     flights.head[queue, 0] = flights.tail[queue, 0] = -1
     while block >= 0:
-        for place in range(flights.filled[block]):
-            order = flights.agent[block, place] if ticking else flights.rank[block, place]
-            move(flights, queue, DUE if order < limit else 0, block, place)
+        for place in places(flights, block):
+            order = flights.agent[place] if ticking else flights.rank[place]
+            move(flights, queue, DUE if order < limit else 0, place)
         block = release(flights, block)
 
 
@@ -223,10 +256,16 @@ def raise_due(flights: Flights, queue: int, time: float, limit: int) -> None:
         block = flights.head[queue, top]
         flights.head[queue, top] = flights.tail[queue, top] = -1
         while block >= 0:
-            for place in range(flights.filled[block]):
-                key = flights.key[block, place]
+            latest = 0
+            for place in places(flights, block):
+                latest = max(latest, flights.key[place])
+            if latest < now:
+                block = _hand_over(flights, queue, block)
+                continue
+            for place in places(flights, block):
+                key = flights.key[place]
                 chain = DUE if key < now else _highest_bit(key ^ now) + 1
-                move(flights, queue, chain, block, place)
+                move(flights, queue, chain, place)
             block = release(flights, block)
     if limit > 0 and flights.head[queue, 0] >= 0:
         _raise_ties(flights, queue, limit)

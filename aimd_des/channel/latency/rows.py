@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from aimd_des.checks import FloatArray
 from aimd_des.compiled import formula, kernel, routine
-from aimd_des.elementary import exp, log, standard_normal
+from aimd_des.elementary import exp, log, log_normal, standard_normal
 from aimd_des.streams import Key, uniform_at, uniforms_row
 
 __all__ = ["Distribution", "LatencyTable", "latency_row", "latency_table", "quantile_row"]
@@ -100,7 +100,7 @@ def latency_table(distribution: Distribution, n_agents: int, *parameters: npt.Ar
 def _exponential_row(mean: FloatArray, out: FloatArray) -> None:
     for i in range(out.shape[0]):
         # 1 - u is exact and never 0; 0 - log keeps a latency of zero from being -0.0.
-        out[i] = mean[i] * (0.0 - log(1.0 - out[i]))
+        out[i] = mean[i] * (0.0 - log_normal(1.0 - out[i]))
 
 
 @routine
