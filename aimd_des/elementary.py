@@ -20,7 +20,17 @@ import numpy.typing as npt
 from aimd_des.checks import FloatArray
 from aimd_des.compiled import formula, kernel
 
-__all__ = ["exp", "expm1", "exps", "log", "log1p", "log_normal", "logs", "standard_normal", "standard_normals"]
+__all__ = [
+    "exp",
+    "expm1",
+    "exps",
+    "log",
+    "log1p",
+    "log_normal",
+    "logs",
+    "standard_normal",
+    "standard_normals",
+]
 
 # log 2 in two parts. The first has 20 bits to spare, so that its product with an exponent is exact.
 _LOG2_HIGH, _LOG2_LOW = float.fromhex("0x1.62e42fee00000p-1"), float.fromhex("0x1.a39ef35793c76p-33")

@@ -69,6 +69,8 @@ class OrderedEnvironment(simpy.Environment):
         self._turns = count()
         self._acted_at, self._acted = -math.inf, 0
         self._reached: tuple[Any, ...] = _NOTHING
+        self._watch: Callable[[float, int], None] | None = None
+        self._handled = 0
 
     @property
     def reached(self) -> tuple[float, int, int]:
@@ -185,9 +187,19 @@ class OrderedEnvironment(simpy.Environment):
         if queue and queue[0] < key:
             return False
         self._now = time
-        if key > self._reached:
-            self._reached = key
+        self._reached = max(self._reached, key)
         return True
+
+    def report(self, time: float) -> None:
+        """Let whoever watches the run know how far it has come within the present event.
+
+        Parameters
+        ----------
+        time : float
+            How far.
+        """
+        if self._watch is not None:
+            self._watch(time, self._handled)
 
     def run_to(self, until: float, watch: Callable[[float, int], None] | None = None) -> None:
         """Handle every event before `until`, and none that is due at `until` itself.
@@ -197,15 +209,15 @@ class OrderedEnvironment(simpy.Environment):
         until : float
             The end; the clock stands there afterwards.
         watch : callable, optional
-            Called with (time, events handled) every few thousand events and at the end.
+            Called with (time, events handled) every few thousand events and at the end; where compiled
+            code handles many in one, from there, and these are not counted.
         """
-        handled = 0
+        handled, self._handled, self._watch = 0, 0, watch
         queue = self._queue
         while queue and queue[0][0] < until:
             # `simpy.Environment.step` without what only its own `run` needs; it is called for every event.
             present = heappop(queue)
-            if present > self._reached:
-                self._reached = present
+            self._reached = max(self._reached, present)
             self._now, _, _, event = present
             callbacks, event.callbacks = event.callbacks, None  # type: ignore[assignment]
             for callback in callbacks:
@@ -214,6 +226,7 @@ class OrderedEnvironment(simpy.Environment):
                 raise event._value
             handled += 1
             if watch is not None and handled % _WATCH_EVERY == 0:
+                self._handled = handled
                 watch(self._now, handled)
         self._now = until
         self._reached = (until, -1, 0)

@@ -149,7 +149,7 @@ def _horner_at(rows: FloatArray, agent: int, argument: float) -> float:
     total = rows[top, agent]
     for d in range(top - 1, -1, -1):
         total = total * argument + rows[d, agent]
-    return total
+    return float(total)
 
 
 @formula

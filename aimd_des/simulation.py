@@ -1,7 +1,7 @@
 """Puts control unit, channel, agents and observers together and runs them: wiring, no rules."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Literal
+from typing import Any, Literal, cast
 
 from aimd_des import checks, streams
 from aimd_des.agents import Autopilot, Camera, Fleet
@@ -21,6 +21,7 @@ from aimd_des.transport import Agent, ProcessGenerator
 __all__ = ["Simulation"]
 
 Dynamics = Literal["discrete", "continuous"]
+Maker = Callable[[int, System], Agent]
 
 
 class Simulation:
@@ -69,8 +70,8 @@ class Simulation:
         dynamics: Dynamics = "discrete",
         control_unit: ControlUnit | None = None,
         channel: Channel | None = None,
-        agents: Callable[[int, System], Agent] | type[Fleet] = Camera,
-        special: Mapping[int, Callable[[int, System], Agent]] | None = None,
+        agents: Maker | type[Fleet] = Camera,
+        special: Mapping[int, Maker] | None = None,
         clocks: Clocks | None = None,
         seed: int,
         recording: Recording | None = None,
@@ -91,21 +92,19 @@ class Simulation:
         self.dynamics: Dynamics = dynamics
         self.control_unit = Sampled() if control_unit is None else control_unit
         self.channel = BroadcastChannel() if channel is None else channel
-        self.agents = agents
+        self.agents: Maker | type[Fleet] = agents
         self.special = self._checked(special)
         self.clocks = Clocks() if clocks is None and dynamics == "discrete" else clocks
         self.seed = seed
         self.recording = Recording() if recording is None else recording
         self.processes = tuple(processes)
 
-    def _checked(
-        self, special: Mapping[int, Callable[[int, System], Agent]] | None
-    ) -> dict[int, Callable[[int, System], Agent]]:
+    def _checked(self, special: Mapping[int, Maker] | None) -> dict[int, Maker]:
         """Take in the special agents in the order of their index."""
         made = {} if special is None else dict(special)
         for index, maker in made.items():
             checks.integer("index in special", index, low=0, high=self.problem.n_agents - 1)
-            if not callable(maker) or maker is Fleet:
+            if not callable(maker) or cast(object, maker) is Fleet:
                 allowed = "a class or function that makes an agent, such as Camera"
                 raise InputError.of(f"special[{index}]", maker, allowed)
         return dict(sorted(made.items()))
@@ -160,18 +159,20 @@ class Simulation:
 
     def _populate(self, system: System, observer: Observer) -> None:
         """Start the control unit, then the agents."""
-        control_unit, own = self.control_unit, range(self.problem.n_agents)
-        if self.agents is Fleet:
-            own = self.special
-            fleet = Fleet(system, own, observer.meter)
+        control_unit, maker = self.control_unit, cast(Any, self.agents)
+        process = control_unit.process(system)
+        if maker is Fleet:
+            fleet = Fleet(system, self.special, observer.meter)
             system.join(fleet)
-            if isinstance(control_unit, Sampled | Crossing) and Autopilot.can_fly(control_unit):
-                system.env.process(Autopilot(fleet, control_unit, observer).process())
-            else:
-                system.env.process(control_unit.process(system))
+            if type(control_unit) is Sampled or type(control_unit) is Crossing:
+                process = Autopilot(fleet, control_unit, observer).process()
+            special = self.special
         else:
-            system.env.process(control_unit.process(system))
-        for index in own:
-            agent = self.special.get(index, self.agents)(index, system)
+            special = {
+                index: self.special.get(index, cast(Maker, maker)) for index in range(self.problem.n_agents)
+            }
+        system.env.process(process)
+        for index, make in special.items():
+            agent = make(index, system)
             system.agents[index] = agent
             system.env.process(agent.process())

@@ -168,7 +168,9 @@ def uniform_at(key: Key, resource: int, number: int, lane: int, agent: int) -> f
     float
         On [0, 1).
     """
-    words = _block(np.uint64(agent // _FOUR + 1), np.uint64(lane), np.uint64(resource), np.uint64(number), key)
+    words = _block(
+        np.uint64(agent // _FOUR + 1), np.uint64(lane), np.uint64(resource), np.uint64(number), key
+    )
     return float((words[agent % _FOUR] >> _DROPPED) * _SCALE)
 
 

@@ -254,7 +254,7 @@ class System:
             tell(self.env.now, resource, demand - before)
 
     def settle(self) -> None:
-        """Bring agents that are advanced together to where events have come; reading the state does it, too."""
+        """Bring agents that are advanced together to where events have come; reading does it, too."""
         if self.collective is not None:
             self.collective.settle()
 

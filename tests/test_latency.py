@@ -19,7 +19,6 @@ from scipy import stats
 
 from aimd_des import InputError, streams
 from aimd_des.channel import BroadcastChannel, Draws
-from aimd_des.channel.latency.rows import quantile_row
 from aimd_des.channel.latency import (
     Constant,
     Empirical,
@@ -30,6 +29,7 @@ from aimd_des.channel.latency import (
     ShiftedGamma,
     Uniform,
 )
+from aimd_des.channel.latency.rows import quantile_row
 from aimd_des.checks import FloatArray
 from aimd_des.streams import Purpose
 

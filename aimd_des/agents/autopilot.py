@@ -1,4 +1,4 @@
-"""The SimPy process that lets a fleet's control unit look in compiled code for as long as nothing else is due."""
+"""The SimPy process that lets a fleet's control unit look in compiled code until something else is due."""
 
 import math
 
@@ -8,12 +8,13 @@ import simpy
 from aimd_des.agents.crowd import LAST
 from aimd_des.agents.fleet import TOLD_AT_ONCE, Fleet
 from aimd_des.agents.meter import Watch
-from aimd_des.agents.pilot import CROWDED, REACHED, REFUSED, STANDSTILL, Limits, Pilot, sample, sense
+from aimd_des.agents.pilot import CROWDED, REACHED, REFUSED, STANDSTILL, Limits, Pilot
 from aimd_des.agents.post import Post
+from aimd_des.agents.steering import sample, sense
 from aimd_des.channel import BroadcastChannel, CompiledLink
 from aimd_des.channel.loss.rows import refuse_loss
 from aimd_des.channel.table import ChannelTable
-from aimd_des.control_unit import ControlUnit, Crossing, Sampled
+from aimd_des.control_unit import Crossing, Sampled
 from aimd_des.environment import Kind, Mailbox
 from aimd_des.errors import SimulationError
 from aimd_des.observing import ConstantPieces, Observer
@@ -21,6 +22,9 @@ from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
 
 __all__ = ["Autopilot"]
+
+# How often whoever watches the run is told of how far it has come.
+_REPORTS = 200
 
 # Signals that are handed over in one go.
 _SIGNALS = 1 << 14
@@ -80,22 +84,6 @@ class Autopilot:
         self._setting = 0
         system.on_intervention.append(self._changed)
 
-    @staticmethod
-    def can_fly(control_unit: ControlUnit) -> bool:
-        """Tell whether there is compiled code for a control unit.
-
-        Parameters
-        ----------
-        control_unit : ControlUnit
-            What decides.
-
-        Returns
-        -------
-        bool
-            False for the user's own.
-        """
-        return type(control_unit) in (Sampled, Crossing)
-
     def process(self) -> ProcessGenerator:
         """Look for as long as the run lasts.
 
@@ -129,7 +117,7 @@ class Autopilot:
             time=np.zeros(_SIGNALS),
             resource=np.zeros(_SIGNALS, dtype=np.int64),
             number=np.zeros(_SIGNALS, dtype=np.int64),
-            count=np.zeros(1, dtype=np.int64),
+            held=np.zeros(1, dtype=np.int64),
             code=np.zeros(1, dtype=np.int64),
         )
 
@@ -171,16 +159,18 @@ class Autopilot:
         # Listeners outside are told in time: whatever they do comes before the next signal.
         told = fleet.crowd.hearing > 0 and not fleet.meter.lines
         post = post._replace(compiled=post.compiled and not told)
-        horizon, kind, order = min(env.upcoming, (self.system.until, 0, 0))
+        stride = self._next()[0] + self.system.until / _REPORTS
+        horizon, kind, order = min(env.upcoming, (self.system.until, 0, 0), (stride, 0, 0))
         turns = LAST if kind > Kind.SENSE else order if kind == Kind.SENSE else 0
         limits = Limits(horizon, turns, kind > Kind.OBSERVE, *env.acted)
         post.order[0] = env.reserve(2 * len(post.arrival) * _SIGNALS)
         steer = sense if pilot.crossing else sample
         status: int = steer(fleet.crowd, pilot, post, fleet.meter, self.watch, limits)
-        count = int(post.count[0])
-        post.count[0] = 0
+        count = int(post.held[0])
+        post.held[0] = 0
         self.system.transmitter.sent.extend(post.time[:count], post.resource[:count], post.number[:count])
         env.forget_reached()
+        env.report(min(horizon, self.system.until))
         if status == CROWDED:
             fleet.make_room(2 * pilot.due.size)
             if told:

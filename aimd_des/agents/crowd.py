@@ -56,7 +56,7 @@ class Answers(NamedTuple):
         i and j.
     change : ndarray, shape (a,)
         Of demand; not a number where the agent holds.
-    count : ndarray of int, shape (1,)
+    held : ndarray of int, shape (1,)
         How many there are.
     """
 
@@ -65,7 +65,7 @@ class Answers(NamedTuple):
     agent: IntArray
     resource: IntArray
     change: FloatArray
-    count: IntArray
+    held: IntArray
 
 
 class Scratch(NamedTuple):
@@ -217,7 +217,9 @@ def accept(
                 phase, period, jitter = rhythm.phase[i], rhythm.period[i], rhythm.jitter[i]
                 tick = next_tick(phase, period, jitter, rhythm.key, i, from_)
                 due = tick_time(phase, period, jitter, rhythm.key, i, tick)
-                before = tick_time(phase, period, jitter, rhythm.key, i, tick - 1.0) if tick > 0.0 else -np.inf
+                before = (
+                    tick_time(phase, period, jitter, rhythm.key, i, tick - 1.0) if tick > 0.0 else -np.inf
+                )
         else:
             due = time
         if due < crowd.until:

@@ -14,7 +14,7 @@ from numba.core.dispatcher import Dispatcher
 from aimd_des.agents.crowd import LAST, Answers, Crowd, Rhythm, accept, scratch_for
 from aimd_des.agents.flights import enlarge, room, take_off
 from aimd_des.agents.meter import Meter
-from aimd_des.agents.pilot import settle_and_fold
+from aimd_des.agents.steering import settle_and_fold
 from aimd_des.checks import FloatArray
 from aimd_des.costs import CustomCosts
 from aimd_des.environment import Kind
@@ -40,7 +40,7 @@ _NOBODY, _RESPONSES, _ALL = 0, 1, 2
 
 
 class Fleet:
-    """The standard agents of a run: what `Camera` processes do, event for event, at the speed of compiled code.
+    """The standard agents of a run in compiled code: what `Camera` processes do, event for event.
 
     Nothing happens in a fleet when a copy arrives.  Only when somebody looks, the copies that have
     arrived by then are answered, each agent's in the order of time.
@@ -102,7 +102,7 @@ class Fleet:
         self.overshoot = overshoot
         self.meter = self._meter(overshoot)
         self._settled = system.env.reached
-        # With a log: copies that have not landed yet, and what signal the copies from an order number on are of.
+        # With a log: copies that have not landed yet, and the signals by the first order number of each.
         self._landing: list[tuple[float, int, LogEntry]] = []
         self._signals: dict[int, Signal] = {}
 
@@ -207,8 +207,8 @@ class Fleet:
     def _tell(self, reached: tuple[float, int, int]) -> None:
         """Tell of the answers since the last time, in the order of events."""
         answers = self.crowd.answers
-        count = int(answers.count[0])
-        answers.count[0] = 0
+        count = int(answers.held[0])
+        answers.held[0] = 0
         told: list[tuple[float, int, int, int, LogEntry]] = []
         while self._landing and (self._landing[0][0], Kind.DELIVER, self._landing[0][1]) < reached:
             time, order, entry = heappop(self._landing)
@@ -244,8 +244,8 @@ def _limit(kind: int, order: int, own: Kind) -> int:
 
 
 def _answers(space: int) -> Answers:
-    whole = (np.empty(space, dtype=np.int64) for _ in range(4))
-    return Answers(*whole, np.empty(space), np.zeros(1, dtype=np.int64))
+    key, rank, agent, resource = np.empty((4, space), dtype=np.int64)
+    return Answers(key, rank, agent, resource, np.empty(space), np.zeros(1, dtype=np.int64))
 
 
 def _compiled_gradient(costs: Any) -> Any:
@@ -265,7 +265,7 @@ def _compiled_gradient(costs: Any) -> Any:
 @lru_cache(maxsize=16)
 def _callback(gradient: Callable[..., Any], m: int) -> Any:
     @numba.cfunc("void(int64, CPointer(float64), CPointer(float64))")  # type: ignore[untyped-decorator]
-    def call(agent, average, out):  # type: ignore[no-untyped-def]
+    def call(agent: int, average: Any, out: Any) -> None:
         values = gradient(agent, numba.carray(average, (m,)))
         for j in range(m):
             out[j] = values[j]

@@ -1,4 +1,4 @@
-"""What is observed in compiled code: for overshoot the answers of a fleet are put in the order of time only where somebody measures."""
+"""What is observed in compiled code: totals, and overshoot, which wants answers in the order of time."""
 
 from typing import NamedTuple
 
@@ -107,7 +107,7 @@ def _merge(answers: Answers, source: IntArray, low: int, middle: int, high: int,
 @kernel
 def _sort(answers: Answers, order: IntArray, spare: IntArray) -> None:
     """Put answers in the order of events: a merge sort of their indices, into `order`."""
-    count = answers.count[0]
+    count = answers.held[0]
     for row in range(count):
         order[row] = row
     for low in range(0, count, _SHORT):
@@ -134,9 +134,9 @@ def fold_answers(answers: Answers, meter: Meter) -> None:
         Of lines.
     """
     _sort(answers, meter.order, meter.spare)
-    for place in range(answers.count[0]):
+    for place in range(answers.held[0]):
         row = meter.order[place]
         j = answers.resource[row]
         time = time_of(answers.key[row])
         fold_change(meter.running[j], time, answers.change[row], meter.slope[j], meter.capacity[j])
-    answers.count[0] = 0
+    answers.held[0] = 0

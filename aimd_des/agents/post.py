@@ -34,7 +34,7 @@ class Post(NamedTuple):
         The next order number.
     time, resource, number : ndarray, shape (s,)
         Signals since somebody last took note of them.
-    count : ndarray of int, shape (1,)
+    held : ndarray of int, shape (1,)
         How many these are.
     code : ndarray of int, shape (1,)
         Why the channel has refused a signal; 0 if it has not.
@@ -52,7 +52,7 @@ class Post(NamedTuple):
     time: FloatArray
     resource: IntArray
     number: IntArray
-    count: IntArray
+    held: IntArray
     code: IntArray
 
 
@@ -80,10 +80,10 @@ def broadcast(
     bool
         Whether the channel has taken it.
     """
-    number, row, n = post.numbers[resource], post.count[0], post.arrival.shape[0]
+    number, row, n = post.numbers[resource], post.held[0], post.arrival.shape[0]
     post.numbers[resource] += 1
     post.time[row], post.resource[row], post.number[row] = time, resource, number
-    post.count[0] = row + 1
+    post.held[0] = row + 1
     post.code[0] = transmit(post.channel, resource, number, time + delay, post.arrival, post.second)
     if post.code[0] != 0:
         return False

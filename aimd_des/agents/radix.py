@@ -38,7 +38,7 @@ def _highest_bit(typingctx: Any, word: Any) -> Any:  # noqa: ARG001 - numba's ca
 
 
 @formula
-def bits_of(time: float) -> np.int64:
+def bits_of(time: float) -> Any:
     """Return the bits of a time, as an integer that is in the order of times.
 
     Parameters
@@ -56,7 +56,7 @@ def bits_of(time: float) -> np.int64:
 
 
 @formula
-def time_of(key: np.int64) -> np.float64:
+def time_of(key: int) -> Any:
     """Return the time that bits stand for.
 
     Parameters
@@ -113,7 +113,7 @@ def _end(flights: Flights, queue: int, chain: int) -> np.uint64:
 
 
 @formula
-def release(flights: Flights, block: int) -> int:
+def release(flights: Flights, block: int) -> Any:
     """Give a block back whose copies are elsewhere, or answered.
 
     Parameters
@@ -206,7 +206,7 @@ def _join(flights: Flights, queue: int, chain: int) -> None:
 
 
 @formula
-def _hand_over(flights: Flights, queue: int, block: int) -> int:
+def _hand_over(flights: Flights, queue: int, block: int) -> Any:
     """Hang a block, all of whose copies are due, behind those that are; return the next of its chain."""
     following = flights.following[block]
     flights.following[block] = -1
@@ -220,7 +220,7 @@ def _hand_over(flights: Flights, queue: int, block: int) -> int:
 
 @formula
 def _raise_ties(flights: Flights, queue: int, limit: int) -> None:
-    """Make of the copies of this very time those due that come before `limit`: by turn, or by order number."""
+    """Make those of the copies of this very time due that come before `limit`: by agent, or by order."""
     ticking = flights.moment.shape[0] > 0
     block = flights.head[queue, 0]
     flights.head[queue, 0] = flights.tail[queue, 0] = -1

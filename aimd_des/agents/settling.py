@@ -66,13 +66,13 @@ def _marginal_cost(crowd: Crowd, agent: int, resource: int, moment: float, avera
 def _report(crowd: Crowd, place: int, change: float) -> None:
     """Note an answer for those who want to know of it."""
     answers, flights = crowd.answers, crowd.flights
-    row = answers.count[0]
+    row = answers.held[0]
     answers.key[row] = flights.key[place]
     answers.rank[row] = flights.rank[place]
     answers.agent[row] = flights.agent[place]
     answers.resource[row] = flights.resource[place]
     answers.change[row] = change
-    answers.count[0] = row + 1
+    answers.held[0] = row + 1
 
 
 @formula
@@ -122,9 +122,7 @@ def _choose(crowd: Crowd, queue: int, block: int, everybody: bool) -> int:
             scratch.first_key[i] = LAST
             flights.aloft[0] -= 1
             # A latch that was set already: this tick's signal has been answered.
-            latched = ticking and (
-                state.anchor[flights.resource[place], i] == flights.moment[place]
-            )
+            latched = ticking and (state.anchor[flights.resource[place], i] == flights.moment[place])
             scratch.chosen[chosen] = place
             chosen += 0 if latched else 1
         else:
@@ -160,7 +158,9 @@ def _find_slopes(crowd: Crowd, queue: int, chosen: int) -> None:
         for d in range(slopes.shape[0] - 1, -1, -1):
             for row in range(chosen):
                 scratch.coefficient[row] = slopes[d, flights.agent[scratch.chosen[row]]]
-            horner_step(scratch.slope, scratch.averages, scratch.coefficient, chosen, d == slopes.shape[0] - 1)
+            horner_step(
+                scratch.slope, scratch.averages, scratch.coefficient, chosen, d == slopes.shape[0] - 1
+            )
 
 
 @formula

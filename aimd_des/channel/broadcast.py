@@ -190,7 +190,7 @@ class CompiledLink:
 
 @dataclass(frozen=True, eq=False)
 class _OpenChannel:
-    """A `BroadcastChannel` with the user's own models; `latest` is the last arrival on links that are FIFO."""
+    """A `BroadcastChannel` with the user's own models; `latest` is the last arrival on FIFO links."""
 
     latency: Latency
     loss: LossProcess

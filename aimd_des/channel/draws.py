@@ -12,7 +12,7 @@ __all__ = ["LANES_PER_COPY", "LANES_PER_PART", "Draws"]
 #: Lanes of a second copy are kept apart from those of the first.
 LANES_PER_COPY = 1 << 32
 
-#: Each of several models of loss draws from lanes of its own; those of the first are what it would have alone.
+#: Each of several models of loss draws from its own lanes; those of the first are what it would have alone.
 LANES_PER_PART = 1 << 16
 
 

@@ -57,7 +57,11 @@ class ChannelTable(NamedTuple):
 
 
 def channel_table(
-    latency: LatencyTable, loss: LossTable, duplication: npt.ArrayLike, fifo: bool, keys: Mapping[Purpose, Key]
+    latency: LatencyTable,
+    loss: LossTable,
+    duplication: npt.ArrayLike,
+    fifo: bool,
+    keys: Mapping[Purpose, Key],
 ) -> ChannelTable:
     """Lay out a channel for compiled code, at the start of a run.
 

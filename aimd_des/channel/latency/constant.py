@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from aimd_des import checks
 from aimd_des.channel.latency.base import Parametrised
-from aimd_des.channel.latency.rows import LatencyTable, Distribution, latency_table
+from aimd_des.channel.latency.rows import Distribution, LatencyTable, latency_table
 from aimd_des.channel.parameters import LONGEST, scalar_or_row
 from aimd_des.checks import FloatArray
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from aimd_des import checks
 from aimd_des.channel.latency.base import Parametrised
-from aimd_des.channel.latency.rows import LatencyTable, Distribution, latency_table
+from aimd_des.channel.latency.rows import Distribution, LatencyTable, latency_table
 from aimd_des.channel.measured import read_columns
 from aimd_des.channel.parameters import LONGEST, scalar_or_row, take
 from aimd_des.checks import FloatArray

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from aimd_des.channel.latency.base import Parametrised
-from aimd_des.channel.latency.rows import LatencyTable, Distribution, latency_table
+from aimd_des.channel.latency.rows import Distribution, LatencyTable, latency_table
 from aimd_des.channel.parameters import LONGEST, fit, scalar_or_row, take
 from aimd_des.checks import FloatArray
 

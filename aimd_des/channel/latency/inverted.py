@@ -8,7 +8,7 @@ import numpy as np
 
 from aimd_des import checks
 from aimd_des.channel.latency.base import Parametrised
-from aimd_des.channel.latency.rows import LatencyTable, Distribution, latency_table
+from aimd_des.channel.latency.rows import Distribution, LatencyTable, latency_table
 from aimd_des.channel.parameters import LONGEST, fit, refuse, scalar_or_row, take
 from aimd_des.checks import FloatArray
 from aimd_des.elementary import expm1, exps, log1p

@@ -47,7 +47,9 @@ class Distribution(IntEnum):
 
 
 # Plain numbers, as kernels take them.
-_CONSTANT, _UNIFORM, _EXPONENTIAL, _LOGNORMAL, _PARETO, _EMPIRICAL, _GAMMA = (int(distribution) for distribution in Distribution)
+_CONSTANT, _UNIFORM, _EXPONENTIAL, _LOGNORMAL, _PARETO, _EMPIRICAL, _GAMMA = (
+    int(distribution) for distribution in Distribution
+)
 
 
 class LatencyTable(NamedTuple):
@@ -71,7 +73,9 @@ class LatencyTable(NamedTuple):
     values: FloatArray
 
 
-def latency_table(distribution: Distribution, n_agents: int, *parameters: npt.ArrayLike, values: npt.ArrayLike = ()) -> LatencyTable:
+def latency_table(
+    distribution: Distribution, n_agents: int, *parameters: npt.ArrayLike, values: npt.ArrayLike = ()
+) -> LatencyTable:
     """Lay out a model for compiled code.
 
     Parameters
@@ -93,7 +97,8 @@ def latency_table(distribution: Distribution, n_agents: int, *parameters: npt.Ar
     rows = np.zeros((3, n_agents))
     for row, parameter in zip(rows, parameters, strict=False):
         row[:] = parameter
-    return LatencyTable(int(distribution), *(row.copy() for row in rows), np.array(values, dtype=np.float64))
+    first, second, third = (row.copy() for row in rows)
+    return LatencyTable(int(distribution), first, second, third, np.array(values, dtype=np.float64))
 
 
 @kernel

@@ -1,0 +1,255 @@
+"""The looks of a control unit between two events of SimPy, as the processes would take them."""
+
+import numpy as np
+
+from aimd_des.agents.crowd import LAST, Crowd
+from aimd_des.agents.meter import Meter, Watch, fold_answers
+from aimd_des.agents.pilot import BROADCAST, CROWDED, REACHED, REFUSED, STANDSTILL, Limits, Pilot
+from aimd_des.agents.post import Post, broadcast
+from aimd_des.agents.settling import settle
+from aimd_des.clock import next_ticks
+from aimd_des.compiled import formula, routine
+from aimd_des.control_unit import MOST_AT_ONE_INSTANT
+from aimd_des.environment import FIRST_ORDER
+from aimd_des.metrics import fold_overshoot
+from aimd_des.population import observe_totals, total_of
+
+__all__ = ["sample", "sense", "settle_and_fold"]
+
+
+@formula
+def _within(pilot: Pilot, time: float, turn: int, limits: Limits) -> bool:
+    # What the present event of SimPy is for has come to its turn, whatever else is due at this instant.
+    return pilot.woken[0] or time < limits.horizon or (time == limits.horizon and turn < limits.turns)
+
+
+@formula
+def _crowded(crowd: Crowd, pilot: Pilot, post: Post) -> bool:
+    """Tell whether there may be too little space for what a look can bring."""
+    if crowd.answers.held[0] > pilot.answers:
+        return True
+    m, n = pilot.due.shape[0], post.arrival.shape[0]
+    signals = 1 if pilot.crossing else m
+    copies = signals * n * (2 if post.channel.duplicates else 1)
+    full = post.held[0] + signals > post.time.shape[0] or crowd.flights.aloft[0] + copies > crowd.room
+    return post.compiled and full
+
+
+@formula
+def _find_moments(crowd: Crowd, pilot: Pilot, limits: Limits) -> None:
+    """Find where the agents are in their own time: the time, or their next tick."""
+    now = pilot.now[0]
+    if crowd.grain > 0.0:
+        rhythm = crowd.rhythm
+        over = now == limits.acted_at and limits.acted >= FIRST_ORDER
+        from_ = np.nextafter(now, np.inf) if over else now
+        next_ticks(rhythm.phase, rhythm.period, rhythm.jitter, rhythm.key, from_, pilot.moment)
+    else:
+        pilot.moment[0] = now
+
+
+@formula
+def _total(crowd: Crowd, pilot: Pilot, resource: int) -> float:
+    state, increase = crowd.state, crowd.law.increase[resource]
+    return total_of(state.demand[resource], increase, state.anchor[resource], pilot.moment, crowd.grain)
+
+
+@formula
+def _find_totals(crowd: Crowd, pilot: Pilot, meter: Meter, limits: Limits) -> None:
+    """Bring all agents to the time of the look, and add up their demand."""
+    now = pilot.now[0]
+    turn = limits.acted + 1 if now == limits.acted_at else 0
+    settle(crowd, 0, crowd.flights.base.shape[0], now, turn if crowd.grain > 0.0 else LAST)
+    if meter.lines and crowd.answers.held[0] > 0:
+        fold_answers(crowd.answers, meter)
+    _find_moments(crowd, pilot, limits)
+    for j in range(pilot.total.shape[0]):
+        pilot.total[j] = _total(crowd, pilot, j)
+
+
+@formula
+def _measure(pilot: Pilot, meter: Meter, now: float) -> None:
+    """Close the interval of constant demand that ends with the tick at hand."""
+    duration = now - meter.measured[0]
+    meter.tick[0] += 1
+    if duration > 0.0:
+        fold_overshoot(pilot.total, meter.capacity, duration, meter.peak, meter.above, meter.excess)
+        meter.measured[0] = now
+
+
+@formula
+def _next_tick(crowd: Crowd, meter: Meter) -> float:
+    """Return the next tick of a common clock that closes an interval."""
+    return crowd.rhythm.phase[0] + meter.tick[0] * crowd.rhythm.period[0] if meter.steps else np.inf
+
+
+@formula
+def _next_row(watch: Watch) -> float:
+    """Return when totals are kept next."""
+    row = watch.row[0]
+    return watch.times[row] if row < watch.times.shape[0] else np.inf
+
+
+@formula
+def _keep(crowd: Crowd, pilot: Pilot, watch: Watch) -> None:
+    """Keep the totals of demand and of averages."""
+    row = watch.row[0]
+    observe_totals(crowd.state, crowd.law, pilot.moment, crowd.grain, watch.demand[row], watch.average[row])
+    watch.row[0] += 1
+
+
+@formula
+def _signal(crowd: Crowd, pilot: Pilot, post: Post, limits: Limits) -> int:
+    """Broadcast for each resource whose total demand is above its threshold."""
+    due = False
+    for j in range(pilot.due.shape[0]):
+        pilot.due[j] = pilot.total[j] > crowd.law.limit[j]
+        due = due or pilot.due[j]
+    if due and not post.compiled:
+        return BROADCAST
+    now, delay = pilot.now[0], pilot.delay
+    for j in range(pilot.due.shape[0]):
+        if pilot.due[j] and not broadcast(crowd, post, j, now, delay, limits.acted_at, limits.acted):
+            return REFUSED
+    return REACHED
+
+
+@routine
+def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, limits: Limits) -> int:
+    """Look at phase + q * period, and let observers look, until something else is due.
+
+    Parameters
+    ----------
+    crowd : Crowd
+        The agents.
+    pilot : Pilot
+        A sampled control unit.
+    post : Post
+        The way of its signals.
+    meter : Meter
+        Overshoot.
+    watch : Watch
+        Totals.
+    limits : Limits
+        How far.
+
+    Returns
+    -------
+    int
+        As of `sense`.
+    """
+    summed = -1.0
+    while True:
+        look, tick, row = (
+            pilot.phase + pilot.look[0] * pilot.period,
+            _next_tick(crowd, meter),
+            _next_row(watch),
+        )
+        now, looking = min(look, tick, row), look <= min(tick, row)
+        if looking:
+            # Looks after the first have not been scheduled, and would come after what is there.
+            if not _within(pilot, now, LAST - 1, limits):
+                return REACHED
+            if _crowded(crowd, pilot, post):
+                return CROWDED
+        elif not _within(pilot, now, LAST - 1 if limits.observing else LAST, limits):
+            return REACHED
+        pilot.woken[0] = False
+        if now != summed:
+            pilot.now[0] = summed = now
+            _find_totals(crowd, pilot, meter, limits)
+        if not looking:
+            if now == tick:
+                _measure(pilot, meter, now)
+            if now == row:
+                _keep(crowd, pilot, watch)
+            continue
+        pilot.look[0] += 1
+        status = _signal(crowd, pilot, post, limits)
+        if status != REACHED:
+            return status
+
+
+@routine
+def sense(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, limits: Limits) -> int:
+    """Go from one possible crossing to the next, and let observers look, until something else is due.
+
+    Parameters
+    ----------
+    crowd : Crowd
+        The agents.
+    pilot : Pilot
+        A crossing control unit.
+    post : Post
+        The way of its signals.
+    meter : Meter
+        Overshoot.
+    watch : Watch
+        Totals.
+    limits : Limits
+        How far.
+
+    Returns
+    -------
+    int
+        `REACHED`: the next look is beyond the horizon.  `BROADCAST`: signals are due.  `CROWDED`: there may
+        be too little room for what the next look brings.  `STANDSTILL`: time cannot advance.  `REFUSED`:
+        the channel has not taken a signal.
+    """
+    alarm = pilot.alarm
+    while True:
+        j = int(np.argmin(alarm))
+        now, row = alarm[j], _next_row(watch)
+        if row < now:
+            if not _within(pilot, row, LAST - 1 if limits.observing else LAST, limits):
+                return REACHED
+            pilot.woken[0] = False
+            pilot.now[0] = row
+            _find_totals(crowd, pilot, meter, limits)
+            _keep(crowd, pilot, watch)
+            continue
+        if not _within(pilot, now, j, limits):
+            return REACHED
+        if _crowded(crowd, pilot, post):
+            return CROWDED
+        pilot.woken[0] = False
+        pilot.now[0] = now
+        queue = 0 if crowd.coupled else j
+        settle(crowd, queue, queue + 1, now, LAST)
+        if meter.lines and crowd.answers.held[0] > 0:
+            fold_answers(crowd.answers, meter)
+        _find_moments(crowd, pilot, limits)
+        soonest = now + (crowd.law.limit[j] - _total(crowd, pilot, j)) / pilot.slope[j]
+        pilot.watchful[j] = soonest > now
+        if soonest > now:
+            alarm[j] = soonest
+            continue
+        pilot.repeated[j] = pilot.repeated[j] + 1 if now == pilot.instant[j] else 1
+        pilot.instant[j] = now
+        pilot.due[:] = False
+        pilot.due[j] = True
+        if pilot.repeated[j] > MOST_AT_ONE_INSTANT:
+            return STANDSTILL
+        alarm[j] = now + pilot.refractory
+        if not post.compiled:
+            return BROADCAST
+        if not broadcast(crowd, post, j, now, pilot.delay, limits.acted_at, limits.acted):
+            return REFUSED
+
+
+@routine
+def settle_and_fold(crowd: Crowd, meter: Meter, time: float, limit: int) -> None:
+    """Let all agents answer all copies that are due, and measure.
+
+    Parameters
+    ----------
+    crowd : Crowd
+        The agents.
+    meter : Meter
+        Overshoot.
+    time, limit : float, int
+        As for `settle`.
+    """
+    settle(crowd, 0, crowd.flights.base.shape[0], time, limit)
+    if meter.lines and crowd.answers.held[0] > 0:
+        fold_answers(crowd.answers, meter)
