@@ -40,13 +40,20 @@ def main() -> None:
 @click.argument("scenario", type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--seed", type=int, help="Replaces the seed of the file; decides everything random.")
 @click.option(
+    "--agents",
+    type=click.Choice(["process", "fleet"]),
+    help="Replaces the word of the file: a SimPy process each, or all in compiled code; same results.",
+)
+@click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=True),
     help="Folder for the results, new or empty.  [default: results/NAME of the file]",
 )
 @click.option("--overwrite", is_flag=True, help="Replace a folder that an earlier run wrote.")
 @click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures, too.")
-def run(scenario: Path, seed: int | None, out: Path | None, overwrite: bool, figures: bool) -> None:
+def run(
+    scenario: Path, seed: int | None, agents: str | None, out: Path | None, overwrite: bool, figures: bool
+) -> None:
     """Run the system that the file SCENARIO describes, and write what came out.
 
     The folder receives scenario.toml (the run, every value spelled out), summary.csv (a row for
@@ -61,7 +68,8 @@ def run(scenario: Path, seed: int | None, out: Path | None, overwrite: bool, fig
 
     folder = Path("results") / scenario.stem if out is None else out
     try:
-        changes: dict[str, Any] = {} if seed is None else {"seed": seed}
+        given: dict[str, Any] = {"seed": seed, "agents": agents}
+        changes = {name: value for name, value in given.items() if value is not None}
         loaded = load_scenario(scenario, **changes)
         check_folder(folder, overwrite=overwrite)
     except InputError as refusal:

@@ -2,10 +2,12 @@
 
 A *formula* is a small function of numbers.  The camera processes call it as plain Python; kernels
 compile the same source.  No fast-math and no contraction to fused operations, so both give the
-same bits.  Kernels are cached on disk.  Numba keys that cache by the file a kernel stands in; a
-kernel here may use formulas of other files, so the key is the source of the whole package.
+same bits.  Compiled code counts no references, so nothing can be allocated in it: what tries is
+refused when it is compiled.  Kernels are cached on disk.  Numba keys that cache by the file a kernel
+stands in; a kernel here may use formulas of other files, so the key is the source of the whole package.
 """
 
+import logging
 from collections.abc import Callable
 from functools import lru_cache
 from hashlib import sha256
@@ -16,7 +18,10 @@ import numba
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.extending import register_jitable
 
-__all__ = ["formula", "kernel", "routine"]
+__all__ = ["announced", "formula", "kernel", "routine"]
+
+# Nobody has to set up logging to see a warning; whoever does can silence it.
+_LOGGER = logging.getLogger("aimd_des")
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -32,13 +37,21 @@ def _package_stamp() -> str:
 class _PackageCache(FunctionCache):  # type: ignore[misc]  # numba has no type information
     """A cache on disk that is out of date as soon as any file of the package changes."""
 
-    def __init__(self, py_func: Callable[..., Any]) -> None:
+    def __init__(self, py_func: Callable[..., Any], announced: str = "") -> None:
         super().__init__(py_func)
+        self._announced = announced
         self._cache_file = IndexDataCacheFile(
             cache_path=self._cache_path,
             filename_base=self._impl.filename_base,
             source_stamp=_package_stamp(),
         )
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Load what an earlier run compiled; say so where there is nothing and compiling takes its time."""
+        found = super().load_overload(sig, target_context)
+        if found is None and self._announced:
+            _LOGGER.warning("compiling %s, which is done once on a machine; please wait", self._announced)
+        return found
 
 
 def formula(function: _Function) -> _Function:
@@ -57,9 +70,9 @@ def formula(function: _Function) -> _Function:
     return cast(_Function, register_jitable(error_model="numpy", forceinline=True, _nrt=False)(function))
 
 
-def _compiled(function: _Function, **options: bool) -> _Function:
+def _compiled(function: _Function, announced: str = "", **options: bool) -> _Function:
     dispatcher = numba.njit(error_model="numpy", nogil=True, _nrt=False, **options)(function)
-    dispatcher._cache = _PackageCache(function)
+    dispatcher._cache = _PackageCache(function, announced)
     return cast(_Function, dispatcher)
 
 
@@ -97,3 +110,19 @@ def routine(function: _Function) -> _Function:
         The compiled function; its source stays reachable as ``.py_func``.
     """
     return _compiled(function)
+
+
+def announced(what: str) -> Callable[[_Function], _Function]:
+    """Make a routine that takes so long to compile that users are told.
+
+    Parameters
+    ----------
+    what : str
+        What is being compiled, and about how long it takes.
+
+    Returns
+    -------
+    callable
+        A decorator like `routine`.
+    """
+    return lambda function: _compiled(function, announced=what)

@@ -7,6 +7,7 @@ import tomli_w
 from pydantic import Field, model_validator
 
 from aimd_des import checks
+from aimd_des.agents import Camera, Fleet
 from aimd_des.discrete import run_discrete
 from aimd_des.errors import InputError
 from aimd_des.problem import Problem
@@ -55,8 +56,9 @@ class Scenario(Table):
         event-driven, agents that grow all the time; "synchronous": Algorithms 1 and 2.
     lag : {1, 0}
         For "synchronous": whether a signal acts one step after the excess, or in the same step.
-    agents : {"process"}
-        How agents are represented: a SimPy process each.
+    agents : {"process", "fleet"}
+        How agents are represented, which changes no result: a SimPy process each, or all of them in
+        compiled code.
     control_unit, channel, clocks
         Parts of the event-driven system.
     recording
@@ -73,7 +75,7 @@ class Scenario(Table):
     seed: int = 0
     dynamics: Literal["discrete", "continuous", "synchronous"] = "discrete"
     lag: int = Field(default=1, ge=0, le=1)
-    agents: Literal["process"] = "process"
+    agents: Literal["process", "fleet"] = "process"
     model: str | None = None
     parameters: dict[str, Any] = Field(default_factory=dict)
     control_unit: ControlUnitTable = Field(default_factory=ControlUnitTable)
@@ -179,6 +181,7 @@ class Scenario(Table):
             dynamics=self.dynamics,
             control_unit=self.control_unit.build(),
             channel=self.channel.build(),
+            agents=Fleet if self.agents == "fleet" else Camera,
             clocks=self.clocks.build() if self.dynamics == "discrete" else None,
             seed=self.seed,
             recording=recording,

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from aimd_des import metrics
+from aimd_des.agents import Fleet
 from aimd_des.channel import BroadcastChannel
 from aimd_des.channel.latency import Constant
 from aimd_des.channel.loss import Bernoulli
@@ -190,6 +191,7 @@ def _run(run: Run, seed: int, peaks: _Peaks) -> Result:
         dynamics=run.dynamics,
         control_unit=run.control_unit,
         channel=channel,
+        agents=Fleet,
         clocks=run.clocks,
         seed=seed,
         recording=recording,

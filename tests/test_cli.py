@@ -125,6 +125,19 @@ def test_a_seed_replaces_that_of_the_file() -> None:
     assert load_scenario(Path("5/scenario.toml")).seed == 5
 
 
+def test_agents_as_a_fleet_give_the_same_digest() -> None:
+    path = str(write())
+    assert run(path, "--out", "file").exit_code == 0
+    assert run(path, "--agents", "fleet", "--out", "fleet").exit_code == 0
+    assert digest("fleet") == digest("file")
+    assert load_scenario(Path("fleet/scenario.toml")).agents == "fleet"
+
+
+def test_other_words_for_agents_are_refused() -> None:
+    found = refusal(str(write()), "--out", "out", "--agents", "fleets")
+    assert found == "Invalid value for '--agents': 'fleets' is not one of 'process', 'fleet'."
+
+
 def test_results_go_by_default_into_a_folder_with_the_name_of_the_file() -> None:
     outcome = run(str(write()))
     assert outcome.exit_code == 0

@@ -1,6 +1,7 @@
 """Scenario files: what is written is what is read, and what is refused is refused with its line."""
 
 import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -574,3 +575,8 @@ def test_a_length_that_does_not_fit_the_agents_is_refused() -> None:
 def test_in_python_what_is_wrong_is_a_validation_error() -> None:
     with pytest.raises(ValidationError, match="until"):
         Scenario(model="models.smart_cameras", until=-1.0)
+
+
+def test_a_fleet_and_processes_give_the_same_digest() -> None:
+    digests = {Scenario(**tomllib.loads(INLINE), agents=word).run().digest for word in ("process", "fleet")}
+    assert len(digests) == 1

@@ -1,14 +1,12 @@
 """The SimPy process that lets a fleet's control unit look in compiled code until something else is due."""
 
-import math
-
 import numpy as np
 import simpy
 
 from aimd_des.agents.crowd import LAST
 from aimd_des.agents.fleet import TOLD_AT_ONCE, Fleet
 from aimd_des.agents.meter import Watch
-from aimd_des.agents.pilot import CROWDED, REACHED, REFUSED, STANDSTILL, Limits, Pilot
+from aimd_des.agents.pilot import CROWDED, LOOK, REACHED, REFUSED, ROW, STANDSTILL, TICK, Limits, Pilot
 from aimd_des.agents.post import Post
 from aimd_des.agents.steering import sample, sense
 from aimd_des.channel import BroadcastChannel, CompiledLink
@@ -65,7 +63,7 @@ class Autopilot:
             total=np.zeros(m),
             now=np.zeros(1),
             moment=np.zeros(1 if common else system.problem.n_agents),
-            woken=np.zeros(1, dtype=np.bool_),
+            turns=np.full(3, LAST - 1),
             answers=TOLD_AT_ONCE,
         )
         self.post = self._post()
@@ -95,7 +93,6 @@ class Autopilot:
         while True:
             self._set_alarm()
             yield self._mailbox
-            self.pilot.woken[0] = True
             while self._steer() != REACHED:
                 pass
 
@@ -121,19 +118,24 @@ class Autopilot:
             code=np.zeros(1, dtype=np.int64),
         )
 
-    def _next(self) -> tuple[float, Kind, int | None]:
+    def _next(self) -> tuple[float, Kind, int]:
         """Return when there is something to be done next, and its turn at that instant."""
-        pilot, meter, watch, turn = self.pilot, self.fleet.meter, self.watch, None
+        pilot, meter, watch = self.pilot, self.fleet.meter, self.watch
+        for turn in np.flatnonzero(pilot.turns == LAST - 1).tolist():
+            pilot.turns[turn] = self.system.env.reserve(1)
         if pilot.crossing:
-            turn = int(np.argmin(pilot.alarm))
-            look = float(pilot.alarm[turn])
+            resource = int(np.argmin(pilot.alarm))
+            due = [(float(pilot.alarm[resource]), Kind.SENSE, resource)]
         else:
             look = pilot.phase + int(pilot.look[0]) * pilot.period
-        observed = float(watch.times[watch.row[0]]) if watch.row[0] < len(watch.times) else math.inf
+            due = [(look, Kind.SENSE, int(pilot.turns[LOOK]))]
+        if watch.row[0] < len(watch.times):
+            due.append((float(watch.times[watch.row[0]]), Kind.OBSERVE, int(pilot.turns[ROW])))
         if meter.steps:
             assert self.system.clocks is not None  # noqa: S101 - only agents that tick are measured in steps
-            observed = min(observed, self.system.clocks.time(0, int(meter.tick[0])))
-        return (observed, Kind.OBSERVE, None) if observed < look else (look, Kind.SENSE, turn)
+            tick = self.system.clocks.time(0, int(meter.tick[0]))
+            due.append((tick, Kind.OBSERVE, int(pilot.turns[TICK])))
+        return min(due)
 
     def _set_alarm(self) -> None:
         self._setting += 1
@@ -160,9 +162,8 @@ class Autopilot:
         told = fleet.crowd.hearing > 0 and not fleet.meter.lines
         post = post._replace(compiled=post.compiled and not told)
         stride = self._next()[0] + self.system.until / _REPORTS
-        horizon, kind, order = min(env.upcoming, (self.system.until, 0, 0), (stride, 0, 0))
-        turns = LAST if kind > Kind.SENSE else order if kind == Kind.SENSE else 0
-        limits = Limits(horizon, turns, kind > Kind.OBSERVE, *env.acted)
+        bounds = (self.system.until, 0, 0), (stride, 0, 0)
+        limits = Limits(*min(env.upcoming, *bounds), *env.acted)
         post.order[0] = env.reserve(2 * len(post.arrival) * _SIGNALS)
         steer = sense if pilot.crossing else sample
         status: int = steer(fleet.crowd, pilot, post, fleet.meter, self.watch, limits)
@@ -170,23 +171,22 @@ class Autopilot:
         post.held[0] = 0
         self.system.transmitter.sent.extend(post.time[:count], post.resource[:count], post.number[:count])
         env.forget_reached()
-        env.report(min(horizon, self.system.until))
+        env.report(limits.horizon)
         if status == CROWDED:
             fleet.make_room(2 * pilot.due.size)
             if told:
-                time, kind_, turn = self._next()
-                env.advance(time, kind_, turn or 0)
+                env.advance(*self._next())
                 fleet.settle()
         elif status != REACHED:
-            self._stand_in(status)
+            self._stand_in(status, count)
         return status
 
-    def _stand_in(self, status: int) -> None:
+    def _stand_in(self, status: int, sent: int) -> None:
         """Do what compiled code cannot, at the time of its last look."""
         resources, now = np.flatnonzero(self.pilot.due).tolist(), float(self.pilot.now[0])
         self.system.env.advance(now, Kind.SENSE, resources[0])
         if status == REFUSED:
-            resource, departure = int(self.post.resource[0]), now + self.pilot.delay
+            resource, departure = int(self.post.resource[sent - 1]), now + self.pilot.delay
             raise refuse_loss(self.post.channel.loss, int(self.post.code[0]), resource, departure)
         if status == STANDSTILL:
             assert isinstance(self.control_unit, Crossing)  # noqa: S101 - sampled ones go on by themselves

@@ -7,13 +7,28 @@ import numpy.typing as npt
 
 from aimd_des.checks import FloatArray
 
-__all__ = ["BROADCAST", "CROWDED", "REACHED", "REFUSED", "STANDSTILL", "Limits", "Pilot"]
+__all__ = [
+    "BROADCAST",
+    "CROWDED",
+    "LOOK",
+    "REACHED",
+    "REFUSED",
+    "ROW",
+    "STANDSTILL",
+    "TICK",
+    "Limits",
+    "Pilot",
+]
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 
 #: What has ended a stretch of compiled looks.
 REACHED, BROADCAST, CROWDED, STANDSTILL, REFUSED = 0, 1, 2, 3, 4
+
+
+#: What has a turn of its own: a look of a sampled control unit, a row of totals, a tick that is measured.
+LOOK, ROW, TICK = 0, 1, 2
 
 
 class Pilot(NamedTuple):
@@ -45,8 +60,9 @@ class Pilot(NamedTuple):
         Time of the latest look.
     moment : ndarray, shape (n,) or (1,)
         Where the agents are in their own time, at that look.
-    woken : ndarray of bool, shape (1,)
-        Whether the next look is what the present event of SimPy is for.
+    turns : ndarray of int, shape (3,)
+        Order numbers of the next look of a sampled one, the next row of totals and the next tick that is
+        measured; `LAST` - 1 for what has not been scheduled yet, and so comes after all that has been.
     answers : int
         Above how many answers in memory somebody has to be told of them.
     """
@@ -66,7 +82,7 @@ class Pilot(NamedTuple):
     total: FloatArray
     now: FloatArray
     moment: FloatArray
-    woken: BoolArray
+    turns: IntArray
     answers: int
 
 
@@ -75,18 +91,14 @@ class Limits(NamedTuple):
 
     Attributes
     ----------
-    horizon : float
-        Up to here.
-    turns : int
-        Looks at the horizon itself come before what is there if their turn is below this.
-    observing : bool
-        Whether observers at the horizon itself come before what is there.
+    horizon, kind, order : float, int, int
+        Time, kind and order number of what is due next besides.
     acted_at, acted : float, int
         When somebody last acted, and the last turn that was over then.
     """
 
     horizon: float
-    turns: int
-    observing: bool
+    kind: int
+    order: int
     acted_at: float
     acted: int

@@ -4,23 +4,39 @@ import numpy as np
 
 from aimd_des.agents.crowd import LAST, Crowd
 from aimd_des.agents.meter import Meter, Watch, fold_answers
-from aimd_des.agents.pilot import BROADCAST, CROWDED, REACHED, REFUSED, STANDSTILL, Limits, Pilot
+from aimd_des.agents.pilot import (
+    BROADCAST,
+    CROWDED,
+    LOOK,
+    REACHED,
+    REFUSED,
+    ROW,
+    STANDSTILL,
+    TICK,
+    Limits,
+    Pilot,
+)
 from aimd_des.agents.post import Post, broadcast
 from aimd_des.agents.settling import settle
 from aimd_des.clock import next_ticks
-from aimd_des.compiled import formula, routine
+from aimd_des.compiled import announced, formula, routine
 from aimd_des.control_unit import MOST_AT_ONE_INSTANT
-from aimd_des.environment import FIRST_ORDER
+from aimd_des.environment import FIRST_ORDER, Kind
 from aimd_des.metrics import fold_overshoot
 from aimd_des.population import observe_totals, total_of
 
 __all__ = ["sample", "sense", "settle_and_fold"]
 
+# Plain numbers, as kernels take them.
+_SENSE, _OBSERVE = int(Kind.SENSE), int(Kind.OBSERVE)
+
 
 @formula
-def _within(pilot: Pilot, time: float, turn: int, limits: Limits) -> bool:
-    # What the present event of SimPy is for has come to its turn, whatever else is due at this instant.
-    return pilot.woken[0] or time < limits.horizon or (time == limits.horizon and turn < limits.turns)
+def _within(time: float, kind: int, turn: int, limits: Limits) -> bool:
+    """Tell whether something comes before what is due next besides."""
+    if time != limits.horizon:
+        return time < limits.horizon
+    return kind < limits.kind or (kind == limits.kind and turn < limits.order)
 
 
 @formula
@@ -72,6 +88,7 @@ def _measure(pilot: Pilot, meter: Meter, now: float) -> None:
     """Close the interval of constant demand that ends with the tick at hand."""
     duration = now - meter.measured[0]
     meter.tick[0] += 1
+    pilot.turns[TICK] = LAST - 1
     if duration > 0.0:
         fold_overshoot(pilot.total, meter.capacity, duration, meter.peak, meter.above, meter.excess)
         meter.measured[0] = now
@@ -96,6 +113,7 @@ def _keep(crowd: Crowd, pilot: Pilot, watch: Watch) -> None:
     row = watch.row[0]
     observe_totals(crowd.state, crowd.law, pilot.moment, crowd.grain, watch.demand[row], watch.average[row])
     watch.row[0] += 1
+    pilot.turns[ROW] = LAST - 1
 
 
 @formula
@@ -114,7 +132,7 @@ def _signal(crowd: Crowd, pilot: Pilot, post: Post, limits: Limits) -> int:
     return REACHED
 
 
-@routine
+@announced("the fleet (half a minute)")
 def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, limits: Limits) -> int:
     """Look at phase + q * period, and let observers look, until something else is due.
 
@@ -146,15 +164,11 @@ def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, l
             _next_row(watch),
         )
         now, looking = min(look, tick, row), look <= min(tick, row)
-        if looking:
-            # Looks after the first have not been scheduled, and would come after what is there.
-            if not _within(pilot, now, LAST - 1, limits):
-                return REACHED
-            if _crowded(crowd, pilot, post):
-                return CROWDED
-        elif not _within(pilot, now, LAST - 1 if limits.observing else LAST, limits):
+        turn = pilot.turns[LOOK] if looking else pilot.turns[TICK if now == tick else ROW]
+        if not _within(now, _SENSE if looking else _OBSERVE, turn, limits):
             return REACHED
-        pilot.woken[0] = False
+        if looking and _crowded(crowd, pilot, post):
+            return CROWDED
         if now != summed:
             pilot.now[0] = summed = now
             _find_totals(crowd, pilot, meter, limits)
@@ -165,12 +179,13 @@ def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, l
                 _keep(crowd, pilot, watch)
             continue
         pilot.look[0] += 1
+        pilot.turns[LOOK] = LAST - 1
         status = _signal(crowd, pilot, post, limits)
         if status != REACHED:
             return status
 
 
-@routine
+@announced("the fleet (half a minute)")
 def sense(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, limits: Limits) -> int:
     """Go from one possible crossing to the next, and let observers look, until something else is due.
 
@@ -201,18 +216,16 @@ def sense(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, li
         j = int(np.argmin(alarm))
         now, row = alarm[j], _next_row(watch)
         if row < now:
-            if not _within(pilot, row, LAST - 1 if limits.observing else LAST, limits):
+            if not _within(row, _OBSERVE, pilot.turns[ROW], limits):
                 return REACHED
-            pilot.woken[0] = False
             pilot.now[0] = row
             _find_totals(crowd, pilot, meter, limits)
             _keep(crowd, pilot, watch)
             continue
-        if not _within(pilot, now, j, limits):
+        if not _within(now, _SENSE, j, limits):
             return REACHED
         if _crowded(crowd, pilot, post):
             return CROWDED
-        pilot.woken[0] = False
         pilot.now[0] = now
         queue = 0 if crowd.coupled else j
         settle(crowd, queue, queue + 1, now, LAST)

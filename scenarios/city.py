@@ -1,0 +1,203 @@
+"""Does what sixty cameras do hold for a city of a hundred thousand?
+
+It does, and it gets smoother. With capacities that grow with the number of cameras, signals per unit of
+time and utilisation stay what they are: the one bit is sent as often for a hundred thousand cameras as
+for sixty. Chance evens out in the total, whose ups and downs become the same from one signal to the
+next; it does not in the allocations, since every camera has its own luck: their distance from the
+optimum depends on how long the cameras have been running, not on how many there are.
+"""  # noqa: D400 - a question
+
+import warnings
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from aimd_des import metrics
+from aimd_des.agents import Fleet
+from aimd_des.channel import BroadcastChannel
+from aimd_des.channel.latency import Exponential
+from aimd_des.control_unit import Crossing
+from aimd_des.optimum import solve_optimum
+from aimd_des.plots import colour, shared_legend
+from aimd_des.plots.style import REFERENCE, frame, number_axis
+from aimd_des.recording import Recording
+from aimd_des.results import Result
+from aimd_des.simulation import Simulation
+from models import smart_cameras
+from scenarios._command import Study, command
+
+__all__ = ["main", "study"]
+
+_CHANNEL = {"latency": 0.5, "loss": 0.1}
+_HOLD_OFF = 1.0
+# The last stretch of a run, which is drawn, and how often it is looked at.
+_STRETCH, _LOOK = 20.0, 0.05
+_MEASURES = ("signals", "utilisation", "misallocation", "consensus spread", "swing")
+
+
+class _City(NamedTuple):
+    """What a run of one size comes to: tidy rows, and the last stretch as (time, total over capacity)."""
+
+    rows: list[dict[str, Any]]
+    time: np.ndarray
+    load: np.ndarray
+
+
+def study(quick: bool = False, seed: int = 0) -> Study:
+    """Run the paper's system with more and more cameras, behind a slow and lossy channel.
+
+    Parameters
+    ----------
+    quick : bool
+        Whether to run the small size.
+    seed : int
+        Of all runs.
+
+    Returns
+    -------
+    Study
+        A pure function of the arguments.
+    """
+    sizes, until = ((60, 2000), 150.0) if quick else ((60, 600, 6000, 100_000), 1000.0)
+    cities = {cameras: _city(cameras, until, seed) for cameras in sizes}
+    table = pd.DataFrame([row for city in cities.values() for row in city.rows])
+    settings = {"seed": seed, "until": until, **_CHANNEL, "hold_off": _HOLD_OFF}
+    figures = {"city": _figure(cities, table)}
+    return Study("city", settings, table, _shown(table), _findings(table), figures)
+
+
+def _city(cameras: int, until: float, seed: int) -> _City:
+    problem = smart_cameras(seed=seed, n_cameras=cameras)
+    looks = until - _STRETCH + _LOOK * np.arange(int(_STRETCH / _LOOK))
+    simulation = Simulation(
+        problem,
+        dynamics="continuous",
+        control_unit=Crossing(_HOLD_OFF),
+        channel=BroadcastChannel(Exponential(_CHANNEL["latency"]), _CHANNEL["loss"]),
+        agents=Fleet,
+        seed=seed,
+        recording=Recording(demand=looks, overshoot=False),
+    )
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
+        result = simulation.run(until)
+    load = result.observations.total_demand / problem.capacity
+    rows = [
+        {"cameras": cameras, "resource": name, "measure": measure, "value": float(value)}
+        for measure, values in zip(_MEASURES, _measured(result, until), strict=True)
+        for name, value in zip(problem.resource_names, values, strict=True)
+    ]
+    return _City(rows, result.observations.demand_times, load)
+
+
+def _measured(result: Result, until: float) -> list[Any]:
+    """Measure signals per unit of time since the first, averages at the end, and how peaks scatter."""
+    problem, average, sent = result.problem, result.average_at_end, result.signals_sent
+    first = np.array([sent.time[sent.resource == j].min() for j in range(problem.n_resources)])
+    best = solve_optimum(problem, capacity=average.sum(axis=0))
+    return [
+        sent.counts(problem.n_resources) / (until - first),
+        metrics.utilisation(average, problem.capacity),
+        metrics.relative_error(average, best.allocation),
+        metrics.consensus_spread(problem.costs, average),
+        _swing(result),
+    ]
+
+
+def _swing(result: Result) -> Any:
+    """Measure the standard deviation of the times between two signals, over their mean."""
+    sent, m = result.signals_sent, result.problem.n_resources
+    gaps = [np.diff(sent.time[sent.resource == j]) for j in range(m)]
+    return np.array([gap.std() / gap.mean() for gap in gaps])
+
+
+def _figure(cities: dict[int, _City], table: pd.DataFrame) -> Figure:
+    figure = Figure(figsize=(13.0, 4.6), layout="constrained")
+    left, middle, right = figure.subplots(1, 3)
+    names = list(dict.fromkeys(table["resource"]))
+    for axes, cameras, letter in ((left, min(cities), "a"), (middle, max(cities), "b")):
+        city = cities[cameras]
+        for j, name in enumerate(names):
+            axes.plot(city.time, 100 * city.load[:, j], color=colour(j), linewidth=1.2, label=name)
+        axes.axhline(100.0, color=REFERENCE, linewidth=1.0, linestyle=":")
+        axes.set_ylim(70.0, 115.0)
+        axes.set_xlabel("time (units of the hold-off)")
+        axes.set_ylabel("total demand (% of capacity)")
+        axes.set_title(f"({letter}) {cameras:,} cameras", loc="left", fontsize="medium")
+        number_axis(axes.yaxis)
+        frame(axes)
+    _draw_sizes(right, table, names)
+    shared_legend(figure)
+    return figure
+
+
+def _draw_sizes(axes: Axes, table: pd.DataFrame, names: list[str]) -> None:
+    for measure, marker, face in (("misallocation", "o", None), ("swing", "s", "white")):
+        for j, name in enumerate(names):
+            rows = table[(table["measure"] == measure) & (table["resource"] == name)]
+            axes.plot(
+                rows["cameras"],
+                100 * rows["value"],
+                color=colour(j),
+                marker=marker,
+                markerfacecolor=colour(j) if face is None else face,
+                linewidth=1.2,
+                linestyle="-" if face is None else "--",
+            )
+    axes.plot([], [], "o-", color=REFERENCE, label="distance from the optimum")
+    axes.plot(
+        [], [], "s--", color=REFERENCE, markerfacecolor="white", label="scatter of the times between signals"
+    )
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlabel("number of cameras")
+    axes.set_ylabel("distance, and scatter over the mean (%)")
+    axes.set_title("(c) What chance leaves", loc="left", fontsize="medium")
+    frame(axes)
+
+
+def _pick(table: pd.DataFrame, cameras: int, measure: str) -> pd.Series:
+    rows = table[(table["cameras"] == cameras) & (table["measure"] == measure)]
+    return rows.set_index("resource")["value"]
+
+
+def _shown(table: pd.DataFrame) -> pd.DataFrame:
+    wide = table.pivot_table(index=["cameras", "resource"], columns="measure", values="value", sort=False)
+    rows = [
+        {
+            "cameras": f"{cameras:,}",
+            "resource": resource,
+            "signals per unit of time": f"{row['signals']:.4f}",
+            "utilisation": f"{row['utilisation']:.4f}",
+            "misallocation": f"{row['misallocation']:.4f}",
+            "consensus spread": f"{row['consensus spread']:.4f}",
+            "scatter of gaps": f"{row['swing']:.4f}",
+        }
+        for (cameras, resource), row in wide.iterrows()
+    ]
+    return pd.DataFrame(rows)
+
+
+def _findings(table: pd.DataFrame) -> list[str]:
+    few, many = int(table["cameras"].min()), int(table["cameras"].max())
+    before, after = ({name: _pick(table, size, name) for name in _MEASURES} for size in (few, many))
+    signals = 100 * (after["signals"] / before["signals"] - 1.0).abs().max()
+    used = 100 * (after["utilisation"] - before["utilisation"]).abs().max()
+    gaps, luck = ([100 * side[name].max() for side in (before, after)] for name in ("swing", "misallocation"))
+    return [
+        f"From {few} to {many:,} cameras signals per unit of time change by at most {signals:.1f} %, "
+        f"utilisation by at most {used:.1f} points.",
+        f"The times between two signals scatter by up to {gaps[0]:.0f} % of their mean with {few} cameras, "
+        f"and by up to {gaps[1]:.1f} % with {many:,}.",
+        f"The averages are up to {luck[0]:.1f} % from the optimum of what is used with {few} cameras, and "
+        f"{luck[1]:.1f} % with {many:,}: a camera's own luck wears off with time, not with company.",
+    ]
+
+
+main = command("city", study, "Does what sixty cameras do hold for a city of a hundred thousand?")
+
+if __name__ == "__main__":
+    main()
