@@ -4,13 +4,15 @@ Run it from the root of the checkout: ``python -m benchmarks.asynchronous``.
 """
 
 import argparse
+import ctypes
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from aimd_des import PolynomialCosts, Problem, Recording, Simulation
+from aimd_des import Camera, Fleet, PolynomialCosts, Problem, Recording, Simulation
 from aimd_des.channel import BroadcastChannel, latency
 from aimd_des.control_unit import Crossing
 from benchmarks import asynchronous_simpy
@@ -23,6 +25,7 @@ from benchmarks.harness import (
     Unavailable,
     add_options,
     alone,
+    compile_c,
     console,
     interleaved,
     machine,
@@ -40,10 +43,19 @@ LATENCY, LOSS, HOLD_OFF = 0.5, 0.1, 1.0
 WARM_UP = 50.0  # long enough for the first signals of every resource, so that all that is used is compiled
 TOLERANCE = 0.02
 STRAIGHT = "SimPy, by the book"
+QUEUE = "C++, priority queue"
+
+# Some 3 million deliveries each, and at least some ten signals of each resource.
+HORIZONS = {60: 30_000.0, 600: 6_000.0, 6_000: 600.0, 60_000: 100.0}
+
+# Programs that are slow are given a shorter run where there are many cameras, but one with signals in it.
+SLOW_FROM, SLOW_SHARE, SHORTEST = 600, 0.1, 60.0
 COLUMNS = (
     "program",
     "deliver-\nies per\nCPU s",
     "over\nSimPy",
+    "over\nC++",
+    "until",
     "CPU s,\nbest",
     "CPU s,\nmedian",
     "runs",
@@ -56,8 +68,8 @@ COLUMNS = (
 )
 LEGEND = (
     "CPU seconds of all threads, compiling not counted.  Deliveries per second are those of the best run;\n"
-    f"'over SimPy' is their ratio to '{STRAIGHT}'.  'off' is the largest relative difference from the first\n"
-    "program on any resource, means over the runs; "
+    f"'over' is their ratio to '{STRAIGHT}' and to '{QUEUE}'.  'off' is the largest relative difference on\n"
+    "any resource from the first program that ran for as long, means over the runs;\n"
     f"above {TOLERANCE:.0%} the work is not the same and no ratio is given.\n"
     "'alone' and the memory are of one run in a process of its own, start and imports included;\n"
     "'the run' is how far the run itself lifts the peak."
@@ -83,6 +95,10 @@ class Outcome(NamedTuple):
 Run = Callable[[int], Outcome]
 
 
+def _horizon(cameras: int) -> float:
+    return HORIZONS.get(cameras, max(100.0, 1.8e6 / cameras))
+
+
 def _task(cameras: int, until: float) -> Task:
     problem = smart_cameras(seed=0, n_cameras=cameras)
     if not isinstance(problem.costs, PolynomialCosts):
@@ -90,7 +106,7 @@ def _task(cameras: int, until: float) -> Task:
     return Task(problem, problem.costs.slopes, until)
 
 
-def _prepare_ours(task: Task, recording: Recording) -> Run:
+def _prepare_ours(task: Task, agents: Any, recording: Recording) -> Run:
     channel = BroadcastChannel(latency=latency.Exponential(LATENCY), loss=LOSS)
 
     def run(seed: int, until: float = task.until) -> Outcome:
@@ -99,6 +115,7 @@ def _prepare_ours(task: Task, recording: Recording) -> Run:
             dynamics="continuous",
             control_unit=Crossing(refractory=HOLD_OFF),
             channel=channel,
+            agents=agents,
             seed=seed,
             recording=recording,
         )
@@ -106,7 +123,12 @@ def _prepare_ours(task: Task, recording: Recording) -> Run:
         signals = result.signals_sent.counts(task.problem.n_resources)
         return Outcome(signals, result.average_at_end, int(result.account.delivered.sum()))
 
-    run(seed=0, until=WARM_UP)
+    # Compiles, or loads what an earlier run compiled; with few agents, so that it takes up no memory.
+    few = _task(min(task.problem.n_agents, 60), WARM_UP)
+    if few.problem.n_agents < task.problem.n_agents:
+        _prepare_ours(few, agents, recording)
+    else:
+        run(seed=0, until=WARM_UP)
     return run
 
 
@@ -114,12 +136,39 @@ def _prepare_simpy(task: Task) -> Run:
     return lambda seed: Outcome(*asynchronous_simpy.run(*task, LATENCY, LOSS, HOLD_OFF, seed))
 
 
-def _contestants(task: Task) -> list[Contestant[Outcome]]:
-    end_only = Recording("end", overshoot=False)
+def _prepare_queue(task: Task) -> Run:
+    problem, slopes = task.problem, np.ascontiguousarray(task.slopes.transpose(1, 2, 0))
+    n, m, terms = slopes.shape
+    library = compile_c(Path(__file__).with_name("asynchronous_queue.cpp"), f"-DTERMS={terms}")
+    table, counts = (np.ctypeslib.ndpointer(kind, flags="C") for kind in (np.float64, np.int64))
+    numbers = [*[ctypes.c_int64] * 2, *[ctypes.c_double] * 4, ctypes.c_uint64]
+    library.run.argtypes = [*numbers, *[table] * 5, counts, table, ctypes.POINTER(ctypes.c_int64)]
+    library.run.restype = None
+    law = [problem.increase, problem.decrease, problem.normalization, problem.limit]
+    tables = [np.ascontiguousarray(values) for values in (*law, slopes)]
+
+    def run(seed: int) -> Outcome:
+        signals, averages, deliveries = np.zeros(m, dtype=np.int64), np.zeros((n, m)), ctypes.c_int64()
+        settings = (task.until, LATENCY, LOSS, HOLD_OFF, seed)
+        library.run(n, m, *settings, *tables, signals, averages, ctypes.byref(deliveries))
+        return Outcome(signals, averages, deliveries.value)
+
+    return run
+
+
+def _contestants(task: Task) -> list[tuple[Contestant[Outcome], float]]:
+    """List the programs, each with the end of its run."""
+    end_only, slow = Recording("end", overshoot=False), task
+    if task.problem.n_agents >= SLOW_FROM:
+        slow = task._replace(until=max(SLOW_SHARE * task.until, min(SHORTEST, task.until)))
+    once = {"repeats": 1}
     return [
-        Contestant("camera processes (ours)", partial(_prepare_ours, task, Recording())),
-        Contestant("the same, end only", partial(_prepare_ours, task, end_only)),
-        Contestant(STRAIGHT, partial(_prepare_simpy, task)),
+        (Contestant("fleet (ours)", partial(_prepare_ours, task, Fleet, Recording())), task.until),
+        (Contestant("fleet, end only", partial(_prepare_ours, task, Fleet, end_only)), task.until),
+        (Contestant(QUEUE, partial(_prepare_queue, task)), task.until),
+        (Contestant("cameras (ours)", partial(_prepare_ours, slow, Camera, Recording()), **once), slow.until),
+        (Contestant("cameras, end only", partial(_prepare_ours, slow, Camera, end_only), **once), slow.until),
+        (Contestant(STRAIGHT, partial(_prepare_simpy, slow), **once), slow.until),
     ]
 
 
@@ -134,19 +183,25 @@ def _mean(timing: Timing[Outcome]) -> tuple[FloatArray, FloatArray]:
     return signals, np.mean([outcome.average.sum(axis=0) for outcome in timing.outcomes], axis=0)
 
 
-def _row(timing: Timing[Outcome], timings: list[Timing[Outcome]], separate: Alone | None) -> dict[str, Any]:
-    """Hold one program's speed against the straightforward one, its work against the first that ran."""
-    row: dict[str, Any] = {"program": timing.name, "missing": timing.missing}
-    if separate is None or not timing.outcomes:
+def _row(
+    timing: Timing[Outcome], until: float, timings: list[tuple[Timing[Outcome], float]], own: Alone | None
+) -> dict[str, Any]:
+    """Hold one program's speed against two others, its work against the first that ran for as long."""
+    row: dict[str, Any] = {"program": timing.name, "missing": timing.missing, "until": until}
+    if own is None or not timing.outcomes:
         return row
     signals, averages = _mean(timing)
-    reference = _mean(next(other for other in timings if other.outcomes))
+    reference = _mean(next(other for other, end in timings if other.outcomes and end == until))
     signals_off, averages_off = off(signals, reference[0]), off(averages, reference[1])
     same_work = max(signals_off, averages_off) <= TOLERANCE
-    straight = next((other for other in timings if other.name == STRAIGHT and other.outcomes), None)
+    rates = {other.name: _rate(other) for other, _ in timings if other.outcomes}
+    ratios = {
+        name: _rate(timing) / rates[rival] if same_work and rival in rates else None
+        for name, rival in (("over_simpy", STRAIGHT), ("over_queue", QUEUE))
+    }
     return row | {
         "rate": _rate(timing),
-        "over_simpy": _rate(timing) / _rate(straight) if same_work and straight else None,
+        **ratios,
         "seconds": timing.seconds,
         "best": timing.best,
         "median": timing.median,
@@ -156,7 +211,7 @@ def _row(timing: Timing[Outcome], timings: list[Timing[Outcome]], separate: Alon
         "averages_mean": averages.tolist(),
         "signals_off": signals_off,
         "averages_off": averages_off,
-        "alone": separate._asdict(),
+        "alone": own._asdict(),
     }
 
 
@@ -167,6 +222,8 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
         row["program"],
         f"{row['rate']:,.0f}",
         ratio(row["over_simpy"]),
+        ratio(row["over_queue"]),
+        f"{row['until']:g}",
         f"{row['best']:.3f}",
         f"{row['median']:.3f}",
         str(len(row["seconds"])),
@@ -187,10 +244,10 @@ def _alone(contestant: Contestant[Outcome], seed: int) -> Alone | None:
 
 
 def _measure(task: Task, repeats: int, seed: int) -> list[dict[str, Any]]:
-    contestants = _contestants(task)
+    contestants, ends = zip(*_contestants(task), strict=True)
     separate = [_alone(contestant, seed) for contestant in contestants]
-    timings = interleaved(contestants, repeats, seed)
-    return [_row(timing, timings, own) for timing, own in zip(timings, separate, strict=True)]
+    timings = list(zip(interleaved(contestants, repeats, seed), ends, strict=True))
+    return [_row(timing, end, timings, own) for (timing, end), own in zip(timings, separate, strict=True)]
 
 
 def _options(arguments: list[str] | None) -> argparse.Namespace:
@@ -198,10 +255,10 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
         prog="python -m benchmarks.asynchronous",
         description="continuous agents behind a slow and lossy channel: ours beside other programs",
     )
-    parser.add_argument("--cameras", type=positive, nargs="+", default=[60], help="sizes (default: 60)")
     parser.add_argument(
-        "--until", type=float, default=3000.0, help="end, in units of time (default: %(default)g)"
+        "--cameras", type=positive, nargs="+", default=list(HORIZONS), help="sizes (default: %(default)s)"
     )
+    parser.add_argument("--until", type=float, help="end, in units of time (default: by size)")
     add_options(parser, repeats=3)
     return parser.parse_args(arguments)
 
@@ -213,7 +270,7 @@ def main(arguments: list[str] | None = None) -> None:
     out.print(", ".join(f"{name} {value}" for name, value in host.items()), soft_wrap=True)
     sizes = {}
     for cameras in options.cameras:
-        task = _task(cameras, options.until)
+        task = _task(cameras, options.until or _horizon(cameras))
         sizes[str(cameras)] = rows = _measure(task, options.repeats, options.seed)
         names = " ".join(task.problem.resource_names)
         title = (

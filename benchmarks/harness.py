@@ -178,22 +178,23 @@ def alone(contestant: Contestant[Any], seed: int = 0) -> Alone:
         return pool.submit(_run_once, contestant, seed).result()
 
 
-def _compiler() -> str:
-    return os.environ.get("CC", "cc")
+def _compiler(suffix: str = ".c") -> str:
+    return os.environ.get("CC", "cc") if suffix == ".c" else os.environ.get("CXX", "c++")
 
 
 def compile_c(source: Path, *flags: str) -> ctypes.CDLL:
-    """Compile with ``cc -O3 -march=native`` and `flags` in a temporary folder, and load the result."""
+    """Compile C or C++ with ``-O3 -march=native`` and `flags` in a temporary folder, and load the result."""
+    compiler = _compiler(source.suffix)
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / f"{source.stem}.so"
         flags = ("-O3", "-march=native", *flags, "-shared", "-fPIC")
-        command = [_compiler(), *flags, "-o", str(library), str(source)]
+        command = [compiler, *flags, "-o", str(library), str(source)]
         try:
             subprocess.run(command, check=True, capture_output=True, text=True)
         except FileNotFoundError:
-            raise Unavailable(f"no C compiler: {_compiler()} is not installed") from None
+            raise Unavailable(f"no compiler: {compiler} is not installed") from None
         except subprocess.CalledProcessError as failure:
-            raise Unavailable(f"{_compiler()} refused {source.name}: {failure.stderr.strip()}") from None
+            raise Unavailable(f"{compiler} refused {source.name}: {failure.stderr.strip()}") from None
         return ctypes.CDLL(str(library))  # stays loaded when the folder is gone
 
 
@@ -237,7 +238,7 @@ def machine(packages: Sequence[str] = ()) -> dict[str, str]:
 
 def console() -> Console:
     """A console wide enough for a table where the output is a file or a pipe."""
-    return Console(width=None if sys.stdout.isatty() else 140, highlight=False)
+    return Console(width=None if sys.stdout.isatty() else 160, highlight=False)
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:

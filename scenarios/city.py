@@ -19,6 +19,7 @@ from aimd_des import metrics
 from aimd_des.agents import Fleet
 from aimd_des.channel import BroadcastChannel
 from aimd_des.channel.latency import Exponential
+from aimd_des.checks import FloatArray
 from aimd_des.control_unit import Crossing
 from aimd_des.optimum import solve_optimum
 from aimd_des.plots import colour, shared_legend
@@ -35,15 +36,15 @@ _CHANNEL = {"latency": 0.5, "loss": 0.1}
 _HOLD_OFF = 1.0
 # The last stretch of a run, which is drawn, and how often it is looked at.
 _STRETCH, _LOOK = 20.0, 0.05
-_MEASURES = ("signals", "utilisation", "misallocation", "consensus spread", "swing")
+_MEASURES = ("signals", "utilisation", "misallocation", "consensus spread", "scatter")
 
 
 class _City(NamedTuple):
     """What a run of one size comes to: tidy rows, and the last stretch as (time, total over capacity)."""
 
     rows: list[dict[str, Any]]
-    time: np.ndarray
-    load: np.ndarray
+    time: FloatArray
+    load: FloatArray
 
 
 def study(quick: bool = False, seed: int = 0) -> Study:
@@ -71,7 +72,7 @@ def study(quick: bool = False, seed: int = 0) -> Study:
 
 def _city(cameras: int, until: float, seed: int) -> _City:
     problem = smart_cameras(seed=seed, n_cameras=cameras)
-    looks = until - _STRETCH + _LOOK * np.arange(int(_STRETCH / _LOOK))
+    looks = [until - _STRETCH + _LOOK * look for look in range(int(_STRETCH / _LOOK))]
     simulation = Simulation(
         problem,
         dynamics="continuous",
@@ -103,14 +104,15 @@ def _measured(result: Result, until: float) -> list[Any]:
         metrics.utilisation(average, problem.capacity),
         metrics.relative_error(average, best.allocation),
         metrics.consensus_spread(problem.costs, average),
-        _swing(result),
+        _scatter(result),
     ]
 
 
-def _swing(result: Result) -> Any:
-    """Measure the standard deviation of the times between two signals, over their mean."""
+def _scatter(result: Result) -> FloatArray:
+    """Measure how the times between two signals scatter about their mean, in the second half of the run."""
     sent, m = result.signals_sent, result.problem.n_resources
-    gaps = [np.diff(sent.time[sent.resource == j]) for j in range(m)]
+    late = sent.time > 0.5 * result.until
+    gaps = [np.diff(sent.time[late & (sent.resource == j)]) for j in range(m)]
     return np.array([gap.std() / gap.mean() for gap in gaps])
 
 
@@ -123,7 +125,7 @@ def _figure(cities: dict[int, _City], table: pd.DataFrame) -> Figure:
         for j, name in enumerate(names):
             axes.plot(city.time, 100 * city.load[:, j], color=colour(j), linewidth=1.2, label=name)
         axes.axhline(100.0, color=REFERENCE, linewidth=1.0, linestyle=":")
-        axes.set_ylim(70.0, 115.0)
+        axes.set_ylim(85.0, 102.0)
         axes.set_xlabel("time (units of the hold-off)")
         axes.set_ylabel("total demand (% of capacity)")
         axes.set_title(f"({letter}) {cameras:,} cameras", loc="left", fontsize="medium")
@@ -135,7 +137,7 @@ def _figure(cities: dict[int, _City], table: pd.DataFrame) -> Figure:
 
 
 def _draw_sizes(axes: Axes, table: pd.DataFrame, names: list[str]) -> None:
-    for measure, marker, face in (("misallocation", "o", None), ("swing", "s", "white")):
+    for measure, marker, face in (("misallocation", "o", None), ("scatter", "s", "white")):
         for j, name in enumerate(names):
             rows = table[(table["measure"] == measure) & (table["resource"] == name)]
             axes.plot(
@@ -153,6 +155,8 @@ def _draw_sizes(axes: Axes, table: pd.DataFrame, names: list[str]) -> None:
     )
     axes.set_xscale("log")
     axes.set_yscale("log")
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("")
     axes.set_xlabel("number of cameras")
     axes.set_ylabel("distance, and scatter over the mean (%)")
     axes.set_title("(c) What chance leaves", loc="left", fontsize="medium")
@@ -168,15 +172,15 @@ def _shown(table: pd.DataFrame) -> pd.DataFrame:
     wide = table.pivot_table(index=["cameras", "resource"], columns="measure", values="value", sort=False)
     rows = [
         {
-            "cameras": f"{cameras:,}",
-            "resource": resource,
+            "cameras": f"{row['cameras']:,.0f}",
+            "resource": row["resource"],
             "signals per unit of time": f"{row['signals']:.4f}",
             "utilisation": f"{row['utilisation']:.4f}",
             "misallocation": f"{row['misallocation']:.4f}",
             "consensus spread": f"{row['consensus spread']:.4f}",
-            "scatter of gaps": f"{row['swing']:.4f}",
+            "scatter of gaps": f"{row['scatter']:.4f}",
         }
-        for (cameras, resource), row in wide.iterrows()
+        for row in wide.reset_index().to_dict("records")
     ]
     return pd.DataFrame(rows)
 
@@ -186,14 +190,16 @@ def _findings(table: pd.DataFrame) -> list[str]:
     before, after = ({name: _pick(table, size, name) for name in _MEASURES} for size in (few, many))
     signals = 100 * (after["signals"] / before["signals"] - 1.0).abs().max()
     used = 100 * (after["utilisation"] - before["utilisation"]).abs().max()
-    gaps, luck = ([100 * side[name].max() for side in (before, after)] for name in ("swing", "misallocation"))
+    gaps, luck = (
+        [100 * side[name].max() for side in (before, after)] for name in ("scatter", "misallocation")
+    )
+    same = f"signals per unit of time change by up to {signals:.1f} %, utilisation by up to {used:.1f} points"
+    apart = f"by up to {gaps[0]:.0f} % of their mean with {few} cameras, {gaps[1]:.1f} % with {many:,}"
+    far = f"up to {luck[0]:.1f} % from the optimum for what is used with {few} cameras, {luck[1]:.1f} % with"
     return [
-        f"From {few} to {many:,} cameras signals per unit of time change by at most {signals:.1f} %, "
-        f"utilisation by at most {used:.1f} points.",
-        f"The times between two signals scatter by up to {gaps[0]:.0f} % of their mean with {few} cameras, "
-        f"and by up to {gaps[1]:.1f} % with {many:,}.",
-        f"The averages are up to {luck[0]:.1f} % from the optimum of what is used with {few} cameras, and "
-        f"{luck[1]:.1f} % with {many:,}: a camera's own luck wears off with time, not with company.",
+        f"From {few} to {many:,} cameras {same}.",
+        f"Once settled, the times between two signals scatter {apart}.",
+        f"The averages are {far} {many:,}: a camera's own luck wears off with time, not with company.",
     ]
 
 
