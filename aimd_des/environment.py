@@ -60,7 +60,13 @@ class _Due(simpy.Event):
 
 
 class OrderedEnvironment(simpy.Environment):
-    """A SimPy environment in which simultaneous events have an order that means something."""
+    """A SimPy environment in which simultaneous events have an order that means something.
+
+    Attributes
+    ----------
+    tracking : bool
+        Whether `reached` is kept up to date; set before the run by whoever needs it.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -68,6 +74,7 @@ class OrderedEnvironment(simpy.Environment):
         self._eid = count(FIRST_ORDER)
         self._turns = count()
         self._acted_at, self._acted = -math.inf, 0
+        self.tracking = False
         self._reached: tuple[Any, ...] = _NOTHING
         self._watch: Callable[[float, int], None] | None = None
         self._handled = 0
@@ -187,7 +194,8 @@ class OrderedEnvironment(simpy.Environment):
         if queue and queue[0] < key:
             return False
         self._now = time
-        self._reached = max(self._reached, key)
+        if self.tracking:
+            self._reached = max(self._reached, key)
         return True
 
     def report(self, time: float) -> None:
@@ -213,11 +221,12 @@ class OrderedEnvironment(simpy.Environment):
             code handles many in one, from there, and these are not counted.
         """
         handled, self._handled, self._watch = 0, 0, watch
-        queue = self._queue
+        queue, tracking = self._queue, self.tracking
         while queue and queue[0][0] < until:
             # `simpy.Environment.step` without what only its own `run` needs; it is called for every event.
             present = heappop(queue)
-            self._reached = max(self._reached, present)
+            if tracking:
+                self._reached = max(self._reached, present)
             self._now, _, _, event = present
             callbacks, event.callbacks = event.callbacks, None  # type: ignore[assignment]
             for callback in callbacks:

@@ -267,6 +267,7 @@ class System:
             There is one at most.
         """
         self.collective = self.transmitter.collective = collective
+        self.env.tracking = True
         if self.log is not None:
             self.log.lead(collective.settle)
 
