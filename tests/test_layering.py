@@ -16,6 +16,7 @@ ORDER = [
     "elementary",
     "environment",
     "streams",
+    "ticks",
     "clock",
     "frames",
     "costs",

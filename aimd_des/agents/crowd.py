@@ -8,11 +8,11 @@ import numpy.typing as npt
 from aimd_des.agents.flights import BLOCK, Flights
 from aimd_des.agents.radix import bits_of, put
 from aimd_des.checks import FloatArray
-from aimd_des.clock import next_tick, tick_time
 from aimd_des.compiled import routine
 from aimd_des.gradients import CostTable
 from aimd_des.population import Law, State
 from aimd_des.streams import Key, uniforms_row
+from aimd_des.ticks import next_tick, tick_time
 
 __all__ = ["LAST", "Answers", "Crowd", "Rhythm", "Scratch", "accept", "scratch_for"]
 

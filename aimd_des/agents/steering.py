@@ -18,12 +18,12 @@ from aimd_des.agents.pilot import (
 )
 from aimd_des.agents.post import Post, broadcast
 from aimd_des.agents.settling import settle
-from aimd_des.clock import next_ticks
 from aimd_des.compiled import announced, formula, routine
 from aimd_des.control_unit import MOST_AT_ONE_INSTANT
 from aimd_des.environment import FIRST_ORDER, Kind
 from aimd_des.metrics import fold_overshoot
 from aimd_des.population import observe_totals, total_of
+from aimd_des.ticks import next_ticks
 
 __all__ = ["sample", "sense", "settle_and_fold"]
 
