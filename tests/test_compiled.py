@@ -12,13 +12,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numba.core.errors import TypingError
 
 from aimd_des.costs import Costs
 from aimd_des.gradients import cost_table, gradient_row, marginal_cost
 from tests.conftest import ROOT, python, random_problem
 
 SOURCE = """
-from aimd_des.compiled import formula, kernel
+import numpy as np
+from aimd_des.compiled import announced, formula, kernel, routine
 
 @formula
 def line(x, alpha, steps):
@@ -39,6 +41,14 @@ def total(values):
 @kernel
 def ratio(one, other):
     return one / other
+
+@announced("a thing (a moment)")
+def twice(x):
+    return 2.0 * x
+
+@routine
+def allocate(n):
+    return np.zeros(n)[0]
 """
 
 
@@ -153,3 +163,17 @@ def test_one_agents_derivative_has_the_bits_of_the_kernel(seed: int, n: int, m: 
     columns = averages.T.tolist()
     assert compiled.tolist() == [[singles[i](columns[i], j) for i in range(n)] for j in range(m)]
     np.testing.assert_allclose(compiled, costs.gradient(averages.T).T, rtol=1e-13)
+
+
+def test_what_takes_long_to_compile_is_announced_once(
+    module: ModuleType, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert [module.twice(1.5), module.twice(2.5)] == [3.0, 5.0]
+    assert [record.getMessage() for record in caplog.records] == [
+        "compiling a thing (a moment), which is done once on a machine; please wait"
+    ]
+
+
+def test_compiled_code_that_allocates_is_refused(module: ModuleType) -> None:
+    with pytest.raises(TypingError, match="built-in function zeros"):
+        module.allocate(3)
