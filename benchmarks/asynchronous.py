@@ -139,7 +139,7 @@ def _prepare_simpy(task: Task) -> Run:
 def _prepare_queue(task: Task) -> Run:
     problem, slopes = task.problem, np.ascontiguousarray(task.slopes.transpose(1, 2, 0))
     n, m, terms = slopes.shape
-    library = compile_c(Path(__file__).with_name("asynchronous_queue.cpp"), f"-DTERMS={terms}")
+    library = compile_c(Path(__file__).with_name("asynchronous_queue.cpp"), "-std=c++17", f"-DTERMS={terms}")
     table, counts = (np.ctypeslib.ndpointer(kind, flags="C") for kind in (np.float64, np.int64))
     numbers = [*[ctypes.c_int64] * 2, *[ctypes.c_double] * 4, ctypes.c_uint64]
     library.run.argtypes = [*numbers, *[table] * 5, counts, table, ctypes.POINTER(ctypes.c_int64)]
