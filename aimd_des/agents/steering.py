@@ -117,6 +117,13 @@ def _keep(crowd: Crowd, pilot: Pilot, watch: Watch) -> None:
 
 
 @formula
+def _first_turn(pilot: Pilot, measuring: bool, keeping: bool) -> int:
+    """Return the turn of what is observed: of both, where both are, since neither changes anything."""
+    first = pilot.turns[TICK] if measuring else pilot.turns[ROW]
+    return min(first, pilot.turns[ROW]) if keeping else first
+
+
+@formula
 def _signal(crowd: Crowd, pilot: Pilot, post: Post, limits: Limits) -> int:
     """Broadcast for each resource whose total demand is above its threshold."""
     due = False
@@ -164,7 +171,7 @@ def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, l
             _next_row(watch),
         )
         now, looking = min(look, tick, row), look <= min(tick, row)
-        turn = pilot.turns[LOOK] if looking else pilot.turns[TICK if now == tick else ROW]
+        turn = pilot.turns[LOOK] if looking else _first_turn(pilot, now == tick, now == row)
         if not _within(now, _SENSE if looking else _OBSERVE, turn, limits):
             return REACHED
         if looking and _crowded(crowd, pilot, post):
