@@ -120,7 +120,7 @@ def _keep(crowd: Crowd, pilot: Pilot, watch: Watch) -> None:
 def _first_turn(pilot: Pilot, measuring: bool, keeping: bool) -> int:
     """Return the turn of what is observed: of both, where both are, since neither changes anything."""
     first = pilot.turns[TICK] if measuring else pilot.turns[ROW]
-    return min(first, pilot.turns[ROW]) if keeping else first
+    return int(min(first, pilot.turns[ROW]) if keeping else first)
 
 
 @formula
