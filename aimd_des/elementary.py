@@ -20,7 +20,7 @@ import numpy.typing as npt
 from aimd_des.checks import FloatArray
 from aimd_des.compiled import formula, kernel
 
-__all__ = ["exp", "expm1", "exps", "log", "log1p", "log_normal", "standard_normal"]
+__all__ = ["exp", "expm1", "exps", "log", "log1p", "log_normal", "logs", "standard_normal"]
 
 # log 2 in two parts. The first has 20 bits to spare, so that its product with an exponent is exact.
 _LOG2_HIGH, _LOG2_LOW = float.fromhex("0x1.62e42fee00000p-1"), float.fromhex("0x1.a39ef35793c76p-33")
@@ -239,9 +239,33 @@ def standard_normal(uniform: float) -> float:
 
 
 @kernel
+def _log_row(row: FloatArray) -> None:
+    for i in range(row.shape[0]):
+        row[i] = log(row[i])
+
+
+@kernel
 def _exp_row(row: FloatArray) -> None:
     for i in range(row.shape[0]):
         row[i] = exp(row[i])
+
+
+def logs(values: npt.ArrayLike) -> FloatArray:
+    """Return the natural logarithm of every element.
+
+    Parameters
+    ----------
+    values : array_like
+        At least 0, of any shape.
+
+    Returns
+    -------
+    ndarray
+        What `log` gives, of the same shape.
+    """
+    out = np.array(values, dtype=np.float64, order="C")
+    _log_row(out.reshape(-1))
+    return out
 
 
 def exps(values: npt.ArrayLike) -> FloatArray:

@@ -182,12 +182,18 @@ def test_logarithms_of_normal_numbers_are_those_of_all_numbers() -> None:
     assert compiled(elementary.log_normal)(points).tobytes() == compiled(elementary.log)(points).tobytes()
 
 
-def test_exponentials_of_arrays_keep_their_shape() -> None:
-    interpreted = np.array([elementary.exp(x) for x in EXP_POINTS.tolist()])
-    assert elementary.exps(EXP_POINTS).tobytes() == interpreted.tobytes()
-    square = EXP_POINTS[:144].reshape(12, 12).T
-    assert np.array_equal(elementary.exps(square), interpreted[:144].reshape(12, 12).T)
-    assert elementary.exps(EXP_POINTS[:1][0]).shape == ()
+@pytest.mark.parametrize(
+    ("row", "formula", "points"),
+    [(elementary.logs, elementary.log, LOG_POINTS), (elementary.exps, elementary.exp, EXP_POINTS)],
+)
+def test_arrays_keep_their_shape(
+    row: Callable[[FloatArray], FloatArray], formula: Callable[[float], float], points: FloatArray
+) -> None:
+    interpreted = np.array([formula(x) for x in points.tolist()])
+    assert row(points).tobytes() == interpreted.tobytes()
+    square = points[:144].reshape(12, 12).T
+    assert np.array_equal(row(square), interpreted[:144].reshape(12, 12).T)
+    assert row(points[:1][0]).shape == ()
 
 
 # Written down on x86-64. A machine on which one of them differs gives other runs for the same seed.

@@ -117,13 +117,6 @@ def _keep(crowd: Crowd, pilot: Pilot, watch: Watch) -> None:
 
 
 @formula
-def _first_turn(pilot: Pilot, measuring: bool, keeping: bool) -> int:
-    """Return the turn of what is observed: of both, where both are, since neither changes anything."""
-    first = pilot.turns[TICK] if measuring else pilot.turns[ROW]
-    return int(min(first, pilot.turns[ROW]) if keeping else first)
-
-
-@formula
 def _signal(crowd: Crowd, pilot: Pilot, post: Post, limits: Limits) -> int:
     """Broadcast for each resource whose total demand is above its threshold."""
     due = False
@@ -165,13 +158,12 @@ def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, l
     """
     summed = -1.0
     while True:
-        look, tick, row = (
-            pilot.phase + pilot.look[0] * pilot.period,
-            _next_tick(crowd, meter),
-            _next_row(watch),
-        )
-        now, looking = min(look, tick, row), look <= min(tick, row)
-        turn = pilot.turns[LOOK] if looking else _first_turn(pilot, now == tick, now == row)
+        look = pilot.phase + pilot.look[0] * pilot.period
+        tick, row, turns = _next_tick(crowd, meter), _next_row(watch), pilot.turns
+        keeping = row < tick or (row == tick and turns[ROW] < turns[TICK])
+        observed = row if keeping else tick
+        now, looking = min(look, observed), look <= observed
+        turn = turns[LOOK] if looking else turns[ROW if keeping else TICK]
         if not _within(now, _SENSE if looking else _OBSERVE, turn, limits):
             return REACHED
         if looking and _crowded(crowd, pilot, post):
@@ -180,10 +172,10 @@ def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, l
             pilot.now[0] = summed = now
             _find_totals(crowd, pilot, meter, limits)
         if not looking:
-            if now == tick:
-                _measure(pilot, meter, now)
-            if now == row:
+            if keeping:
                 _keep(crowd, pilot, watch)
+            else:
+                _measure(pilot, meter, now)
             continue
         pilot.look[0] += 1
         pilot.turns[LOOK] = LAST - 1
