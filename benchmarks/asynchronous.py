@@ -45,7 +45,7 @@ TOLERANCE = 0.02
 STRAIGHT = "SimPy, by the book"
 QUEUE = "C++, priority queue"
 
-# Some 3 million deliveries each, and at least some ten signals of each resource.
+# Three to ten million deliveries each, and at least some ten signals of each resource.
 HORIZONS = {60: 30_000.0, 600: 6_000.0, 6_000: 600.0, 60_000: 100.0}
 
 # Programs that are slow are given a shorter run where there are many cameras, but one with signals in it.

@@ -138,8 +138,9 @@ class Alone(NamedTuple):
     """What one run takes in a process of its own.
 
     `seconds` of CPU and `peak` of memory are those of the whole process: start, imports, compiling
-    or loading, and the run.  `added` is how far the run lifts the peak above what was in use before
-    it.  Memory is in MiB, and not a number where the system does not tell.
+    or loading, and the run, but not a C compiler, which is a process of its own.  `added` is how far
+    the run lifts the peak above what was in use before it.  Memory is in MiB, and not a number where
+    the system does not tell.
     """
 
     seconds: float
@@ -162,7 +163,7 @@ def _run_once(contestant: Contestant[Any], seed: int) -> Alone:
     before = _memory("VmRSS")
     run(seed)
     peak = _memory("VmHWM")
-    return Alone(cpu_seconds(), peak, peak - before)
+    return Alone(time.process_time(), peak, peak - before)
 
 
 def alone(contestant: Contestant[Any], seed: int = 0) -> Alone:
@@ -178,7 +179,7 @@ def alone(contestant: Contestant[Any], seed: int = 0) -> Alone:
         return pool.submit(_run_once, contestant, seed).result()
 
 
-def _compiler(suffix: str = ".c") -> str:
+def _compiler(suffix: str) -> str:
     return os.environ.get("CC", "cc") if suffix == ".c" else os.environ.get("CXX", "c++")
 
 
@@ -216,9 +217,9 @@ def _processor() -> str:
     return next(names, platform.processor() or platform.machine())
 
 
-def _compiler_version() -> str:
+def _compiler_version(suffix: str) -> str:
     try:
-        answer = subprocess.run([_compiler(), "--version"], check=True, capture_output=True, text=True)
+        answer = subprocess.run([_compiler(suffix), "--version"], check=True, capture_output=True, text=True)
     except (OSError, subprocess.CalledProcessError):
         return "none"
     return answer.stdout.partition("\n")[0]
@@ -232,7 +233,8 @@ def machine(packages: Sequence[str] = ()) -> dict[str, str]:
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         **{package: metadata.version(package) for package in packages},
-        "cc": _compiler_version(),
+        "cc": _compiler_version(".c"),
+        "c++": _compiler_version(".cpp"),
     }
 
 

@@ -11,6 +11,7 @@ from aimd_des import Camera, Recording
 from aimd_des.checks import FloatArray
 from benchmarks import asynchronous
 from benchmarks.asynchronous import Outcome, Run, Task
+from benchmarks.harness import Alone
 
 CAMERAS, UNTIL = 60, 200.0
 OURS, RIVALS = 40, 400  # runs: the C++ program's cost next to nothing
@@ -68,3 +69,16 @@ def test_one_copy_in_ten_is_lost(rival: Run) -> None:
     in_flight = 3 * outcome.average.size
     expected, scatter = (1 - asynchronous.LOSS) * sent, np.sqrt(0.09 * sent)
     assert expected - in_flight - FAR * scatter < outcome.deliveries < expected + FAR * scatter
+
+
+def test_the_table_has_a_row_for_every_program(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # A process of its own for each program would take some two seconds each, most of them for imports.
+    monkeypatch.setattr(asynchronous, "alone", lambda contestant, seed: Alone(1.0, 2.0, 3.0))
+    asynchronous.main(["--cameras", "5", "--until", "60", "--repeats", "1"])
+    out = capsys.readouterr().out
+    names = [contestant.name for contestant, _ in asynchronous._contestants(asynchronous._task(5, 60.0))]
+    rows = [line for line in out.splitlines() if line.strip().startswith(tuple(names))]
+    assert [row.strip().partition("  ")[0] for row in rows] == names
+    assert all(row.split()[-3:] == ["1.00", "2", "3.0"] for row in rows)

@@ -235,7 +235,9 @@ def refuse_loss(table: LossTable, code: int, resource: int, time: float) -> Simu
     """
     where = f"time {time!r}, resource {resource}"
     if code == _RECORD_ENDED:
-        ended = (table.cause == _RECORD) & (table.row >= table.rows) & ~table.repeat
+        # Parts before the one that has ended have read a row for this broadcast, perhaps their last.
+        record = table.cause == _RECORD
+        ended = record & (table.rows <= table.row[record].min()) & ~table.repeat
         part = int(np.argmax(ended))
         return SimulationError(
             f"{where}: broadcast {table.row[part]} of the run has no row in a trace of {table.rows[part]}; "

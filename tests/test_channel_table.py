@@ -1,0 +1,153 @@
+"""The compiled channel is held against the same models drawn one by one from Python, to the last bit."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from aimd_des import BroadcastChannel, SimulationError, latency, loss, streams
+from aimd_des.channel import Broadcast, CompiledLink, Draws, Link
+from aimd_des.channel.table import transmit
+from aimd_des.checks import FloatArray
+from aimd_des.streams import Purpose
+
+N = 7
+KEYS = {purpose: streams.key(3, purpose) for purpose in Purpose}
+EACH = np.linspace(0.0, 0.9, N)
+RECORD = np.arange(3 * N).reshape(3, N) % 2
+
+LATENCIES: dict[str, Any] = {
+    "constant": latency.Constant(0.5),
+    "uniform": latency.Uniform(EACH, 2.0),
+    "exponential": latency.Exponential(0.5),
+    "exponential of each": latency.Exponential(EACH),
+    "lognormal": latency.LogNormal(1.0, EACH),
+    "pareto": latency.Pareto(1.5, EACH + 0.1),
+    "empirical": latency.Empirical([0.1, 0.5, 0.3], EACH),
+    "gamma": latency.ShiftedGamma(2.5, 0.3, EACH),
+    "gamma with shapes below 1": latency.ShiftedGamma(2.0 * EACH + 0.01, 0.3),
+}
+LOSSES: dict[str, Any] = {
+    "none": loss.Bernoulli(0.0),
+    "independent": loss.Bernoulli(0.2),
+    "independent of each": loss.Bernoulli(EACH),
+    "common": loss.CommonMode(0.3),
+    "bursts": loss.GilbertElliott(0.3, 2.0),
+    "bursts of each": loss.GilbertElliott(EACH, EACH + 0.1),
+    "trace": loss.Trace([1, 0, 0], repeat=True),
+    "trace of each": loss.Trace(RECORD, repeat=True),
+    "combined": loss.Combined(
+        0.1, loss.GilbertElliott(EACH, 2.0), loss.CommonMode(0.1), loss.Trace(RECORD, repeat=True), EACH
+    ),
+}
+
+
+class OwnLatency:
+    """A user's model, of which the framework knows nothing but that it draws."""
+
+    def __init__(self, model: Any) -> None:
+        self.model = model
+
+    def check(self, n_agents: int) -> None:
+        self.model.check(n_agents)
+
+    def draw(self, draws: Draws) -> FloatArray:
+        drawn: FloatArray = self.model.draw(draws)
+        return drawn
+
+
+class _OwnProcess:
+    def __init__(self, process: Any) -> None:
+        self.draw = process.draw
+
+
+class OwnLoss:
+    """A user's model likewise."""
+
+    def __init__(self, model: Any) -> None:
+        self.model = model
+
+    def start(self, n_agents: int) -> _OwnProcess:
+        return _OwnProcess(self.model.start(n_agents))
+
+
+def opened(**parts: Any) -> Link:
+    return BroadcastChannel(**parts).open(N, KEYS)
+
+
+def assert_same(compiled: Link, drawn: Link) -> None:
+    assert isinstance(compiled, CompiledLink)
+    assert not hasattr(drawn, "table")
+    for k in range(60):
+        # Three resources, two broadcasts at some instants, and departures later than the looks.
+        time = 0.7 * (k - k % 2)
+        one, other = (link.transmit(Broadcast(k % 3, k // 3, time), time + 0.1) for link in (compiled, drawn))
+        assert one.arrival.tobytes() == other.arrival.tobytes()
+        assert (one.second is None) == (other.second is None)
+        if one.second is not None and other.second is not None:
+            assert one.second.tobytes() == other.second.tobytes()
+
+
+@pytest.mark.parametrize("fifo", [False, True])
+@pytest.mark.parametrize("duplication", [0.0, 0.3, EACH], ids=["none", "some", "of each"])
+@pytest.mark.parametrize("cause", LOSSES)
+@pytest.mark.parametrize("distribution", LATENCIES)
+def test_compiled_copies_are_those_of_the_models(
+    distribution: str, cause: str, duplication: Any, fifo: bool
+) -> None:
+    late, lossy = LATENCIES[distribution], LOSSES[cause]
+    parts = {"duplication": duplication, "fifo": fifo}
+    drawn = opened(latency=OwnLatency(late), loss=OwnLoss(lossy), **parts)
+    assert_same(opened(latency=late, loss=lossy, **parts), drawn)
+
+
+def test_a_combination_with_a_users_part_draws_what_one_without_draws() -> None:
+    late, parts = LATENCIES["gamma"], LOSSES["combined"].losses
+    mixed = loss.Combined(*parts[:1], OwnLoss(parts[1]), *parts[2:])
+    # A user's own process need not know of parts; this one draws from the broadcast it is given.
+    assert_same(opened(latency=late, loss=LOSSES["combined"]), opened(latency=late, loss=mixed))
+
+
+class _Slower(latency.Exponential):
+    def draw(self, draws: Draws) -> FloatArray:
+        return 2.0 * super().draw(draws)
+
+
+def test_what_a_user_derives_from_a_model_is_asked_itself() -> None:
+    plain, slower = opened(latency=latency.Exponential(0.5)), opened(latency=_Slower(0.5))
+    assert not hasattr(slower, "table")
+    signal = Broadcast(0, 0, 0.0)
+    assert np.array_equal(slower.transmit(signal, 0.0).arrival, 2.0 * plain.transmit(signal, 0.0).arrival)
+
+
+def test_all_channels_are_of_one_compiled_type() -> None:
+    before = set(transmit.signatures)  # type: ignore[attr-defined]
+    for late in LATENCIES.values():
+        for lossy in LOSSES.values():
+            opened(latency=late, loss=lossy, fifo=True).transmit(Broadcast(0, 0, 0.0), 0.0)
+    after = set(transmit.signatures)  # type: ignore[attr-defined]
+    assert len(before | after) == 1
+
+
+@pytest.mark.parametrize(
+    ("rows", "ends"), [((2,), 2), ((3, 2), 2), ((2, 3), 2), ((3, 3), 3), ((4, 2, 3), 2), ((2, 2, 1), 1)]
+)
+def test_the_trace_that_ends_first_is_the_one_named(rows: tuple[int, ...], ends: int) -> None:
+    traces = [loss.Trace(np.zeros(count), repeat=False) for count in rows]
+    endless = loss.Trace([0], repeat=True)
+    for parts in (traces, [endless, *traces], [loss.Bernoulli(0.1), *traces, endless]):
+        link = opened(loss=loss.Combined(*parts))
+        for k in range(ends):
+            link.transmit(Broadcast(0, k, 0.0), float(k))
+        expected = (
+            f"time {float(ends)!r}, resource 1: broadcast {ends} of the run has no row in a trace of {ends};"
+        )
+        with pytest.raises(SimulationError, match=expected):
+            link.transmit(Broadcast(1, 0, 0.0), float(ends))
+
+
+def test_bursts_after_other_causes_refuse_broadcasts_out_of_order() -> None:
+    link = opened(loss=loss.Combined(0.1, loss.GilbertElliott(0.3, 1.0), loss.GilbertElliott(0.2, 2.0)))
+    link.transmit(Broadcast(0, 0, 2.0), 2.0)
+    with pytest.raises(SimulationError, match=r"time 1\.0, resource 1: .* at 2\.0; bursts of loss"):
+        link.transmit(Broadcast(1, 0, 1.0), 1.0)
