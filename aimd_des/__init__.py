@@ -4,7 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from aimd_des import theory
+    from aimd_des import averaging, compensation, interventions, theory
     from aimd_des.agents import Camera, Fleet
     from aimd_des.channel import BroadcastChannel, latency, loss
     from aimd_des.clock import Clocks
@@ -48,6 +48,9 @@ _HOME = {
     "solve_optimum": "optimum",
 }
 _MODULES = {
+    "averaging": "aimd_des.averaging",
+    "compensation": "aimd_des.compensation",
+    "interventions": "aimd_des.interventions",
     "latency": "aimd_des.channel.latency",
     "loss": "aimd_des.channel.loss",
     "theory": "aimd_des.theory",
@@ -71,6 +74,9 @@ __all__ = [
     "Sampled",
     "Simulation",
     "SimulationError",
+    "averaging",
+    "compensation",
+    "interventions",
     "latency",
     "load_scenario",
     "loss",

@@ -1,5 +1,6 @@
 """The control unit: it looks at total demand and broadcasts one bit where that is too high (Algorithm 1)."""
 
+import math
 from dataclasses import dataclass
 from itertools import count
 from typing import Protocol
@@ -9,17 +10,22 @@ import simpy
 
 from aimd_des import checks
 from aimd_des.clock import Clock
+from aimd_des.compiled import formula
 from aimd_des.environment import Kind, Mailbox
 from aimd_des.errors import SimulationError
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
 
-__all__ = ["ControlUnit", "Crossing", "Sampled"]
+__all__ = ["ControlUnit", "Crossing", "Sampled", "adapted", "soonest_crossing"]
 
 # Broadcasts at one instant, one after another without anybody responding, after which time is
 # taken to stand still.  If responses were possible at all, with a chance of 1/100 say, to get here
 # would have a probability of 1e-43.
 MOST_AT_ONE_INSTANT = 10_000
+
+
+# Below this share of the total, a difference is rounding and nobody's answer.
+_ROUNDING = 1e-9
 
 
 class ControlUnit(Protocol):
@@ -76,8 +82,56 @@ class Sampled:
         clock = Clock(self.period, self.phase)
         for look in count():
             yield system.env.at(clock.time(look), Kind.SENSE)
-            for resource in np.flatnonzero(system.totals() > system.law.limit).tolist():
-                system.broadcast(resource, self.sensing_delay)
+            if not system.conditions.failed[0]:
+                for resource in np.flatnonzero(system.totals() > system.law.limit).tolist():
+                    system.broadcast(resource, self.sensing_delay)
+
+
+@formula
+def soonest_crossing(now: float, limit: float, total: float, growth: float) -> float:
+    """Return when total demand can reach its threshold at the earliest.
+
+    Parameters
+    ----------
+    now : float
+        The time.
+    limit, total : float
+        Threshold and total demand, in units of the resource.
+    growth : float
+        Of the total, per unit of time.
+
+    Returns
+    -------
+    float
+        Now, if it is there already; inf if nobody is here who could grow.
+    """
+    if total >= limit:
+        return now
+    return now + (limit - total) / growth if growth > 0.0 else math.inf
+
+
+@formula
+def adapted(hold_off: float, shortest: float, longest: float, expected: float, total: float) -> float:
+    """Return the next hold-off where one has ended with demand still at its threshold.
+
+    Parameters
+    ----------
+    hold_off : float
+        The one that has ended.
+    shortest, longest : float
+        Bounds.
+    expected, total : float
+        What total demand would be if nobody had answered since the last signal, and what it is.
+
+    Returns
+    -------
+    float
+        Twice as long if nobody has answered yet, since the signal may be on its way; half as long if it was
+        answered and did not suffice.
+    """
+    if expected - total > _ROUNDING * expected:
+        return max(0.5 * hold_off, shortest)
+    return min(2.0 * hold_off, longest)
 
 
 @dataclass(frozen=True)
@@ -96,19 +150,39 @@ class Crossing:
     sensing_delay : float
         How long after a crossing its signal leaves the control unit, at least 0; the hold-off
         counts from the crossing.
+    longest : float, optional
+        Lets the hold-off adapt between `refractory`, which must then be greater than 0, and this.  Where
+        demand is still at the threshold at its end, it is doubled if nobody has answered yet, and halved if
+        the signal was answered and did not suffice.
 
     Raises
     ------
     InputError
         If a value is outside its range.
+
+    Notes
+    -----
+    The adaptive hold-off settles near the time after which signals show an effect, without being told of
+    latencies, and shrinks where losses make more signals necessary.  It is to a signal what the back-off
+    of the retransmission timer is to a packet of TCP (RFC 6298).
     """
 
     refractory: float
     sensing_delay: float = 0.0
+    longest: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("refractory", "sensing_delay"):
             object.__setattr__(self, name, checks.number(name, getattr(self, name), low=0.0))
+        if self.longest is not None:
+            checks.number("refractory", self.refractory, low=0.0, low_open=True, remedy="0 cannot be doubled")
+            longest = checks.number("longest", self.longest, low=self.refractory)
+            object.__setattr__(self, "longest", longest)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The shortest and the longest hold-off, in units of time."""
+        return self.refractory, self.refractory if self.longest is None else self.longest
 
     def process(self, system: System) -> ProcessGenerator:
         """Sense each resource on its own.
@@ -129,24 +203,28 @@ class Crossing:
 
     def _sense(self, system: System, resource: int) -> ProcessGenerator:
         """Go from one possible crossing to the next: responses only lower the total, growth bounds it."""
-        env, limit = system.env, float(system.law.limit[resource])
-        slope = float(np.cumsum(system.law.increase[resource])[-1])
-        alarm = _Alarm(system, resource)
-        at_this_instant, instant = 0, -1.0
+        env, limit, growth = system.env, system.law.limit, system.conditions.growth
+        shortest, longest = self.bounds
+        alarm, hold_off = _Alarm(system, resource), shortest
+        at_this_instant, instant, signalled_at = 0, -1.0, 0.0
         yield alarm.at(env.now, sooner_if_raised=False)
         while True:
-            now = env.now
-            soonest = now + (limit - system.total(resource)) / slope
-            if soonest > now:
-                yield alarm.at(soonest, sooner_if_raised=True)
+            now, total = env.now, system.total(resource)
+            soonest = soonest_crossing(now, float(limit[resource]), total, float(growth[resource]))
+            if soonest > now or system.conditions.failed[0]:
+                alarm.holding = False
+                yield alarm.at(math.inf if soonest <= now else soonest, sooner_if_raised=True)
                 continue
             # At the threshold, or so near below it that no representable time lies in between.
             at_this_instant = at_this_instant + 1 if now == instant else 1
-            instant = now
             if at_this_instant > MOST_AT_ONE_INSTANT:
                 raise SimulationError(self.standstill(system, resource))
+            if alarm.holding:
+                expected = signalled_at + float(growth[resource]) * (now - instant)
+                hold_off = adapted(hold_off, shortest, longest, expected, total)
+            instant, signalled_at, alarm.holding = now, total, True
             system.broadcast(resource, self.sensing_delay)
-            yield alarm.at(now + self.refractory, sooner_if_raised=False)
+            yield alarm.at(now + hold_off, sooner_if_raised=False)
 
     def standstill(self, system: System, resource: int) -> str:
         """Say why time cannot advance.
@@ -173,18 +251,22 @@ class Crossing:
 
 
 class _Alarm:
-    """Wakes the sensing of one resource at a time, or before it when a demand is raised from outside."""
+    """Wakes the sensing of one resource at a time, or before it when things have become tighter.
+
+    `holding` says whether a hold-off is what is waited for.
+    """
 
     def __init__(self, system: System, resource: int) -> None:
         self.env = system.env
         self.resource = resource
         self.mailbox = Mailbox(system.env)
         self.latest = 0
-        self.watchful = False
-        system.on_intervention.append(self._changed)
+        self.watchful = self.holding = False
+        system.conditions.on_tightening.append(self._tightened)
+        system.conditions.on_recovery.append(self._recovered)
 
     def at(self, time: float, *, sooner_if_raised: bool) -> Mailbox:
-        """Set the alarm; an earlier setting no longer counts."""
+        """Set the alarm, for no time at all if it is infinite; an earlier setting no longer counts."""
         self.watchful = sooner_if_raised
         self.latest += 1
         setting = self.latest
@@ -193,9 +275,15 @@ class _Alarm:
             if setting == self.latest:
                 self.mailbox.hand(None)
 
-        self.env.at(time, Kind.SENSE, self.resource).callbacks.append(ring)
+        if time < math.inf:
+            self.env.at(time, Kind.SENSE, self.resource).callbacks.append(ring)
         return self.mailbox
 
-    def _changed(self, time: float, resource: int, change: float) -> None:
-        if self.watchful and resource == self.resource and change > 0.0:
+    def _tightened(self, time: float, resource: int) -> None:
+        if self.watchful and resource == self.resource:
             self.at(time, sooner_if_raised=True)
+
+    def _recovered(self, time: float) -> None:
+        """Let the unit that takes over look at once; it knows of no hold-off."""
+        self.holding = False
+        self.at(time, sooner_if_raised=True)

@@ -7,14 +7,15 @@ and sets S(k+1).  With ``lag=0`` the signal set from x(k) is used at k itself.
 import numpy as np
 
 from aimd_des import checks, streams
+from aimd_des.averaging import Averaging
 from aimd_des.errors import InputError
 from aimd_des.gradients import cost_table
-from aimd_des.metrics import Overshoot
-from aimd_des.population import State, law_of, start
+from aimd_des.metrics import Stretch, overshoot_of
 from aimd_des.problem import Problem
 from aimd_des.recording import Observations, Recording, Signals
 from aimd_des.response import DISCRETE
 from aimd_des.results import Account, Result
+from aimd_des.state import State, law_of, start
 from aimd_des.steps import Control, Scratch, Watch, close_books, take_custom_steps, take_steps
 from aimd_des.streams import Purpose
 
@@ -22,7 +23,13 @@ __all__ = ["run_discrete"]
 
 
 def run_discrete(
-    problem: Problem, *, steps: int, seed: int, lag: int = 1, recording: Recording | None = None
+    problem: Problem,
+    *,
+    steps: int,
+    seed: int,
+    lag: int = 1,
+    averaging: Averaging | None = None,
+    recording: Recording | None = None,
 ) -> Result:
     """Run the synchronous algorithm of the paper (Algorithms 1 and 2) from x(0) = 0.
 
@@ -37,6 +44,8 @@ def run_discrete(
     lag : {1, 0}
         1: a signal acts one step after the excess that it reports, as the algorithms are
         printed; 0: in the same step.
+    averaging : Averaging, optional
+        How agents average their demand: over all of their past unless given.
     recording : Recording, optional
         What to keep besides signals and end; totals at a thousand steps unless given.
 
@@ -62,7 +71,8 @@ def run_discrete(
     if recording.events:
         raise InputError.of("recording.events", True, "False: the synchronous algorithm has no events")
     n, m = problem.n_agents, problem.n_resources
-    state, law, table = start(m, n, DISCRETE), law_of(problem), cost_table(problem.costs)
+    law, table = law_of(problem, DISCRETE, averaging), cost_table(problem.costs)
+    state = start(m, n, DISCRETE, law.memory)
     control = Control(
         moment=np.zeros(1),
         total=np.zeros(m),
@@ -72,6 +82,7 @@ def run_discrete(
         peak=np.zeros(m),
         above=np.zeros(m),
         excess=np.zeros(m),
+        used=np.zeros(m),
     )
     watch = _openwatch_step(recording, steps, n, m)
     folded, average, gradient = np.zeros((3, m, n))
@@ -106,11 +117,8 @@ def _outcome(
     number = np.cumsum(control.broadcast, axis=0)[step, resource] - 1
     signals = Signals(step.astype(np.float64), resource, number)
     sent = signals.counts(problem.n_resources)
-    overshoot = Overshoot(
-        peak=control.peak / problem.capacity,
-        time=control.above / steps,
-        mean=control.excess / steps / problem.capacity,
-    )
+    measures = (control.peak, control.above, control.excess, control.used)
+    stretches = (Stretch(0.0, float(steps), problem.capacity, *measures),)
     observations = Observations(
         watch.demand_steps,
         watch.total_demand,
@@ -118,7 +126,8 @@ def _outcome(
         watch.allocation_steps,
         watch.demand,
         watch.average,
-        overshoot,
+        overshoot_of(stretches),
+        stretches,
     )
     nothing = np.zeros_like(state.responses)
     account = Account(

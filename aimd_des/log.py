@@ -22,7 +22,7 @@ class Entry(IntEnum):
     SIGNAL = 0
     """A capacity signal is broadcast (agent -1); total demand."""
     LOST = 1
-    """A copy that will not arrive; 0."""
+    """A copy that will not arrive, or that arrives at an agent which is away; 0, or 1 for a duplicate."""
     DELIVER = 2
     """A copy arrives; 0, or 1 for a duplicate."""
     RESPOND = 3
@@ -31,6 +31,22 @@ class Entry(IntEnum):
     """An agent answers without a decrease; 0."""
     CHANGE = 5
     """A demand is set from outside; the change (number -1)."""
+    LEAVE = 6
+    """An agent is away from now on, and has given back what it held; 0."""
+    JOIN = 7
+    """An agent is here from now on; 0, or 1 if it has forgotten its past."""
+    CAPACITY = 8
+    """A capacity changes; what it is from now on."""
+    COSTS = 9
+    """Private costs change (of all agents); 0."""
+    CUT = 10
+    """No signal that is sent from now on gets through to an agent; 0."""
+    HEAL = 11
+    """Signals get through again; 0."""
+    FAIL = 12
+    """The control unit is down from now on; 0."""
+    RECOVER = 13
+    """A control unit takes over; 0."""
 
 
 class EventLog:

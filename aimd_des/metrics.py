@@ -1,5 +1,6 @@
 """The measures that a run is judged by: pure functions of averages, optimum and capacities."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +9,16 @@ from aimd_des.checks import FloatArray
 from aimd_des.compiled import kernel
 from aimd_des.costs import Costs
 
-__all__ = ["Overshoot", "consensus_spread", "cost_ratio", "fold_overshoot", "relative_error", "utilisation"]
+__all__ = [
+    "Overshoot",
+    "Stretch",
+    "consensus_spread",
+    "cost_ratio",
+    "fold_overshoot",
+    "overshoot_of",
+    "relative_error",
+    "utilisation",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +40,66 @@ class Overshoot:
     mean: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """What total demand did over a stretch of time with one capacity; arrays have shape (m,).
+
+    Attributes
+    ----------
+    start, end : float
+        From when to when.
+    capacity : ndarray
+        C, in units of the resources.
+    peak : ndarray
+        Highest total demand, in units of the resources.
+    above : ndarray
+        For how long it was above capacity.
+    excess, used : ndarray
+        Integrals of what exceeded it, and of all, in units of the resources times time.
+    """
+
+    start: float
+    end: float
+    capacity: FloatArray
+    peak: FloatArray
+    above: FloatArray
+    excess: FloatArray
+    used: FloatArray
+
+    def overshoot(self) -> Overshoot:
+        """Measure this stretch alone.
+
+        Returns
+        -------
+        Overshoot
+            Against its own capacity.
+        """
+        length = self.end - self.start
+        return Overshoot(self.peak / self.capacity, self.above / length, self.excess / length / self.capacity)
+
+
+def overshoot_of(stretches: Sequence[Stretch]) -> Overshoot:
+    """Put the overshoot of several stretches together.
+
+    Parameters
+    ----------
+    stretches : sequence of Stretch
+        One after another from time 0 on, at least one.
+
+    Returns
+    -------
+    Overshoot
+        Of the whole time, each stretch against its own capacity.
+    """
+    until = stretches[-1].end
+    peak, above, mean = np.zeros((3, len(stretches[0].capacity)))
+    for part in stretches:
+        peak = np.maximum(peak, part.peak / part.capacity)
+        above += part.above
+        mean += part.excess / until / part.capacity
+    return Overshoot(peak, above / until, mean)
+
+
 @kernel
 def fold_overshoot(
     total: FloatArray,
@@ -38,6 +108,7 @@ def fold_overshoot(
     peak: FloatArray,
     above: FloatArray,
     excess: FloatArray,
+    used: FloatArray,
 ) -> None:
     """Fold in an interval over which total demand was constant.
 
@@ -47,11 +118,12 @@ def fold_overshoot(
         Total demand over the interval, and capacities, in units of the resources.
     duration : float
         Length of the interval.
-    peak, above, excess : ndarray, shape (m,)
-        Running maximum of the total, time above capacity, and integral of what exceeds it.
+    peak, above, excess, used : ndarray, shape (m,)
+        Running maximum of the total, time above capacity, and integrals of what exceeds it and of all.
     """
     for j in range(capacity.shape[0]):
         peak[j] = max(peak[j], total[j])
+        used[j] += total[j] * duration
         over = total[j] - capacity[j]
         if over > 0.0:
             above[j] += duration

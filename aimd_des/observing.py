@@ -12,7 +12,7 @@ import numpy as np
 from aimd_des.checks import FloatArray
 from aimd_des.compiled import kernel
 from aimd_des.environment import Kind
-from aimd_des.metrics import Overshoot, fold_overshoot
+from aimd_des.metrics import Overshoot, Stretch, fold_overshoot, overshoot_of
 from aimd_des.recording import Observations, Recording
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
@@ -33,20 +33,26 @@ class ConstantPieces:
 
     Attributes
     ----------
-    peak, above, excess : ndarray, shape (m,)
-        Running maximum of the total, time above capacity, and integral of what exceeds it.
+    peak, above, excess, used : ndarray, shape (m,)
+        Running maximum of the total, time above capacity, and integrals of what exceeds it and of all,
+        since the problem last changed.
     measured : ndarray, shape (1,)
         Up to when.
     following : bool
         Whether it follows the ticks itself; set to False before the run by whoever does so instead.
+    stretches : list of Stretch
+        What was measured before the problem last changed.
     """
 
     def __init__(self, system: System) -> None:
         m = system.problem.n_resources
         self.system = system
-        self.peak, self.above, self.excess = np.zeros((3, m))
+        self.peak, self.above, self.excess, self.used = np.zeros((4, m))
         self.measured = np.zeros(1)
+        self.stretches: list[Stretch] = []
+        self._begun = 0.0
         system.on_intervention.append(self._changed)
+        system.conditions.on_piece.append(self.close_stretch)
         self.following = True
         system.env.process(self._follow_ticks())
 
@@ -75,20 +81,20 @@ class ConstantPieces:
         now, capacity = self.system.env.now, self.system.law.capacity
         duration = now - self.measured[0]
         if duration > 0.0:
-            fold_overshoot(total, capacity, duration, self.peak, self.above, self.excess)
+            fold_overshoot(total, capacity, duration, self.peak, self.above, self.excess, self.used)
             self.measured[0] = now
 
-    def finish(self) -> Overshoot:
-        """Close the last interval.
-
-        Returns
-        -------
-        Overshoot
-            Of the whole run.
-        """
-        self._close(self.system.totals())
-        capacity, until = self.system.problem.capacity, self.system.until
-        return Overshoot(self.peak / capacity, self.above / until, self.excess / until / capacity)
+    def close_stretch(self) -> None:
+        """End what was measured with the present capacities: they change, or the run is over."""
+        total, now = self.system.totals(), float(self.system.env.now)
+        self._close(total)
+        if now > self._begun:
+            measures = (self.peak, self.above, self.excess, self.used)
+            capacity = self.system.law.capacity.copy()
+            self.stretches.append(Stretch(self._begun, now, capacity, *(row.copy() for row in measures)))
+            for row in measures:
+                row[:] = 0.0
+            self._begun = now
 
 
 @kernel
@@ -97,8 +103,9 @@ def fold_change(running: FloatArray, time: float, change: float, slope: float, c
 
     Parameters
     ----------
-    running : ndarray, shape (5,)
-        Time and total at the last change, peak, time above capacity, and integral of what exceeds it.
+    running : ndarray, shape (6,)
+        Time and total at the last change, peak, time above capacity, and integrals of what exceeds it and
+        of all.
     time, change : float
         When the total changes, and by how much.
     slope, capacity : float
@@ -108,10 +115,12 @@ def fold_change(running: FloatArray, time: float, change: float, slope: float, c
     duration = time - running[0]
     end = total + slope * duration
     running[2] = max(running[2], total, end)
+    running[5] += 0.5 * (total + end) * duration
     if end > capacity:
         over = end - capacity
         under = max(capacity - total, 0.0)
-        crossed = duration - under / slope
+        # Where nobody is here to grow, nothing is crossed on the way.
+        crossed = duration - under / slope if under > 0.0 else duration
         running[3] += crossed
         running[4] += 0.5 * (over + max(total - capacity, 0.0)) * crossed
     running[0], running[1] = time, end + change
@@ -137,19 +146,24 @@ class LinearPieces:
     ----------
     slope : ndarray, shape (m,)
         Growth of the total, in units of the resource per unit of time.
-    running : ndarray, shape (m, 5)
-        As `fold_change` has them.
+    running : ndarray, shape (m, 6)
+        As `fold_change` has them, since the problem last changed.
+    stretches : list of Stretch
+        What was measured before the problem last changed.
     """
 
     def __init__(self, system: System) -> None:
         m = system.problem.n_resources
         self.system = system
-        self.slope = np.cumsum(system.law.increase, axis=1)[:, -1].copy()
-        self.running = np.zeros((m, 5))
+        self.slope = system.conditions.growth
+        self.running = np.zeros((m, 6))
+        self.stretches: list[Stretch] = []
+        self._begun = 0.0
         self.times = [array("d") for _ in range(m)]
         self.changes = [array("d") for _ in range(m)]
         system.on_response.append(self.changed)
         system.on_intervention.append(self.changed)
+        system.conditions.on_piece.append(self.close_stretch)
 
     def changed(self, time: float, resource: int, change: float) -> None:
         """Take note of a change of the total.
@@ -185,21 +199,19 @@ class LinearPieces:
         )
         self.times[resource], self.changes[resource] = array("d"), array("d")
 
-    def finish(self) -> Overshoot:
-        """Close the last piece.
-
-        Returns
-        -------
-        Overshoot
-            Of the whole run.
-        """
-        until = self.system.until
+    def close_stretch(self) -> None:
+        """End what was measured with the present capacities: they change, or the run is over."""
+        now = float(self.system.env.now)
         for resource in range(len(self.slope)):
-            self.changed(until, resource, 0.0)
+            self.changed(now, resource, 0.0)
         self.flush()
-        capacity = self.system.problem.capacity
-        _, _, peak, above, excess = self.running.T
-        return Overshoot(peak / capacity, above / until, excess / until / capacity)
+        if now > self._begun:
+            _, total, *measures = self.running.T
+            capacity = self.system.law.capacity.copy()
+            self.stretches.append(Stretch(self._begun, now, capacity, *(row.copy() for row in measures)))
+            self.running[:, 2] = total
+            self.running[:, 3:] = 0.0
+            self._begun = now
 
 
 class Observer:
@@ -264,7 +276,12 @@ class Observer:
         self._keep_totals(len(self.demand_times) - 1)
         self.demand[-1], self.average[-1] = self.system.allocations()
         missing = np.full(self.system.problem.n_resources, np.nan)
-        overshoot = self.meter.finish() if self.meter else Overshoot(missing, missing, missing)
+        overshoot = Overshoot(missing, missing, missing)
+        stretches: tuple[Stretch, ...] = ()
+        if self.meter:
+            self.meter.close_stretch()
+            stretches = tuple(self.meter.stretches)
+            overshoot = overshoot_of(stretches)
         return Observations(
             self.demand_times,
             self.total_demand,
@@ -273,4 +290,5 @@ class Observer:
             self.demand,
             self.average,
             overshoot,
+            stretches,
         )

@@ -4,110 +4,41 @@ A total is always summed over the agents in index order at the look that needs i
 carried along: so it has the same bits however the agents are represented.
 """
 
-from typing import NamedTuple
-
-import numpy as np
-import numpy.typing as npt
-
 from aimd_des.checks import FloatArray
 from aimd_des.compiled import formula, kernel
-from aimd_des.problem import Problem
-from aimd_des.response import accumulated_at, demand_at, time_average
+from aimd_des.memory import average_at, folded_at
+from aimd_des.response import demand_at
+from aimd_des.state import Law, State
 
-__all__ = ["Law", "State", "law_of", "observe", "observe_totals", "start", "total_of", "totals"]
-
-IntArray = npt.NDArray[np.int64]
-
-
-class State(NamedTuple):
-    """What changes: every array has shape (m, n).
-
-    Attributes
-    ----------
-    demand : ndarray
-        Demand just after the anchor, in units of the resource.
-    accumulated : ndarray
-        Demand accumulated up to the anchor: over ticks, or over time.
-    anchor : ndarray
-        The last moment at which growth was broken: index of the tick (-1 before the first), or time.
-    responses, saturated : ndarray of int
-        Decreases, and those of them that had a response probability above 1.
-    """
-
-    demand: FloatArray
-    accumulated: FloatArray
-    anchor: FloatArray
-    responses: IntArray
-    saturated: IntArray
+__all__ = ["average_of", "observe", "observe_totals", "total_of", "totals"]
 
 
-class Law(NamedTuple):
-    """What does not change: the parameters of the agents' rule.
-
-    Attributes
-    ----------
-    increase, decrease : ndarray, shape (m, n)
-        alpha and beta.
-    normalization : ndarray, shape (m,)
-        Gamma.
-    limit : ndarray, shape (m,)
-        Total demand above which a capacity event is due.
-    capacity : ndarray, shape (m,)
-        C.
-    """
-
-    increase: FloatArray
-    decrease: FloatArray
-    normalization: FloatArray
-    limit: FloatArray
-    capacity: FloatArray
-
-
-def law_of(problem: Problem) -> Law:
-    """Lay out a problem's parameters with agents along the contiguous axis.
+@formula
+def average_of(state: State, law: Law, resource: int, agent: int, moment: float, grain: float) -> float:
+    """Read one agent's average of one resource without changing anything.
 
     Parameters
     ----------
-    problem : Problem
-        What is shared, by how many.
-
-    Returns
-    -------
-    Law
-        Its arrays are copies.
-    """
-    return Law(
-        increase=problem.increase.T.copy(),
-        decrease=problem.decrease.T.copy(),
-        normalization=problem.normalization.copy(),
-        limit=problem.limit.copy(),
-        capacity=problem.capacity.copy(),
-    )
-
-
-def start(n_resources: int, n_agents: int, grain: float) -> State:
-    """Give the state before anything has happened: nobody holds anything.
-
-    Parameters
-    ----------
-    n_resources, n_agents : int
-        m and n.
+    state, law : State, Law
+        State of all agents, and the parameters of their rule.
+    resource, agent : int
+        j and i.
+    moment : float
+        The moment at hand; where the agent is away, the last that counts is taken.
     grain : float
         Grain of time.
 
     Returns
     -------
-    State
-        Fresh arrays.
+    float
+        In units of the resource.
     """
-    shape = (n_resources, n_agents)
-    return State(
-        demand=np.zeros(shape),
-        accumulated=np.zeros(shape),
-        anchor=np.full(shape, 0.0 - grain),
-        responses=np.zeros(shape, dtype=np.int64),
-        saturated=np.zeros(shape, dtype=np.int64),
-    )
+    j, i, memory = resource, agent, law.memory
+    held, kept, alpha = state.demand[j, i], state.accumulated[j, i], law.increase[j, i]
+    anchor, now = state.anchor[j, i], min(moment, state.pause[j, i])
+    folded = folded_at(memory, kept, held, alpha, now - anchor, grain)
+    line = (folded, kept, held, alpha, anchor, state.origin[j, i])
+    return average_at(memory, state.parts, j, i, *line, now, grain)
 
 
 @kernel
@@ -189,11 +120,8 @@ def observe(
     for j in range(state.demand.shape[0]):
         for i in range(state.demand.shape[1]):
             now = _moment_of(moment, i)
-            since = now - state.anchor[j, i]
-            held, increase = state.demand[j, i], law.increase[j, i]
-            folded = accumulated_at(state.accumulated[j, i], held, increase, since, grain)
-            demand[j, i] = demand_at(held, increase, since, grain)
-            average[j, i] = time_average(folded, now, grain)
+            demand[j, i] = demand_at(state.demand[j, i], law.increase[j, i], now - state.anchor[j, i], grain)
+            average[j, i] = average_of(state, law, j, i, now, grain)
 
 
 @kernel
@@ -219,9 +147,5 @@ def observe_totals(
     for j in range(state.demand.shape[0]):
         used = 0.0
         for i in range(state.demand.shape[1]):
-            now = _moment_of(moment, i)
-            since = now - state.anchor[j, i]
-            held, increase = state.demand[j, i], law.increase[j, i]
-            folded = accumulated_at(state.accumulated[j, i], held, increase, since, grain)
-            used += time_average(folded, now, grain)
+            used += average_of(state, law, j, i, _moment_of(moment, i), grain)
         average[j] = used

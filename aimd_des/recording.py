@@ -10,7 +10,7 @@ import numpy.typing as npt
 from aimd_des import checks
 from aimd_des.checks import FloatArray
 from aimd_des.errors import InputError
-from aimd_des.metrics import Overshoot
+from aimd_des.metrics import Overshoot, Stretch
 
 __all__ = ["Observations", "Recording", "Signals", "Times"]
 
@@ -161,6 +161,8 @@ class Observations:
         Of every agent, in units of the resources.
     overshoot : Overshoot
         Exact integrals over the whole run.
+    stretches : tuple of Stretch
+        The same between interventions; empty if overshoot was not integrated.
     """
 
     demand_times: FloatArray
@@ -170,3 +172,4 @@ class Observations:
     demand: FloatArray
     average: FloatArray
     overshoot: Overshoot
+    stretches: tuple[Stretch, ...] = ()

@@ -7,8 +7,6 @@ after it, and the demand accumulated up to it.  With c the moments since the anc
                  discrete, at tick k           continuous, at time t
     moment       k                             t
     demand       x + alpha * (c - 1)           x + alpha * c
-    accumulated  s + c*x + alpha*c*(c-1)/2     s + c*x + alpha*c*c/2
-    average      accumulated / (k + 1)         accumulated / t
 
 and they differ in one number, the *grain*: 1 where a tick folds in a whole demand before it acts
 (eq. (average_eqn) of the paper), 0 where the average is an integral.  A signal is answered with
@@ -16,24 +14,28 @@ probability lambda = Gamma * grad_j f(average) / average^j, eq. (prob_x).  The f
 the rule, written once: kernels compile them, processes call them as they stand.
 """
 
-import numpy as np
-import numpy.typing as npt
-
 from aimd_des.checks import FloatArray
 from aimd_des.compiled import formula, kernel
+from aimd_des.memory import (
+    CUMULATIVE,
+    WINDOW,
+    accumulated_at,
+    age_at,
+    average_at,
+    folded_at,
+    keep_parts,
+    time_average,
+)
+from aimd_des.state import Law, State
 
 __all__ = [
     "CONTINUOUS",
     "DISCRETE",
-    "accumulated_at",
     "answer_row",
     "average_row",
     "demand_at",
     "response_probability",
-    "time_average",
 ]
-
-IntArray = npt.NDArray[np.int64]
 
 #: The grain of time: what the moment at hand itself counts for in the average.
 DISCRETE, CONTINUOUS = 1.0, 0.0
@@ -63,51 +65,6 @@ def demand_at(demand: float, increase: float, since: float, grain: float) -> flo
 
 
 @formula
-def accumulated_at(accumulated: float, demand: float, increase: float, since: float, grain: float) -> float:
-    """Return the demand accumulated so far: a sum over ticks, or an integral over time.
-
-    Parameters
-    ----------
-    accumulated, demand : float
-        At the anchor.
-    increase : float
-        alpha.
-    since : float
-        Moments since the anchor.
-    grain : float
-        Grain of time.
-
-    Returns
-    -------
-    float
-        In units of the resource, times ticks or time.
-    """
-    return accumulated + (since * demand + increase * (0.5 * since * (since - grain)))
-
-
-@formula
-def time_average(accumulated: float, moment: float, grain: float) -> float:
-    """Return the long-term average, 0 where no time has passed.
-
-    Parameters
-    ----------
-    accumulated : float
-        Demand accumulated from moment 0 on.
-    moment : float
-        The moment at hand.
-    grain : float
-        Grain of time.
-
-    Returns
-    -------
-    float
-        In units of the resource.
-    """
-    passed = moment + grain
-    return accumulated / passed if passed > 0.0 else 0.0
-
-
-@formula
 def response_probability(normalization: float, gradient: float, average: float) -> float:
     """Return lambda of eq. (prob_x), not cut off at 1.
 
@@ -130,10 +87,9 @@ def response_probability(normalization: float, gradient: float, average: float) 
 
 @kernel
 def average_row(
-    demand: FloatArray,
-    accumulated: FloatArray,
-    anchor: FloatArray,
-    increase: FloatArray,
+    state: State,
+    law: Law,
+    resource: int,
     moment: float,
     grain: float,
     folded: FloatArray,
@@ -143,10 +99,10 @@ def average_row(
 
     Parameters
     ----------
-    demand, accumulated, anchor : ndarray, shape (n,)
-        State for one resource.
-    increase : ndarray, shape (n,)
-        alpha.
+    state, law : State, Law
+        State of all agents, and the parameters of their rule.
+    resource : int
+        j.
     moment : float
         The moment at hand, common to all.
     grain : float
@@ -154,21 +110,27 @@ def average_row(
     folded, average : ndarray, shape (n,)
         Receive the demand accumulated up to this moment, and the average.
     """
-    for i in range(demand.shape[0]):
-        folded[i] = accumulated_at(accumulated[i], demand[i], increase[i], moment - anchor[i], grain)
-        average[i] = time_average(folded[i], moment, grain)
+    j, memory = resource, law.memory
+    demand, accumulated, anchor = state.demand[j], state.accumulated[j], state.anchor[j]
+    increase, origin = law.increase[j], state.origin[j]
+    if memory.kind == CUMULATIVE:  # on its own, so that it is computed for several agents at once
+        for i in range(demand.shape[0]):
+            since = moment - anchor[i]
+            folded[i] = accumulated_at(accumulated[i], demand[i], increase[i], since, grain)
+            average[i] = time_average(folded[i], age_at(moment, origin[i], grain))
+    else:
+        for i in range(demand.shape[0]):
+            held, kept, alpha, since = demand[i], accumulated[i], increase[i], moment - anchor[i]
+            folded[i] = folded_at(memory, kept, held, alpha, since, grain)
+            line = (folded[i], kept, held, alpha, anchor[i], origin[i])
+            average[i] = average_at(memory, state.parts, j, i, *line, moment, grain)
 
 
 @kernel
 def answer_row(
-    demand: FloatArray,
-    accumulated: FloatArray,
-    anchor: FloatArray,
-    responses: IntArray,
-    saturated: IntArray,
-    increase: FloatArray,
-    decrease: FloatArray,
-    normalization: float,
+    state: State,
+    law: Law,
+    resource: int,
     folded: FloatArray,
     average: FloatArray,
     gradient: FloatArray,
@@ -180,14 +142,10 @@ def answer_row(
 
     Parameters
     ----------
-    demand, accumulated, anchor : ndarray, shape (n,)
-        State for the signal's resource; moved to this moment.
-    responses, saturated : ndarray of int, shape (n,)
-        Counts of decreases, and of those that had lambda > 1.
-    increase, decrease : ndarray, shape (n,)
-        alpha and beta.
-    normalization : float
-        Gamma.
+    state, law : State, Law
+        State of all agents, which is moved to this moment, and the parameters of their rule.
+    resource : int
+        The signal's.
     folded, average, gradient : ndarray, shape (n,)
         Demand accumulated up to this moment, averages, and derivatives of the costs there.
     uniform : ndarray, shape (n,)
@@ -197,6 +155,14 @@ def answer_row(
     grain : float
         Grain of time.
     """
+    j, memory, normalization = resource, law.memory, law.normalization[resource]
+    demand, accumulated, anchor = state.demand[j], state.accumulated[j], state.anchor[j]
+    increase, decrease, origin = law.increase[j], law.decrease[j], state.origin[j]
+    responses, saturated = state.responses[j], state.saturated[j]
+    if memory.kind == WINDOW:
+        for i in range(demand.shape[0]):
+            line = (accumulated[i], demand[i], increase[i], anchor[i], origin[i])
+            keep_parts(memory, state.parts, j, i, *line, moment, grain)
     for i in range(demand.shape[0]):
         present = demand_at(demand[i], increase[i], moment - anchor[i], grain)
         probability = response_probability(normalization, gradient[i], average[i])

@@ -5,6 +5,7 @@ average are in the units of the resource, times in steps or units of time.
 """
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
@@ -15,12 +16,14 @@ import pandas as pd
 
 from aimd_des import metrics
 from aimd_des.checks import FloatArray
+from aimd_des.conditions import Piece
 from aimd_des.errors import InputError
 from aimd_des.frames import categorical
 from aimd_des.log import EventLog
 from aimd_des.optimum import Optimum, solve_optimum
 from aimd_des.problem import Problem
 from aimd_des.recording import Observations, Signals
+from aimd_des.tracking import piece_problem, pieces_frame, tracking_frame
 
 __all__ = ["Account", "Result"]
 
@@ -70,6 +73,15 @@ class Result:
         Copies and responses.
     log : EventLog, optional
         Every event, if it was asked for.
+    pieces : sequence of Piece
+        The problems that were in force one after another; the one problem unless given.
+    bits_per_signal : int
+        What a signal costs.
+
+    Attributes
+    ----------
+    history : tuple of Piece
+        The problems that were in force.
 
     Warns
     -----
@@ -88,6 +100,9 @@ class Result:
         observations: Observations,
         account: Account,
         log: EventLog | None = None,
+        *,
+        pieces: Sequence[Piece] = (),
+        bits_per_signal: int = 1,
     ) -> None:
         self.problem = problem
         self.dynamics = dynamics
@@ -97,6 +112,10 @@ class Result:
         self.observations = observations
         self.account = account
         self.log = log
+        everybody = np.ones(problem.n_agents, dtype=np.bool_)
+        only = Piece(0.0, problem.capacity, everybody, problem.costs)
+        self.history = tuple(pieces) or (only,)
+        self.bits_per_signal = bits_per_signal
         saturated = int(account.saturated.sum())
         if saturated:
             warnings.warn(
@@ -168,6 +187,25 @@ class Result:
         return self.log.frame(self.problem.resource_names, self.problem.agent_names)
 
     @cached_property
+    def pieces(self) -> pd.DataFrame:
+        """What was in force from one intervention to the next, and what total demand did.
+
+        Columns: start, end, resource, capacity, agents (who were here), multiplier and optimal_cost (of the
+        optimum for these), utilisation (mean total demand over the capacity), overshoot_peak,
+        overshoot_time and overshoot_mean (as in the summary).
+        """
+        return pieces_frame(self.problem, self.history, self.until, self.observations)
+
+    @cached_property
+    def tracking(self) -> pd.DataFrame:
+        """The averages against the optimum in force, at the times at which allocations were recorded.
+
+        Columns: time, resource, capacity, level (sum of the averages over the capacity), relative_error; of
+        those who are here at the time.
+        """
+        return tracking_frame(self.problem, self.history, self.observations)
+
+    @cached_property
     def digest(self) -> str:
         """SHA-256 over signals, responses, demands and averages at the end, and the log if it was kept.
 
@@ -189,28 +227,44 @@ class Result:
     def summary(self, optimum: Optimum | None = None) -> pd.DataFrame:
         """Measure the run, one row per resource.
 
+        Where interventions have changed the problem, averages are held against the one in force at the end,
+        for those who are here then: see `pieces` and `tracking` for the way there.
+
         Parameters
         ----------
         optimum : Optimum, optional
-            The centralised solution of the run's problem; solved for unless given.
+            The centralised solution of that problem; solved for unless given.
 
         Returns
         -------
         DataFrame
-            Index: resource.  Columns: signals (bits broadcast), delivered, lost, in_flight
+            Index: resource.  Columns: signals, bits (what they cost), delivered, lost, in_flight
             and duplicated (copies), responses, saturated (responses with probability above 1), utilisation,
             relative_error, misallocation (relative error against the optimum for the capacities
             actually used), consensus_spread, cost_ratio (of all resources together, repeated),
             overshoot_peak, overshoot_time, overshoot_mean (over the capacity, over all time, and
             over the capacity).
+
+        Raises
+        ------
+        InputError
+            If nobody is here at the end, or the optimum is for another number of agents.
         """
-        problem, account, average = self.problem, self.account, self.average_at_end
+        here = self.history[-1].present
+        if not here.any():
+            raise InputError("summary: nobody is here at the end of the run; see pieces and tracking instead")
+        problem, account = piece_problem(self.problem, self.history[-1]), self.account
+        average = self.average_at_end[here]
         best = solve_optimum(problem) if optimum is None else optimum
+        if best.allocation.shape != average.shape:
+            allowed = f"{average.shape}, for those who are here at the end"
+            raise InputError.of("shape of optimum.allocation", best.allocation.shape, allowed)
         used = average.sum(axis=0)
         reachable = solve_optimum(problem, capacity=used) if (used > 0).all() else None
         overshoot = self.observations.overshoot
         columns = {
             "signals": self.signals_sent.counts(problem.n_resources),
+            "bits": self.bits_per_signal * self.signals_sent.counts(problem.n_resources),
             "delivered": account.delivered.sum(axis=1),
             "lost": account.lost.sum(axis=1),
             "in_flight": account.in_flight.sum(axis=1),

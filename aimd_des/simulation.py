@@ -5,15 +5,20 @@ from typing import Any, Literal, cast
 
 from aimd_des import checks, streams
 from aimd_des.agents import Autopilot, Camera, Fleet
+from aimd_des.averaging import Averaging, Cumulative
 from aimd_des.channel import BroadcastChannel, Channel
 from aimd_des.clock import Clocks
+from aimd_des.compensation import Compensation
 from aimd_des.control_unit import ControlUnit, Crossing, Sampled
 from aimd_des.errors import InputError
+from aimd_des.interventions import Intervention
 from aimd_des.log import EventLog
 from aimd_des.observing import Observer
 from aimd_des.problem import Problem
 from aimd_des.recording import Recording
+from aimd_des.response import CONTINUOUS, DISCRETE
 from aimd_des.results import Account, Result
+from aimd_des.state import law_of
 from aimd_des.streams import Purpose
 from aimd_des.system import System
 from aimd_des.transport import Agent, ProcessGenerator
@@ -45,6 +50,12 @@ class Simulation:
         Agents that are not as the others: makes those with these indices from (index, system).
     clocks : Clocks, optional
         Of discrete agents: tick q at time q for all, unless given.
+    averaging : Averaging, optional
+        How agents average their demand: `averaging.Cumulative`, the paper's, unless given.
+    compensation : Compensation, optional
+        What agents do about signals that they lose; nothing unless given.
+    interventions : sequence of Intervention
+        What changes from outside while the run goes on, see `aimd_des.interventions`.
     seed : int
         At least 0.  Decides responses, losses, latencies and clocks, each from a stream of its own.
     recording : Recording, optional
@@ -73,6 +84,9 @@ class Simulation:
         agents: Maker | type[Fleet] = Camera,
         special: Mapping[int, Maker] | None = None,
         clocks: Clocks | None = None,
+        averaging: Averaging | None = None,
+        compensation: Compensation | None = None,
+        interventions: Sequence[Intervention] = (),
         seed: int,
         recording: Recording | None = None,
         processes: Sequence[Callable[[System], ProcessGenerator]] = (),
@@ -88,6 +102,10 @@ class Simulation:
         if not callable(agents):
             raise InputError.of("agents", agents, "a class or function that makes an agent, such as Camera")
         streams.key(seed, Purpose.RESPONSE)  # refuses a seed that is none before anything runs
+        grain = DISCRETE if dynamics == "discrete" else CONTINUOUS
+        law_of(problem, grain, averaging, compensation)  # and what does not fit the agents
+        for intervention in interventions:
+            intervention.check(problem)
         self.problem = problem
         self.dynamics: Dynamics = dynamics
         self.control_unit = Sampled() if control_unit is None else control_unit
@@ -95,6 +113,9 @@ class Simulation:
         self.agents: Maker | type[Fleet] = agents
         self.special = self._checked(special)
         self.clocks = Clocks() if clocks is None and dynamics == "discrete" else clocks
+        self.averaging = Cumulative() if averaging is None else averaging
+        self.compensation = compensation
+        self.interventions = tuple(interventions)
         self.seed = seed
         self.recording = Recording() if recording is None else recording
         self.processes = tuple(processes)
@@ -139,12 +160,17 @@ class Simulation:
         """
         until = checks.number("until", until, low=0.0, low_open=True)
         log = EventLog() if self.recording.events else None
-        system = System(self.problem, self.channel, self.clocks, self.seed, until, log)
+        system = System(
+            self.problem, self.channel, self.clocks, self.seed, until, log, self.averaging, self.compensation
+        )
         observer = Observer(system, self.recording)
         self._populate(system, observer)
+        for intervention in self.interventions:
+            system.env.process(intervention.process(system))
         for process in self.processes:
             system.env.process(process(system))
         system.env.run_to(until, watch)
+        system.finish()
         signals = system.transmitter.sent.signals()
         account = Account(
             delivered=system.transmitter.delivered,
@@ -155,7 +181,18 @@ class Simulation:
             saturated=system.state.saturated,
         )
         observations = observer.finish()
-        return Result(self.problem, self.dynamics, self.seed, until, signals, observations, account, log)
+        return Result(
+            self.problem,
+            self.dynamics,
+            self.seed,
+            until,
+            signals,
+            observations,
+            account,
+            log,
+            pieces=tuple(system.conditions.pieces),
+            bits_per_signal=1 + (0 if self.compensation is None else self.compensation.bits),
+        )
 
     def _populate(self, system: System, observer: Observer) -> None:
         """Start the control unit, then the agents."""

@@ -10,8 +10,9 @@ from aimd_des.compiled import kernel
 from aimd_des.costs import Costs
 from aimd_des.gradients import CostTable, gradient_row
 from aimd_des.metrics import fold_overshoot
-from aimd_des.population import Law, State, observe, totals
+from aimd_des.population import observe, totals
 from aimd_des.response import DISCRETE, answer_row, average_row
+from aimd_des.state import Law, State
 from aimd_des.streams import Key, uniforms_row
 
 __all__ = ["Control", "Scratch", "Watch", "close_books", "take_custom_steps", "take_steps"]
@@ -35,6 +36,7 @@ class Control(NamedTuple):
     peak: FloatArray
     above: FloatArray
     excess: FloatArray
+    used: FloatArray
 
 
 class Scratch(NamedTuple):
@@ -62,7 +64,8 @@ class Watch(NamedTuple):
 @kernel
 def _measure(law: Law, control: Control) -> None:
     """Fold the totals of one step into peak, time above capacity and mean excess."""
-    fold_overshoot(control.total, law.capacity, 1.0, control.peak, control.above, control.excess)
+    running = (control.peak, control.above, control.excess, control.used)
+    fold_overshoot(control.total, law.capacity, 1.0, *running)
 
 
 @kernel
@@ -118,16 +121,8 @@ def _conclude(law: Law, step: int, lag: int, control: Control) -> None:
 @kernel
 def _average(state: State, law: Law, step: int, resource: int, scratch: Scratch) -> None:
     """Bring the averages of one resource to step k."""
-    average_row(
-        state.demand[resource],
-        state.accumulated[resource],
-        state.anchor[resource],
-        law.increase[resource],
-        float(step),
-        DISCRETE,
-        scratch.folded[resource],
-        scratch.average[resource],
-    )
+    folded, average = scratch.folded[resource], scratch.average[resource]
+    average_row(state, law, resource, float(step), DISCRETE, folded, average)
 
 
 @kernel
@@ -144,14 +139,9 @@ def _answer_signal(
     """Let all agents answer broadcast b for resource j; averages and derivatives are in `scratch`."""
     uniforms_row(key, resource, number, 0, scratch.uniform)
     answer_row(
-        state.demand[resource],
-        state.accumulated[resource],
-        state.anchor[resource],
-        state.responses[resource],
-        state.saturated[resource],
-        law.increase[resource],
-        law.decrease[resource],
-        law.normalization[resource],
+        state,
+        law,
+        resource,
         scratch.folded[resource],
         scratch.average[resource],
         scratch.gradient[resource],

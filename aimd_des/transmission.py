@@ -86,8 +86,10 @@ class Transmitter:
         The run's time.
     link : Link
         The channel in this run.
-    n_resources, n_agents : int
-        m and n.
+    n_resources : int
+        m.
+    cut : ndarray of bool, shape (n,)
+        Agents to which nothing gets through at the moment.
     until : float
         The end of the run.
     carrier : Carrier
@@ -112,16 +114,17 @@ class Transmitter:
         env: OrderedEnvironment,
         link: Link,
         n_resources: int,
-        n_agents: int,
+        cut: npt.NDArray[np.bool_],
         until: float,
         carrier: Carrier,
         log: EventLog | None,
     ) -> None:
         self.env, self.link, self.until, self.carrier, self.log = env, link, until, carrier, log
-        self.n_agents = n_agents
+        self.cut, self.n_agents = cut, len(cut)
+        carrier.missed = self.missed
         self.sent = SentSignals()
         self.numbers = np.zeros(n_resources, dtype=np.int64)
-        self.delivered, self.lost, self.duplicated = np.zeros((3, n_resources, n_agents), dtype=np.int64)
+        self.delivered, self.lost, self.duplicated = np.zeros((3, n_resources, len(cut)), dtype=np.int64)
         self.collective: Collective | None = None
 
     @property
@@ -153,26 +156,47 @@ class Transmitter:
         self.sent.append(signal)
         copies = self.link.transmit(signal, time + delay)
         self._check(copies.arrival, time + delay)
-        lost = copies.arrival == math.inf
-        arrives = copies.arrival < self.until
+        arrival = self._through(copies.arrival)
+        lost, arrives = arrival == math.inf, arrival < self.until
         self.lost[resource] += lost
         self.delivered[resource] += arrives
         if self.log is not None:
             self.log.add((time, Entry.SIGNAL, resource, -1, signal.number, total(resource)))
             for agent in np.flatnonzero(lost).tolist():
                 self.log.add((time, Entry.LOST, resource, agent, signal.number, 0.0))
-        self._carry(Signal(resource, signal.number), copies.arrival, arrives)
+        self._carry(Signal(resource, signal.number), arrival, arrives)
         if copies.second is not None:
             self._check(copies.second, time + delay)
-            twice = copies.second < self.until
+            second = self._through(copies.second)
+            twice = second < self.until
             self.duplicated[resource] += twice
-            self._carry(Signal(resource, signal.number, 1), copies.second, twice)
+            self._carry(Signal(resource, signal.number, 1), second, twice)
+
+    def _through(self, arrival: FloatArray) -> FloatArray:
+        """Take out what does not get through at the moment."""
+        return np.where(self.cut, math.inf, arrival) if self.cut.any() else arrival
 
     def _check(self, arrival: FloatArray, departure: float) -> None:
         """Refuse what a channel cannot mean; a minimum finds NaN, too."""
         if arrival.shape != (self.n_agents,) or not arrival.min() >= departure:
             checks.array("arrival", np.where(arrival == math.inf, departure, arrival), (self.n_agents,))
             raise InputError.of("arrival", float(arrival.min()), f"at least {departure!r}, the departure")
+
+    def missed(self, signal: Signal, agent: int) -> None:
+        """Take note that a copy has landed where nobody is: it is lost after all.
+
+        Parameters
+        ----------
+        signal : Signal
+            The bit.
+        agent : int
+            i.
+        """
+        if signal.copy:
+            self.duplicated[signal.resource, agent] -= 1
+        else:
+            self.delivered[signal.resource, agent] -= 1
+            self.lost[signal.resource, agent] += 1
 
     def _carry(self, signal: Signal, arrival: FloatArray, arrives: npt.NDArray[np.bool_]) -> None:
         first_order = self.env.reserve(self.n_agents)

@@ -1,9 +1,9 @@
 """What travels and to whom: the bit, those who take part, and copies on their way."""
 
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from heapq import heappop, heappush, heapreplace
 from itertools import repeat
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from aimd_des.environment import Kind, OrderedEnvironment
 from aimd_des.log import Entry, EventLog
 from aimd_des.streams import Key
 
-__all__ = ["Agent", "Carrier", "Collective", "ProcessGenerator", "ResponseDraws", "Signal"]
+__all__ = ["Agent", "Carrier", "Collective", "Leaver", "ProcessGenerator", "ResponseDraws", "Signal"]
 
 ProcessGenerator = Generator[simpy.Event, Any, Any]
 
@@ -48,6 +48,15 @@ class Agent(Protocol):
         ...
 
 
+@runtime_checkable
+class Leaver(Protocol):
+    """An agent that keeps signals for later, and can go away."""
+
+    def forget(self) -> None:
+        """Drop signals that are not answered yet: the agent goes away, or comes back."""
+        ...
+
+
 class Collective(Protocol):
     """Agents that are advanced together, when somebody looks, and not one by one.
 
@@ -66,6 +75,10 @@ class Collective(Protocol):
 
     def settle(self) -> None:
         """Bring the members to where events have come: all that is due before happens now."""
+        ...
+
+    def forget(self, agent: int, *, lost: bool) -> None:
+        """Drop a member's copies that have arrived by now; they are lost on it, or were delivered."""
         ...
 
 
@@ -124,14 +137,29 @@ class Carrier:
         Decides when copies land.
     agents : mapping of int to Agent
         All receivers, by their index.
+    away : ndarray of bool, shape (n,)
+        Who is not here at the moment.
     log : EventLog, optional
         Where landings are written.
+
+    Attributes
+    ----------
+    missed : callable
+        Called with (signal, agent) when a copy has landed where nobody is.
     """
 
-    def __init__(self, env: OrderedEnvironment, agents: Mapping[int, Agent], log: EventLog | None) -> None:
+    def __init__(
+        self,
+        env: OrderedEnvironment,
+        agents: Mapping[int, Agent],
+        away: npt.NDArray[np.bool_],
+        log: EventLog | None,
+    ) -> None:
         self.env = env
         self.agents = agents
+        self.away = memoryview(away)  # type: ignore[arg-type]  # typeshed knows no buffers of bools
         self.log = log
+        self.missed: Callable[[Signal, int], None] = lambda signal, agent: None
         self._next: list[_Due] = []
         # Order numbers of the copies that are scheduled.  One is scheduled only if it is earlier than
         # all others, so they form a stack with the earliest on top.
@@ -165,10 +193,11 @@ class Carrier:
 
     def _land(self, event: simpy.Event) -> None:
         """Hand copies to their receivers one by one, for as long as nothing else comes in between."""
-        due, scheduled, agents, log, advance = (
+        due, scheduled, agents, away, log, advance = (
             self._next,
             self._scheduled,
             self.agents,
+            self.away,
             self.log,
             self.env.advance,
         )
@@ -181,11 +210,14 @@ class Carrier:
                 del flight.copies  # they name the flight in turn: nothing is left for the garbage collector
             else:
                 heapreplace(due, following)
-            signal = flight.signal
+            signal, gone = flight.signal, away[agent]
             if log is not None:
                 entry = (signal.resource, agent, signal.number, float(signal.copy))
-                log.add((time, Entry.DELIVER, *entry))
-            agents[agent].receive(signal)
+                log.add((time, Entry.LOST if gone else Entry.DELIVER, *entry))
+            if gone:
+                self.missed(signal, agent)
+            else:
+                agents[agent].receive(signal)
             if not due:
                 return
             time, order = due[0][0], due[0][1]

@@ -1,5 +1,7 @@
 """The SimPy process that lets a fleet's control unit look in compiled code until something else is due."""
 
+import math
+
 import numpy as np
 import simpy
 
@@ -47,17 +49,23 @@ class Autopilot:
         m = system.problem.n_resources
         common = system.clocks is None or system.clocks.common
         sampled = control_unit if isinstance(control_unit, Sampled) else Sampled()
+        shortest, longest = control_unit.bounds if isinstance(control_unit, Crossing) else (0.0, 0.0)
         self.pilot = Pilot(
             crossing=isinstance(control_unit, Crossing),
             period=sampled.period,
             phase=sampled.phase,
-            refractory=control_unit.refractory if isinstance(control_unit, Crossing) else 0.0,
+            shortest=shortest,
+            longest=longest,
             delay=control_unit.sensing_delay,
+            failed=system.conditions.failed,
             look=np.zeros(1, dtype=np.int64),
             alarm=np.zeros(m),
             watchful=np.zeros(m, dtype=np.bool_),
-            slope=np.cumsum(system.law.increase, axis=1)[:, -1].copy(),
+            growth=system.conditions.growth,
             instant=np.full(m, -1.0),
+            signalled_at=np.zeros(m),
+            hold_off=np.full(m, shortest),
+            holding=np.zeros(m, dtype=np.bool_),
             repeated=np.zeros(m, dtype=np.int64),
             due=np.zeros(m, dtype=np.bool_),
             total=np.zeros(m),
@@ -80,7 +88,8 @@ class Autopilot:
         )
         self._mailbox = Mailbox(system.env)
         self._setting = 0
-        system.on_intervention.append(self._changed)
+        system.conditions.on_tightening.append(self._tightened)
+        system.conditions.on_recovery.append(self._recovered)
 
     def process(self) -> ProcessGenerator:
         """Look for as long as the run lasts.
@@ -104,6 +113,7 @@ class Autopilot:
         return Post(
             compiled=isinstance(link, CompiledLink) and system.log is None and bool(self.fleet.members.all()),
             channel=table,
+            cut=system.conditions.cut,
             numbers=account.numbers,
             delivered=account.delivered,
             lost=account.lost,
@@ -145,12 +155,22 @@ class Autopilot:
             if setting == self._setting:
                 self._mailbox.hand(None)
 
-        self.system.env.at(*self._next()).callbacks.append(ring)
+        due = self._next()
+        if due[0] < math.inf:
+            self.system.env.at(*due).callbacks.append(ring)
 
-    def _changed(self, time: float, resource: int, change: float) -> None:
-        """Look again at once where a demand has been raised from outside, which no bound has foreseen."""
-        if self.pilot.watchful[resource] and change > 0.0:
+    def _tightened(self, time: float, resource: int) -> None:
+        """Look again at once where something has changed from outside, which no bound has foreseen."""
+        if self.pilot.watchful[resource]:
             self.pilot.alarm[resource] = time
+            self._set_alarm()
+
+    def _recovered(self, time: float) -> None:
+        """Let the unit that takes over look at once; it knows of no hold-off."""
+        if self.pilot.crossing:
+            self.pilot.holding[:] = False
+            self.pilot.watchful[:] = True
+            self.pilot.alarm[:] = time
             self._set_alarm()
 
     def _steer(self) -> int:

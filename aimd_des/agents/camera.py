@@ -3,17 +3,36 @@
 from collections.abc import Sequence
 
 from aimd_des.checks import FloatArray
+from aimd_des.compensation import (
+    ESTIMATED,
+    KNOWN,
+    NOTHING,
+    compensation_factor,
+    estimated_loss,
+    read_number,
+)
+from aimd_des.costs import Costs
 from aimd_des.environment import Kind, Mailbox
 from aimd_des.gradients import marginal_cost
 from aimd_des.log import Entry
-from aimd_des.response import accumulated_at, demand_at, response_probability, time_average
+from aimd_des.memory import (
+    CUMULATIVE,
+    WINDOW,
+    accumulated_at,
+    age_at,
+    average_at,
+    folded_at,
+    keep_parts,
+    time_average,
+)
+from aimd_des.response import demand_at, response_probability
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator, Signal
 
 __all__ = ["Camera"]
 
-# Views of the rows of demand, accumulated and anchor for one resource; alpha, beta and Gamma.
-_Row = tuple[FloatArray, FloatArray, FloatArray, float, float, float]
+# Views of the rows of demand, accumulated, anchor and origin for one resource; alpha, beta and Gamma.
+_Row = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float, float, float]
 
 
 class Camera:
@@ -43,11 +62,13 @@ class Camera:
     def __init__(self, agent: int, system: System) -> None:
         self.agent = agent
         self.system = system
-        self.marginal_cost = marginal_cost(system.problem.costs, agent)
+        self.marginal_cost = marginal_cost(system.conditions.costs, agent)
         self.separable = system.problem.costs.separable
+        system.conditions.on_costs.append(self._reprice)
         self._discrete = system.clocks is not None
         self._mailbox = Mailbox(system.env)
         self._latch: dict[int, Signal] = {}
+        self._late: list[Signal] = []
         self._averages = [0.0] * system.problem.n_resources
         # What an answer needs, at hand: most of a run is spent there.
         law, rows = system.law, system.rows
@@ -60,6 +81,7 @@ class Camera:
                 rows.demand,
                 rows.accumulated,
                 rows.anchor,
+                rows.origin,
                 self.increase,
                 self.decrease,
                 self.normalization,
@@ -67,6 +89,9 @@ class Camera:
             )
         )
         self._responses, self._saturated = rows.responses, rows.saturated
+        self._memory, self._answering = law.memory, law.answering
+        self._cumulative = law.memory.kind == CUMULATIVE
+        self._compensates = law.answering.rule != NOTHING
         self._env, self._grain, self._log = system.env, system.grain, system.log
         self._on_response = system.on_response
 
@@ -80,11 +105,18 @@ class Camera:
         """
         if not self._discrete:
             self.answer((signal,), self._env.now)
-        elif self._latch:
-            self._latch.setdefault(signal.resource, signal)
+        elif signal.resource in self._latch:
+            self._late.append(signal)
         else:
+            waiting = not self._latch
             self._latch[signal.resource] = signal
-            self._mailbox.hand(signal)
+            if waiting:
+                self._mailbox.hand(signal)
+
+    def forget(self) -> None:
+        """Clear what is latched: the agent goes away."""
+        self._latch.clear()
+        self._late.clear()
 
     def process(self) -> ProcessGenerator:
         """Live: wait for a latch to be set, then for the next tick, and answer what is latched.
@@ -101,7 +133,10 @@ class Camera:
             tick = clocks.next_tick(self.agent, self.system.clock_time(self.agent))
             yield self._env.at(clocks.time(self.agent, tick), Kind.ACT, self.agent)
             self.answer(sorted(self._latch.values()), tick)
-            self._latch.clear()
+            if self._answering.rule == ESTIMATED:
+                for signal in self._late:  # a latch is answered once, but the numbers are read
+                    self._read_number(signal)
+            self.forget()
 
     def answer(self, signals: Sequence[Signal], moment: float) -> None:
         """Answer signals for different resources: Algorithm 2, the branch S = 1.
@@ -118,15 +153,21 @@ class Camera:
         i, grain, averages = self.agent, self._grain, self._averages
         for signal in signals:
             j = signal.resource
-            demand, accumulated, anchor, increase, decrease, normalization = self._rows[j]
+            demand, accumulated, anchor, origin, increase, decrease, normalization = self._rows[j]
             held, since = demand[i], moment - anchor[i]
-            folded = accumulated_at(accumulated[i], held, increase, since, grain)
-            averages[j] = average = time_average(folded, moment, grain)
+            if self._cumulative:
+                folded = accumulated_at(accumulated[i], held, increase, since, grain)
+                averages[j] = average = time_average(folded, age_at(moment, origin[i], grain))
+            else:
+                folded, average = self._fold(j, moment)
+                averages[j] = average
             present = demand_at(held, increase, since, grain)
             probability = response_probability(normalization, self.marginal_cost(averages, j), average)
+            if self._compensates:
+                probability *= self._factor(signal, moment)
             if self.system.response_draws(signal)[i] < probability:
                 kept = present * decrease
-                demand[i], accumulated[i], anchor[i] = kept, folded, moment
+                self._break_line(j, kept, folded, moment)
                 self._responses[j][i] += 1
                 if probability > 1.0:
                     self._saturated[j][i] += 1
@@ -138,13 +179,53 @@ class Camera:
             else:
                 # A tick that holds is a tick without growth; a continuous agent just grows on.
                 if self._discrete:
-                    demand[i], accumulated[i], anchor[i] = present, folded, moment
+                    self._break_line(j, present, folded, moment)
                 if self._log is not None:
                     self._log.add((self._env.now, Entry.HOLD, j, i, signal.number, 0.0))
 
+    def _break_line(self, resource: int, demand: float, folded: float, moment: float) -> None:
+        """Begin a new line with what is held now."""
+        i, row = self.agent, self._rows[resource]
+        if self._memory.kind == WINDOW:
+            line = row[1][i], row[0][i], row[4], row[2][i], row[3][i]
+            parts = self.system.state.parts
+            keep_parts(self._memory, parts, resource, i, *line, moment, self._grain)
+        row[0][i], row[1][i], row[2][i] = demand, folded, moment
+
+    def _fold(self, resource: int, moment: float) -> tuple[float, float]:
+        """Compute what is accumulated, and the average, in whatever way demand is averaged."""
+        i, memory, grain = self.agent, self._memory, self._grain
+        demand, accumulated, anchor, origin, increase, _, _ = self._rows[resource]
+        line = accumulated[i], demand[i], increase
+        folded = folded_at(memory, *line, moment - anchor[i], grain)
+        parts, span = self.system.state.parts, (anchor[i], origin[i], moment, grain)
+        return folded, average_at(memory, parts, resource, i, folded, *line, *span)
+
     def _take_averages(self, moment: float) -> None:
         """Compute all averages before anything is answered: costs that couple resources read them."""
-        i, grain = self.agent, self._grain
-        for j, (demand, accumulated, anchor, increase, _, _) in enumerate(self._rows):
-            folded = accumulated_at(accumulated[i], demand[i], increase, moment - anchor[i], grain)
-            self._averages[j] = time_average(folded, moment, grain)
+        for j in self.resources:
+            _, self._averages[j] = self._fold(j, moment)
+
+    def _read_number(self, signal: Signal) -> None:
+        """Count a signal that has been heard, by its running number; a duplicate is known by it."""
+        if signal.copy:
+            return
+        rows, i, j, period = self.system.rows, self.agent, signal.resource, self._answering.period
+        heard, first, latest = rows.heard[j], rows.first[j], rows.latest[j]
+        heard[i], first[i], latest[i] = read_number(signal.number, heard[i], first[i], latest[i], period)
+
+    def _factor(self, signal: Signal, moment: float) -> float:
+        """Return what makes good for the signals that the agent loses, or estimates that it loses."""
+        rows, i, j = self.system.rows, self.agent, signal.resource
+        rows.answered[j][i] += 1
+        if self._answering.rule == KNOWN:
+            loss = float(self._answering.loss[i])
+        else:
+            self._read_number(signal)
+            loss = estimated_loss(rows.heard[j][i], rows.first[j][i], rows.latest[j][i])
+        age = age_at(moment, rows.origin[j][i], self._grain)
+        return compensation_factor(loss, rows.answered[j][i], age, self._grain)
+
+    def _reprice(self, costs: Costs) -> None:
+        """Take in new private costs."""
+        self.marginal_cost = marginal_cost(costs, self.agent)

@@ -5,16 +5,16 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.agents.flights import BLOCK, Flights
+from aimd_des.agents.flights import BLOCK, SECOND, Flights
 from aimd_des.agents.radix import bits_of, put
 from aimd_des.checks import FloatArray
 from aimd_des.compiled import routine
 from aimd_des.gradients import CostTable
-from aimd_des.population import Law, State
+from aimd_des.state import Law, State
 from aimd_des.streams import Key, uniforms_row
 from aimd_des.ticks import next_tick, tick_time
 
-__all__ = ["LAST", "Answers", "Crowd", "Rhythm", "Scratch", "accept", "scratch_for"]
+__all__ = ["LAST", "Answers", "Books", "Crowd", "Rhythm", "Scratch", "accept", "scratch_for"]
 
 #: Above every order number, and the bits of every time.
 LAST = (1 << 63) - 1
@@ -68,13 +68,30 @@ class Answers(NamedTuple):
     held: IntArray
 
 
+class Books(NamedTuple):
+    """Who is here, and what becomes of copies; the arrays are those of the run.
+
+    Attributes
+    ----------
+    away : ndarray of bool, shape (n,)
+        Agents that are not here at the moment.
+    delivered, lost, duplicated : ndarray of int, shape (m, n)
+        As in `transmission.Transmitter`.
+    """
+
+    away: BoolArray
+    delivered: IntArray
+    lost: IntArray
+    duplicated: IntArray
+
+
 class Scratch(NamedTuple):
     """Working memory, so that nothing is allocated per event.
 
     `first_key`, `first_arrival` and `first_rank`, shape (n,), are of the earliest copy of each agent
     among those that are due; `uniform`, (n,), is a row of draws; `average` and `gradient`, (m,), are of
     the agent at hand.  Of the copies of one block that are answered together, shape (BLOCK,): `chosen` are
-    their places, and all after it what the answers are computed from.
+    their places, `resource` what they are about, and all after it what the answers are computed from.
     """
 
     first_key: IntArray
@@ -84,8 +101,10 @@ class Scratch(NamedTuple):
     average: FloatArray
     gradient: FloatArray
     chosen: npt.NDArray[np.uint64]
+    resource: IntArray
     moment: FloatArray
     since: FloatArray
+    age: FloatArray
     held: FloatArray
     accumulated: FloatArray
     increase: FloatArray
@@ -119,7 +138,8 @@ def scratch_for(n_resources: int, n_agents: int) -> Scratch:
         np.zeros(n_resources),
         np.zeros(n_resources),
         np.zeros(BLOCK, dtype=np.uint64),
-        *np.zeros((12, BLOCK)),
+        np.zeros(BLOCK, dtype=np.int64),
+        *np.zeros((13, BLOCK)),
     )
 
 
@@ -146,6 +166,8 @@ class Crowd(NamedTuple):
         The key of the response draws.
     flights : Flights
         Copies on their way: in one queue if costs are coupled, else in one for each resource.
+    books : Books
+        Who is here, and the account of copies.
     room : int
         How many copies there may be at a time.
     answers : Answers
@@ -168,6 +190,7 @@ class Crowd(NamedTuple):
     until: float
     key: Key
     flights: Flights
+    books: Books
     room: int
     answers: Answers
     hearing: int
@@ -222,6 +245,6 @@ def accept(
                 )
         else:
             due = time
-        if due < crowd.until:
-            put(flights, queue, bits_of(due), tick, time, i, resource, first_rank + i, uniform[i])
-            flights.aloft[0] += 1
+        about = resource + copy * SECOND
+        put(flights, queue, bits_of(due), tick, time, number, i, about, first_rank + i, uniform[i])
+        flights.aloft[0] += 1

@@ -11,12 +11,14 @@ import numpy as np
 import numpy.typing as npt
 from numba.core.dispatcher import Dispatcher
 
-from aimd_des.agents.crowd import LAST, Answers, Crowd, Rhythm, accept, scratch_for
+from aimd_des.agents.absence import forget
+from aimd_des.agents.crowd import LAST, Answers, Books, Crowd, Rhythm, accept, scratch_for
 from aimd_des.agents.flights import enlarge, room, take_off
 from aimd_des.agents.meter import Meter
 from aimd_des.agents.steering import settle_and_fold
 from aimd_des.checks import FloatArray
-from aimd_des.costs import CustomCosts
+from aimd_des.compensation import ESTIMATED
+from aimd_des.costs import Costs, CustomCosts
 from aimd_des.environment import Kind
 from aimd_des.errors import InputError
 from aimd_des.gradients import cost_table
@@ -42,8 +44,7 @@ _NOBODY, _RESPONSES, _ALL = 0, 1, 2
 class Fleet:
     """The standard agents of a run in compiled code: what `Camera` processes do, event for event.
 
-    Nothing happens in a fleet when a copy arrives.  Only when somebody looks, the copies that have
-    arrived by then are answered, each agent's in the order of time.
+    Copies that have arrived are answered when somebody looks, each agent's in the order of time.
 
     Parameters
     ----------
@@ -79,8 +80,9 @@ class Fleet:
         self.members = np.ones(n, dtype=np.bool_)
         self.members[list(absent)] = False
         gradient = _compiled_gradient(problem.costs)
-        ticking = system.clocks is not None
-        flights = take_off(_FLIGHTS * n, m if problem.costs.separable else 1, ticking)
+        ticking, numbered = system.clocks is not None, system.law.answering.rule == ESTIMATED
+        flights = take_off(_FLIGHTS * n, m if problem.costs.separable else 1, ticking, numbered)
+        account = system.transmitter
         rhythm = (np.empty(0), np.empty(0), np.empty(0)) if system.clocks is None else system.clocks.rows
         self.crowd = Crowd(
             state=system.state,
@@ -94,6 +96,7 @@ class Fleet:
             until=system.until,
             key=system.keys[Purpose.RESPONSE],
             flights=flights,
+            books=Books(system.conditions.away, account.delivered, account.lost, account.duplicated),
             room=room(flights),
             answers=_answers(0),
             hearing=_NOBODY,
@@ -101,7 +104,8 @@ class Fleet:
         )
         self.overshoot = overshoot
         self.meter = self._meter(overshoot)
-        self._settled = system.env.reached
+        self._settled = self._position = system.env.reached
+        system.conditions.on_costs.append(self._reprice)
         # With a log: copies that have not landed yet, and the signals by the first order number of each.
         self._landing: list[tuple[float, int, LogEntry]] = []
         self._signals: dict[int, Signal] = {}
@@ -116,10 +120,11 @@ class Fleet:
             steps=False,
             capacity=self.crowd.law.capacity,
             slope=lines.slope if lines else np.zeros(m),
-            running=lines.running if lines else np.zeros((m, 5)),
+            running=lines.running if lines else np.zeros((m, 6)),
             peak=steps.peak if steps else np.zeros(m),
             above=steps.above if steps else np.zeros(m),
             excess=steps.excess if steps else np.zeros(m),
+            used=steps.used if steps else np.zeros(m),
             measured=steps.measured if steps else np.zeros(1),
             tick=np.zeros(1, dtype=np.int64),
             order=np.zeros(0, dtype=np.int64),
@@ -193,11 +198,32 @@ class Fleet:
             self._settled = reached
             time, kind, order = reached
             if time >= 0.0:
+                self._position = reached
                 self.flush()
                 own = Kind.ACT if self.crowd.grain else Kind.DELIVER
                 settle_and_fold(self.crowd, self.meter, time, _limit(kind, order, own))
                 if self.crowd.hearing != _NOBODY and not self.meter.lines:
                     self._tell(reached)
+
+    def forget(self, agent: int, *, lost: bool) -> None:
+        """Drop a member's copies that have arrived by now.
+
+        Parameters
+        ----------
+        agent : int
+            i.
+        lost : bool
+            Whether they are lost, since it was away; if not, they were delivered.
+        """
+        if self.members[agent] and self.crowd.grain:
+            time, kind, order = self._position
+            forget(self.crowd, agent, time, _limit(kind, order, Kind.DELIVER), lost)
+
+    def _reprice(self, costs: Costs) -> None:
+        """Take in new private costs."""
+        gradient = _compiled_gradient(costs)
+        address = 0 if gradient is None else gradient.address
+        self.crowd = self.crowd._replace(table=cost_table(costs), gradient=address)
 
     def flush(self) -> None:
         """Have changes folded in that come before those of the members."""
@@ -212,6 +238,8 @@ class Fleet:
         told: list[tuple[float, int, int, int, LogEntry]] = []
         while self._landing and (self._landing[0][0], Kind.DELIVER, self._landing[0][1]) < reached:
             time, order, entry = heappop(self._landing)
+            if self.crowd.books.away[entry[3]]:
+                entry = (time, Entry.LOST, *entry[2:])
             told.append((time, Kind.DELIVER, order, -1, entry))
         rows = zip(*(column[:count].tolist() for column in (_times(answers.key), *answers[1:5])), strict=True)
         for time, rank, agent, resource, change in rows:

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from aimd_des.checks import FloatArray
 
-__all__ = ["BLOCK", "DUE", "LATER", "Flights", "enlarge", "room", "take_off"]
+__all__ = ["BLOCK", "DUE", "FORGOTTEN", "LATER", "SECOND", "Flights", "enlarge", "room", "take_off"]
 
 IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.uint32]
@@ -23,6 +23,9 @@ _LEVELS = 64
 DUE, LATER = _LEVELS, _LEVELS + 1
 _CHAINS = _LEVELS + 2
 
+#: What the resource of a duplicate is raised by, and the draw of a copy that is never answered.
+SECOND, FORGOTTEN = 1 << 16, 2.0
+
 
 class Flights(NamedTuple):
     """All copies on their way, in one queue or in one for each resource.
@@ -35,8 +38,11 @@ class Flights(NamedTuple):
         When each is due: the bits of its time of arrival or, for a discrete agent, of the tick after it.
     moment, arrival : ndarray, shape (b * BLOCK,) or (0,)
         Of discrete agents only: index of that tick, and time of arrival.
+    number : ndarray of int, shape (b * BLOCK,) or (0,)
+        Number of the broadcast, where agents read it.
     agent, resource : ndarray of uint32, shape (b * BLOCK,)
-        i and j; without a sign, so that compiled code need not ask whether they count from the end.
+        i and j (`SECOND` more for a duplicate); without a sign, so that compiled code need not ask whether
+        they count from the end.
     rank : ndarray of int, shape (b * BLOCK,)
         Order number; decides between copies that arrive at the same time.
     uniform : ndarray, shape (b * BLOCK,)
@@ -56,6 +62,7 @@ class Flights(NamedTuple):
     key: IntArray
     moment: FloatArray
     arrival: FloatArray
+    number: IntArray
     agent: IndexArray
     resource: IndexArray
     rank: IntArray
@@ -90,7 +97,7 @@ def room(flights: Flights) -> int:
     return (len(flights.following) - _blocks_for(0, len(flights.base))) * BLOCK
 
 
-def take_off(copies: int, queues: int, ticking: bool) -> Flights:
+def take_off(copies: int, queues: int, ticking: bool, numbered: bool) -> Flights:
     """Make space for copies, of which there are none yet.
 
     Parameters
@@ -101,6 +108,8 @@ def take_off(copies: int, queues: int, ticking: bool) -> Flights:
         How many queues.
     ticking : bool
         Whether agents answer at their ticks.
+    numbered : bool
+        Whether they read numbers.
 
     Returns
     -------
@@ -114,6 +123,7 @@ def take_off(copies: int, queues: int, ticking: bool) -> Flights:
         key=np.empty(shape, dtype=np.int64),
         moment=np.empty(own),
         arrival=np.empty(own),
+        number=np.empty(shape if numbered else 0, dtype=np.int64),
         agent=np.empty(shape, dtype=np.uint32),
         resource=np.empty(shape, dtype=np.uint32),
         rank=np.empty(shape, dtype=np.int64),
@@ -144,8 +154,9 @@ def enlarge(flights: Flights, copies: int) -> Flights:
         With the same copies.
     """
     old = len(flights.following)
-    larger = take_off(copies, len(flights.base), ticking=flights.moment.size > 0)
-    for name in ("key", "moment", "arrival", "agent", "resource", "rank", "uniform", "filled"):
+    ticking, numbered = flights.moment.size > 0, flights.number.size > 0
+    larger = take_off(copies, len(flights.base), ticking, numbered)
+    for name in ("key", "moment", "arrival", "number", "agent", "resource", "rank", "uniform", "filled"):
         rows = getattr(flights, name)
         getattr(larger, name)[: len(rows)] = rows
     larger.following[:old] = flights.following

@@ -28,9 +28,9 @@ class Meter(NamedTuple):
         Whether demand is measured as a line between answers, or as constant between common ticks.
     capacity, slope : ndarray, shape (m,)
         C, and growth of the total in units of the resource per unit of time.
-    running : ndarray, shape (m, 5)
+    running : ndarray, shape (m, 6)
         Of lines: as in `observing.LinearPieces`.
-    peak, above, excess : ndarray, shape (m,)
+    peak, above, excess, used : ndarray, shape (m,)
         Of steps: as in `observing.ConstantPieces`, and so is `measured`, (1,).
     measured : ndarray, shape (1,)
         See there.
@@ -48,6 +48,7 @@ class Meter(NamedTuple):
     peak: FloatArray
     above: FloatArray
     excess: FloatArray
+    used: FloatArray
     measured: FloatArray
     tick: IntArray
     order: IntArray

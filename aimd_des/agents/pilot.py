@@ -38,18 +38,25 @@ class Pilot(NamedTuple):
     ----------
     crossing : bool
         Whether it senses crossings; if not, it samples.
-    period, phase, refractory, delay : float
-        Of a sampled or a crossing one; how long after a look its signals leave.
+    period, phase, shortest, longest, delay : float
+        Of a sampled one, and bounds of the hold-off of a crossing one; how long after a look its signals
+        leave.
+    failed : ndarray of bool, shape (1,)
+        Whether it is down.
     look : ndarray of int, shape (1,)
         Index of the next look of a sampled one.
     alarm : ndarray, shape (m,)
         When a crossing one looks at each resource next.
     watchful : ndarray of bool, shape (m,)
         Whether it waits for a crossing there, and not for the end of the hold-off.
-    slope : ndarray, shape (m,)
-        Growth of total demand, in units of the resource per unit of time.
-    instant : ndarray, shape (m,)
-        When it broadcast last.
+    growth : ndarray, shape (m,)
+        Of total demand, in units of the resource per unit of time.
+    instant, signalled_at : ndarray, shape (m,)
+        When a crossing one broadcast last, and total demand then.
+    hold_off : ndarray, shape (m,)
+        The present one.
+    holding : ndarray of bool, shape (m,)
+        Whether its end is what the alarm is set to.
     repeated : ndarray of int, shape (m,)
         How often it did at that instant.
     due : ndarray of bool, shape (m,)
@@ -70,13 +77,18 @@ class Pilot(NamedTuple):
     crossing: bool
     period: float
     phase: float
-    refractory: float
+    shortest: float
+    longest: float
     delay: float
+    failed: BoolArray
     look: IntArray
     alarm: FloatArray
     watchful: BoolArray
-    slope: FloatArray
+    growth: FloatArray
     instant: FloatArray
+    signalled_at: FloatArray
+    hold_off: FloatArray
+    holding: BoolArray
     repeated: IntArray
     due: BoolArray
     total: FloatArray

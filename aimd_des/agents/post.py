@@ -24,6 +24,8 @@ class Post(NamedTuple):
         Whether compiled code may send; if not, it stops where a signal is due.
     channel : ChannelTable
         The channel in this run.
+    cut : ndarray of bool, shape (n,)
+        Agents to which nothing gets through at the moment.
     numbers : ndarray of int, shape (m,)
         How many signals there were for each resource.
     delivered, lost, duplicated : ndarray of int, shape (m, n)
@@ -42,6 +44,7 @@ class Post(NamedTuple):
 
     compiled: bool
     channel: ChannelTable
+    cut: npt.NDArray[np.bool_]
     numbers: IntArray
     delivered: IntArray
     lost: IntArray
@@ -89,6 +92,8 @@ def broadcast(
         return False
     lost, delivered = post.lost[resource], post.delivered[resource]
     for i in range(n):
+        if post.cut[i]:
+            post.arrival[i] = post.second[i] = np.inf
         lost[i] += post.arrival[i] == np.inf
         delivered[i] += post.arrival[i] < crowd.until
     accept(crowd, resource, number, 0, post.arrival, post.order[0], acted_at, acted)

@@ -141,6 +141,7 @@ def put(
     key: int,
     moment: float,
     arrival: float,
+    number: int,
     agent: int,
     resource: int,
     rank: int,
@@ -154,7 +155,7 @@ def put(
         The copies on their way; there must be room.
     queue : int
         Which queue.
-    key, moment, arrival, agent, resource, rank, uniform
+    key, moment, arrival, number, agent, resource, rank, uniform
         As in `Flights`; due no earlier than the last release of this queue.
     """
     end = _end(flights, queue, _highest_bit(key ^ flights.base[queue]) + 1)
@@ -166,6 +167,8 @@ def put(
     if flights.moment.shape[0] > 0:
         flights.moment[end] = moment
         flights.arrival[end] = arrival
+    if flights.number.shape[0] > 0:
+        flights.number[end] = number
 
 
 @formula
@@ -190,6 +193,8 @@ def move(flights: Flights, queue: int, chain: int, place: int) -> None:
     if flights.moment.shape[0] > 0:
         flights.moment[end] = flights.moment[place]
         flights.arrival[end] = flights.arrival[place]
+    if flights.number.shape[0] > 0:
+        flights.number[end] = flights.number[place]
 
 
 @formula

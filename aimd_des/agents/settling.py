@@ -4,73 +4,49 @@ Agents touch each other only through the control unit, so between two looks thei
 In every round each agent answers the earliest of its copies that are due, and most have no other.
 """
 
-from typing import Any
-
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 
+from aimd_des.agents.absence import miss, subject
 from aimd_des.agents.crowd import LAST, Crowd
 from aimd_des.agents.flights import BLOCK, DUE, LATER
 from aimd_des.agents.radix import move, places, raise_due, release, time_of
+from aimd_des.agents.slopes import marginal_cost_at
+from aimd_des.compensation import (
+    ESTIMATED,
+    KNOWN,
+    NOTHING,
+    compensation_factor,
+    estimated_loss,
+    read_number,
+)
 from aimd_des.compiled import formula, kernel
-from aimd_des.gradients import gradient_at, horner_step
-from aimd_des.response import accumulated_at, demand_at, response_probability, time_average
+from aimd_des.gradients import horner_step
+from aimd_des.memory import (
+    CUMULATIVE,
+    WINDOW,
+    accumulated_at,
+    age_at,
+    average_at,
+    folded_at,
+    keep_parts,
+    time_average,
+)
+from aimd_des.response import demand_at, response_probability
 
 __all__ = ["settle"]
 
 _ALL_ANSWERS = 2
 
 
-@intrinsic  # type: ignore[untyped-decorator]  # numba has no type information
-def _call_gradient(typingctx: Any, address: Any, agent: Any, average: Any, gradient: Any) -> Any:  # noqa: ARG001
-    """Call a compiled gradient: void(int64 agent, double* average, double* gradient)."""
-    signature = types.void(types.int64, types.int64, types.int64, types.int64)
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
-        word, pointer = ir.IntType(64), ir.DoubleType().as_pointer()
-        kind = ir.FunctionType(ir.VoidType(), [word, pointer, pointer]).as_pointer()
-        places = [builder.inttoptr(place, pointer) for place in args[2:]]
-        builder.call(builder.inttoptr(args[0], kind), [args[1], *places])
-        return context.get_dummy_value()
-
-    return signature, codegen
-
-
 @formula
-def _marginal_cost(crowd: Crowd, agent: int, resource: int, moment: float, average: float) -> float:
-    """Return grad_j f_i at the agent's averages, of which that of the resource itself is known."""
-    averages = crowd.scratch.average
-    if crowd.coupled:
-        state, increase = crowd.state, crowd.law.increase
-        for j in range(averages.shape[0]):
-            folded = accumulated_at(
-                state.accumulated[j, agent],
-                state.demand[j, agent],
-                increase[j, agent],
-                moment - state.anchor[j, agent],
-                crowd.grain,
-            )
-            averages[j] = time_average(folded, moment, crowd.grain)
-    else:
-        averages[resource] = average
-    if crowd.gradient != 0:
-        gradient = crowd.scratch.gradient
-        _call_gradient(crowd.gradient, agent, averages.ctypes.data, gradient.ctypes.data)
-        return float(gradient[resource])
-    return gradient_at(crowd.table, averages, resource, agent)
-
-
-@formula
-def _report(crowd: Crowd, place: int, change: float) -> None:
+def _report(crowd: Crowd, place: int, resource: int, change: float) -> None:
     """Note an answer for those who want to know of it."""
     answers, flights = crowd.answers, crowd.flights
     row = answers.held[0]
     answers.key[row] = flights.key[place]
     answers.rank[row] = flights.rank[place]
     answers.agent[row] = flights.agent[place]
-    answers.resource[row] = flights.resource[place]
+    answers.resource[row] = resource
     answers.change[row] = change
     answers.held[0] = row + 1
 
@@ -111,19 +87,36 @@ def _one_broadcast(crowd: Crowd, queue: int) -> bool:
 
 
 @formula
+def _read_number(crowd: Crowd, resource: int, agent: int, number: int) -> None:
+    """Count a signal that has been heard, by its running number."""
+    j, i, state = resource, agent, crowd.state
+    state.heard[j, i], state.first[j, i], state.latest[j, i] = read_number(
+        number, state.heard[j, i], state.first[j, i], state.latest[j, i], crowd.law.answering.period
+    )
+
+
+@formula
 def _choose(crowd: Crowd, queue: int, block: int, everybody: bool) -> int:
     """List the copies of a block that are answered now; the others wait for the next round, or go."""
     flights, scratch, state = crowd.flights, crowd.scratch, crowd.state
-    ticking = crowd.grain > 0.0
+    ticking, numbered = crowd.grain > 0.0, crowd.law.answering.rule == ESTIMATED
     chosen = 0
     for place in places(flights, block):
         i = flights.agent[place]
         if everybody or flights.rank[place] == scratch.first_rank[i]:
             scratch.first_key[i] = LAST
             flights.aloft[0] -= 1
+            resource, second = subject(flights, place)
+            if flights.uniform[place] > 1.0:  # forgotten
+                continue
+            if crowd.books.away[i]:
+                miss(crowd, resource, i, second)
+                continue
+            if numbered and not second:
+                _read_number(crowd, resource, i, flights.number[place])
             # A latch that was set already: this tick's signal has been answered.
-            latched = ticking and (state.anchor[flights.resource[place], i] == flights.moment[place])
-            scratch.chosen[chosen] = place
+            latched = ticking and (state.anchor[resource, i] == flights.moment[place])
+            scratch.chosen[chosen], scratch.resource[chosen] = place, resource
             chosen += 0 if latched else 1
         else:
             move(flights, queue, LATER, place)
@@ -137,9 +130,10 @@ def _gather(crowd: Crowd, chosen: int) -> None:
     ticking = crowd.grain > 0.0
     for row in range(chosen):
         place = scratch.chosen[row]
-        i, j = flights.agent[place], flights.resource[place]
+        i, j = flights.agent[place], scratch.resource[row]
         moment = flights.moment[place] if ticking else time_of(flights.key[place])
         scratch.moment[row], scratch.since[row] = moment, moment - state.anchor[j, i]
+        scratch.age[row] = age_at(moment, state.origin[j, i], crowd.grain)
         scratch.held[row], scratch.accumulated[row] = state.demand[j, i], state.accumulated[j, i]
         scratch.increase[row], scratch.gamma[row] = law.increase[j, i], law.normalization[j]
 
@@ -151,8 +145,8 @@ def _find_slopes(crowd: Crowd, queue: int, chosen: int) -> None:
     if crowd.coupled or crowd.gradient != 0:
         for row in range(chosen):
             place = scratch.chosen[row]
-            i, j = flights.agent[place], flights.resource[place]
-            scratch.slope[row] = _marginal_cost(crowd, i, j, scratch.moment[row], scratch.averages[row])
+            i, j = flights.agent[place], scratch.resource[row]
+            scratch.slope[row] = marginal_cost_at(crowd, i, j, scratch.moment[row], scratch.averages[row])
     else:
         slopes = crowd.table.slopes[queue]
         for d in range(slopes.shape[0] - 1, -1, -1):
@@ -164,44 +158,82 @@ def _find_slopes(crowd: Crowd, queue: int, chosen: int) -> None:
 
 
 @formula
+def _remember(crowd: Crowd, chosen: int) -> None:
+    """Compute what is accumulated, and averages, in whatever way demand is averaged."""
+    scratch, state, memory, grain = crowd.scratch, crowd.state, crowd.law.memory, crowd.grain
+    for row in range(chosen):
+        i, j = crowd.flights.agent[scratch.chosen[row]], scratch.resource[row]
+        line = (scratch.accumulated[row], scratch.held[row], scratch.increase[row])
+        folded = folded_at(memory, *line, scratch.since[row], grain)
+        span = (state.anchor[j, i], state.origin[j, i], scratch.moment[row], grain)
+        scratch.folded[row] = folded
+        scratch.averages[row] = average_at(memory, state.parts, j, i, folded, *line, *span)
+
+
+@formula
+def _compensate(crowd: Crowd, chosen: int) -> None:
+    """Make good for the signals that agents lose, or estimate that they lose."""
+    scratch, state, answering = crowd.scratch, crowd.state, crowd.law.answering
+    for row in range(chosen):
+        i, j = crowd.flights.agent[scratch.chosen[row]], scratch.resource[row]
+        state.answered[j, i] += 1
+        if answering.rule == KNOWN:
+            loss = answering.loss[i]
+        else:
+            loss = estimated_loss(state.heard[j, i], state.first[j, i], state.latest[j, i])
+        factor = compensation_factor(loss, state.answered[j, i], scratch.age[row], crowd.grain)
+        scratch.probability[row] *= factor
+
+
+@formula
 def _weigh(crowd: Crowd, queue: int, chosen: int) -> None:
     """Compute averages and response probabilities, pass by pass, so that they are computed side by side."""
     scratch, grain = crowd.scratch, crowd.grain
     _gather(crowd, chosen)
     accumulated, held, increase, since = scratch.accumulated, scratch.held, scratch.increase, scratch.since
-    for row in range(chosen):
-        scratch.folded[row] = accumulated_at(accumulated[row], held[row], increase[row], since[row], grain)
-    for row in range(chosen):
-        scratch.averages[row] = time_average(scratch.folded[row], scratch.moment[row], grain)
+    if crowd.law.memory.kind == CUMULATIVE:
+        for row in range(chosen):
+            sums, span = accumulated[row], since[row]
+            scratch.folded[row] = accumulated_at(sums, held[row], increase[row], span, grain)
+        for row in range(chosen):
+            scratch.averages[row] = time_average(scratch.folded[row], scratch.age[row])
+    else:
+        _remember(crowd, chosen)
     for row in range(chosen):
         scratch.present[row] = demand_at(held[row], increase[row], since[row], grain)
     _find_slopes(crowd, queue, chosen)
     for row in range(chosen):
         gamma, slope, average = scratch.gamma[row], scratch.slope[row], scratch.averages[row]
         scratch.probability[row] = response_probability(gamma, slope, average)
+    if crowd.law.answering.rule != NOTHING:
+        _compensate(crowd, chosen)
 
 
 @formula
 def _answer(crowd: Crowd, chosen: int) -> None:
     """Let agents respond, or hold: Algorithm 2, the branch S = 1."""
     flights, state, law, scratch = crowd.flights, crowd.state, crowd.law, crowd.scratch
-    ticking = crowd.grain > 0.0
+    ticking, memory = crowd.grain > 0.0, law.memory
     for row in range(chosen):
         place = scratch.chosen[row]
         responds = flights.uniform[place] < scratch.probability[row]
         # A tick that holds is a tick without growth; a continuous agent just grows on.
         if responds or ticking:
-            i, j = flights.agent[place], flights.resource[place]
+            i, j = flights.agent[place], scratch.resource[row]
             present = scratch.present[row]
+            if memory.kind == WINDOW:
+                line = (scratch.accumulated[row], scratch.held[row], scratch.increase[row])
+                span = (state.anchor[j, i], state.origin[j, i], scratch.moment[row], crowd.grain)
+                keep_parts(memory, state.parts, j, i, *line, *span)
             kept = present * law.decrease[j, i] if responds else present
             state.demand[j, i], state.accumulated[j, i] = kept, scratch.folded[row]
             state.anchor[j, i] = scratch.moment[row]
             state.responses[j, i] += responds
             state.saturated[j, i] += scratch.probability[row] > 1.0
             if crowd.hearing > 0 and responds:
-                _report(crowd, place, kept - present)
+                _report(crowd, place, j, kept - present)
         if crowd.hearing == _ALL_ANSWERS and not responds:
-            _report(crowd, place, np.nan)
+            _report(crowd, place, scratch.resource[row], np.nan)
 
 
 @kernel

@@ -19,7 +19,7 @@ from aimd_des.agents.pilot import (
 from aimd_des.agents.post import Post, broadcast
 from aimd_des.agents.settling import settle
 from aimd_des.compiled import announced, formula, routine
-from aimd_des.control_unit import MOST_AT_ONE_INSTANT
+from aimd_des.control_unit import MOST_AT_ONE_INSTANT, adapted, soonest_crossing
 from aimd_des.environment import FIRST_ORDER, Kind
 from aimd_des.metrics import fold_overshoot
 from aimd_des.population import observe_totals, total_of
@@ -90,7 +90,8 @@ def _measure(pilot: Pilot, meter: Meter, now: float) -> None:
     meter.tick[0] += 1
     pilot.turns[TICK] = LAST - 1
     if duration > 0.0:
-        fold_overshoot(pilot.total, meter.capacity, duration, meter.peak, meter.above, meter.excess)
+        running = (meter.peak, meter.above, meter.excess, meter.used)
+        fold_overshoot(pilot.total, meter.capacity, duration, *running)
         meter.measured[0] = now
 
 
@@ -119,9 +120,9 @@ def _keep(crowd: Crowd, pilot: Pilot, watch: Watch) -> None:
 @formula
 def _signal(crowd: Crowd, pilot: Pilot, post: Post, limits: Limits) -> int:
     """Broadcast for each resource whose total demand is above its threshold."""
-    due = False
+    due, up = False, not pilot.failed[0]
     for j in range(pilot.due.shape[0]):
-        pilot.due[j] = pilot.total[j] > crowd.law.limit[j]
+        pilot.due[j] = up and pilot.total[j] > crowd.law.limit[j]
         due = due or pilot.due[j]
     if due and not post.compiled:
         return BROADCAST
@@ -184,6 +185,17 @@ def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, l
             return status
 
 
+@formula
+def _hold_off(pilot: Pilot, resource: int, now: float, total: float) -> None:
+    """Set the alarm to the end of the hold-off after a signal."""
+    j = resource
+    if pilot.holding[j]:
+        expected = pilot.signalled_at[j] + pilot.growth[j] * (now - pilot.instant[j])
+        pilot.hold_off[j] = adapted(pilot.hold_off[j], pilot.shortest, pilot.longest, expected, total)
+    pilot.instant[j], pilot.signalled_at[j], pilot.holding[j] = now, total, True
+    pilot.alarm[j] = now + pilot.hold_off[j]
+
+
 @announced("the fleet (half a minute)")
 def sense(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, limits: Limits) -> int:
     """Go from one possible crossing to the next, and let observers look, until something else is due.
@@ -231,18 +243,19 @@ def sense(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, li
         if meter.lines and crowd.answers.held[0] > 0:
             fold_answers(crowd.answers, meter)
         _find_moments(crowd, pilot, limits)
-        soonest = now + (crowd.law.limit[j] - _total(crowd, pilot, j)) / pilot.slope[j]
-        pilot.watchful[j] = soonest > now
-        if soonest > now:
-            alarm[j] = soonest
+        total = _total(crowd, pilot, j)
+        soonest = soonest_crossing(now, crowd.law.limit[j], total, pilot.growth[j])
+        pilot.watchful[j] = soonest > now or pilot.failed[0]
+        if pilot.watchful[j]:
+            pilot.holding[j] = False
+            alarm[j] = soonest if soonest > now else np.inf
             continue
         pilot.repeated[j] = pilot.repeated[j] + 1 if now == pilot.instant[j] else 1
-        pilot.instant[j] = now
         pilot.due[:] = False
         pilot.due[j] = True
         if pilot.repeated[j] > MOST_AT_ONE_INSTANT:
             return STANDSTILL
-        alarm[j] = now + pilot.refractory
+        _hold_off(pilot, j, now, total)
         if not post.compiled:
             return BROADCAST
         if not broadcast(crowd, post, j, now, pilot.delay, limits.acted_at, limits.acted):

@@ -9,6 +9,15 @@ from aimd_des.costs.base import Costs, check_on_box
 from aimd_des.costs.coupled import CoupledCosts
 from aimd_des.costs.custom import CustomCosts
 from aimd_des.costs.polynomial import PolynomialCosts
+from aimd_des.costs.selected import selected_costs
 from aimd_des.costs.weighted import weighted_costs
 
-__all__ = ["Costs", "CoupledCosts", "CustomCosts", "PolynomialCosts", "check_on_box", "weighted_costs"]
+__all__ = [
+    "Costs",
+    "CoupledCosts",
+    "CustomCosts",
+    "PolynomialCosts",
+    "check_on_box",
+    "selected_costs",
+    "weighted_costs",
+]

@@ -1,0 +1,276 @@
+"""Agents that come, go, crash and come back, and that need more for a while; prices that change."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import count
+
+from aimd_des import checks
+from aimd_des.costs import Costs
+from aimd_des.environment import Kind
+from aimd_des.errors import InputError
+from aimd_des.interventions.changes import join, leave
+from aimd_des.interventions.names import Agents, agent_indices
+from aimd_des.interventions.prices import checked_costs, set_costs, weigh
+from aimd_des.problem import Problem
+from aimd_des.system import System
+from aimd_des.transport import ProcessGenerator
+
+__all__ = ["Absence", "Crash", "Join", "Prices", "UnusualActivity"]
+
+
+def _take_times(intervention: object, later: str) -> None:
+    """Check the time at which something begins, and the later one, which may be missing."""
+    name = type(intervention).__name__
+    at = checks.number(f"{name}.at", getattr(intervention, "at"), low=0.0)  # noqa: B009 - of any of these
+    object.__setattr__(intervention, "at", at)
+    until = getattr(intervention, later)
+    if until is not None:
+        until = checks.number(f"{name}.{later}", until, low=at, low_open=True)
+        object.__setattr__(intervention, later, until)
+
+
+class _OfAgents:
+    """What interventions on agents share: the agents must exist."""
+
+    agents: Agents
+
+    def check(self, problem: Problem) -> None:
+        """Refuse what does not fit a problem.
+
+        Parameters
+        ----------
+        problem : Problem
+            Who shares.
+
+        Raises
+        ------
+        InputError
+            If there is no such agent, one is named twice, or none is named.
+        """
+        agent_indices(problem, self.agents)
+
+
+@dataclass(frozen=True)
+class Join(_OfAgents):
+    """Agents are not there at first and join the run at some time.
+
+    Parameters
+    ----------
+    agents : str, int or sequence of these
+        Names, or i.
+    at : float
+        When, greater than 0.
+    """
+
+    agents: Agents
+    at: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "at", checks.number("Join.at", self.at, low=0.0, low_open=True))
+
+    def process(self, system: System) -> ProcessGenerator:
+        """Keep the agents away until then.
+
+        Parameters
+        ----------
+        system : System
+            The run in progress.
+
+        Yields
+        ------
+        simpy.Event
+            The start of the run, and the time at which they join.
+        """
+        agents = agent_indices(system.problem, self.agents)
+        yield system.env.at(0.0, Kind.INTERVENE)
+        for agent in agents:
+            leave(system, agent)
+        yield system.env.at(self.at, Kind.INTERVENE)
+        for agent in agents:
+            join(system, agent, anew=True)
+
+
+@dataclass(frozen=True)
+class Absence(_OfAgents):
+    """Agents leave, and may come back with their average as it was.
+
+    Parameters
+    ----------
+    agents : str, int or sequence of these
+        Names, or i.
+    at : float
+        When they leave, at least 0: what they hold is released in that instant.
+    until : float, optional
+        When they come back, later than that; never unless given.
+    """
+
+    agents: Agents
+    at: float
+    until: float | None = None
+
+    def __post_init__(self) -> None:
+        _take_times(self, "until")
+
+    def process(self, system: System) -> ProcessGenerator:
+        """Let the agents go, and come back.
+
+        Parameters
+        ----------
+        system : System
+            The run in progress.
+
+        Yields
+        ------
+        simpy.Event
+            Both times.
+        """
+        yield from _away(system, self.agents, self.at, self.until, anew=False)
+
+
+@dataclass(frozen=True)
+class Crash(_OfAgents):
+    """Agents crash: what they hold is released, and if they come back they have forgotten their average.
+
+    Parameters
+    ----------
+    agents : str, int or sequence of these
+        Names, or i.
+    at : float
+        When they crash, at least 0.
+    until : float, optional
+        When they come back, later than that; never unless given.
+    """
+
+    agents: Agents
+    at: float
+    until: float | None = None
+
+    def __post_init__(self) -> None:
+        _take_times(self, "until")
+
+    def process(self, system: System) -> ProcessGenerator:
+        """Let the agents crash, and come back.
+
+        Parameters
+        ----------
+        system : System
+            The run in progress.
+
+        Yields
+        ------
+        simpy.Event
+            Both times.
+        """
+        yield from _away(system, self.agents, self.at, self.until, anew=True)
+
+
+def _away(system: System, agents: Agents, at: float, until: float | None, *, anew: bool) -> ProcessGenerator:
+    indices = agent_indices(system.problem, agents)
+    yield system.env.at(at, Kind.INTERVENE)
+    for agent in indices:
+        leave(system, agent)
+    if until is not None:
+        yield system.env.at(until, Kind.INTERVENE)
+        for agent in indices:
+            join(system, agent, anew=anew)
+
+
+@dataclass(frozen=True)
+class UnusualActivity(_OfAgents):
+    """Agents see something unusual and need more for a while: their private costs are scaled.
+
+    Parameters
+    ----------
+    agents : str, int or sequence of these
+        Names, or i.
+    at : float
+        When it begins, at least 0.
+    until : float, optional
+        When it is over, later than that; never unless given.
+    weight : float
+        What their costs are multiplied by, greater than 0: below 1 they hold more.
+    """
+
+    agents: Agents
+    at: float
+    until: float | None = None
+    weight: float = 0.5
+
+    def __post_init__(self) -> None:
+        _take_times(self, "until")
+        clean = checks.number("UnusualActivity.weight", self.weight, low=0.0, low_open=True)
+        object.__setattr__(self, "weight", clean)
+
+    def process(self, system: System) -> ProcessGenerator:
+        """Scale the costs, and put them back.
+
+        Parameters
+        ----------
+        system : System
+            The run in progress.
+
+        Yields
+        ------
+        simpy.Event
+            Both times.
+        """
+        agents = agent_indices(system.problem, self.agents)
+        yield system.env.at(self.at, Kind.INTERVENE)
+        weigh(system, agents, self.weight)
+        if self.until is not None:
+            yield system.env.at(self.until, Kind.INTERVENE)
+            weigh(system, agents, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Prices:
+    """The private costs of all agents are drawn anew at given intervals.
+
+    Parameters
+    ----------
+    every : float
+        The interval, greater than 0: the k-th costs hold from k * every on.
+    draw : callable
+        ``draw(k)`` returns the k-th costs, k = 1, 2, ..., of the same family and shape as the problem's.
+        It must give the same costs whenever it is called with the same k.
+    """
+
+    every: float
+    draw: Callable[[int], Costs]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "every", checks.number("Prices.every", self.every, low=0.0, low_open=True))
+        if not callable(self.draw):
+            raise InputError.of("Prices.draw", self.draw, "a function of the number of the draw")
+
+    def check(self, problem: Problem) -> None:
+        """Refuse what does not fit a problem.
+
+        Parameters
+        ----------
+        problem : Problem
+            What is shared.
+
+        Raises
+        ------
+        InputError
+            If the first costs are of another kind or shape than the problem's, or no costs.
+        """
+        checked_costs(problem, self.draw(1))
+
+    def process(self, system: System) -> ProcessGenerator:
+        """Change the costs again and again.
+
+        Parameters
+        ----------
+        system : System
+            The run in progress.
+
+        Yields
+        ------
+        simpy.Event
+            Each change.
+        """
+        for k in count(1):
+            yield system.env.at(k * self.every, Kind.INTERVENE)
+            set_costs(system, self.draw(k))

@@ -1,0 +1,277 @@
+"""Capacities that change: at once, in a ramp, or after a profile such as the load of a day."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+
+from aimd_des import checks
+from aimd_des.channel.measured import read_columns
+from aimd_des.checks import FloatArray
+from aimd_des.environment import Kind
+from aimd_des.errors import InputError
+from aimd_des.interventions.changes import set_capacity
+from aimd_des.interventions.names import resource_index
+from aimd_des.problem import Problem
+from aimd_des.system import System
+from aimd_des.transport import ProcessGenerator
+
+__all__ = ["CapacityProfile", "CapacityRamp", "CapacityStep"]
+
+
+@dataclass(frozen=True)
+class CapacityStep:
+    """A capacity changes at one instant.
+
+    Parameters
+    ----------
+    resource : str or int
+        Its name, or j.
+    at : float
+        When, at least 0.
+    capacity : float
+        C from then on, greater than 0, in units of the resource.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range.
+    """
+
+    resource: str | int
+    at: float
+    capacity: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "at", checks.number("CapacityStep.at", self.at, low=0.0))
+        clean = checks.number("CapacityStep.capacity", self.capacity, low=0.0, low_open=True)
+        object.__setattr__(self, "capacity", clean)
+
+    def check(self, problem: Problem) -> None:
+        """Refuse what does not fit a problem.
+
+        Parameters
+        ----------
+        problem : Problem
+            What is shared.
+
+        Raises
+        ------
+        InputError
+            If there is no such resource.
+        """
+        resource_index(problem, self.resource)
+
+    def process(self, system: System) -> ProcessGenerator:
+        """Change the capacity when it is time.
+
+        Parameters
+        ----------
+        system : System
+            The run in progress.
+
+        Yields
+        ------
+        simpy.Event
+            The instant.
+        """
+        yield system.env.at(self.at, Kind.INTERVENE)
+        set_capacity(system, resource_index(system.problem, self.resource), self.capacity)
+
+
+@dataclass(frozen=True)
+class CapacityRamp:
+    """A capacity changes steadily, in equal small steps, from what it is to another one.
+
+    Parameters
+    ----------
+    resource : str or int
+        Its name, or j.
+    start, end : float
+        From when to when, at least 0 and after that.
+    capacity : float
+        C at the end and from then on, greater than 0, in units of the resource.
+    steps : int
+        How many; the first is one step's time after the start, the last at the end.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range.
+    """
+
+    resource: str | int
+    start: float
+    end: float
+    capacity: float
+    steps: int = 20
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "start", checks.number("CapacityRamp.start", self.start, low=0.0))
+        end = checks.number("CapacityRamp.end", self.end, low=self.start, low_open=True)
+        object.__setattr__(self, "end", end)
+        clean = checks.number("CapacityRamp.capacity", self.capacity, low=0.0, low_open=True)
+        object.__setattr__(self, "capacity", clean)
+        checks.integer("CapacityRamp.steps", self.steps, low=1, high=1_000_000)
+
+    def check(self, problem: Problem) -> None:
+        """Refuse what does not fit a problem.
+
+        Parameters
+        ----------
+        problem : Problem
+            What is shared.
+
+        Raises
+        ------
+        InputError
+            If there is no such resource.
+        """
+        resource_index(problem, self.resource)
+
+    def process(self, system: System) -> ProcessGenerator:
+        """Change the capacity step by step.
+
+        Parameters
+        ----------
+        system : System
+            The run in progress.
+
+        Yields
+        ------
+        simpy.Event
+            The start, and each step.
+        """
+        j = resource_index(system.problem, self.resource)
+        yield system.env.at(self.start, Kind.INTERVENE)
+        before = float(system.law.capacity[j])
+        for step in range(1, self.steps + 1):
+            share = step / self.steps
+            time = self.end if step == self.steps else self.start + share * (self.end - self.start)
+            yield system.env.at(time, Kind.INTERVENE)
+            set_capacity(system, j, before + share * (self.capacity - before))
+
+
+@dataclass(frozen=True, eq=False)
+class CapacityProfile:
+    """A capacity follows a table of times and values, once or again and again.
+
+    Parameters
+    ----------
+    resource : str or int
+        Its name, or j.
+    times : array_like, shape (k,)
+        When it changes: ascending, at least 0 and, of a profile that is repeated, less than the period.
+    capacities : array_like, shape (k,)
+        C from each time to the next, greater than 0, in units of the resource.
+    period : float, optional
+        After which the profile begins anew, such as a day; once only unless given.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range, or the lengths differ.
+    """
+
+    resource: str | int
+    times: FloatArray
+    capacities: FloatArray
+    period: float | None = None
+
+    def __post_init__(self) -> None:
+        times = checks.array("CapacityProfile.times", self.times, ("n_times",), low=0.0)
+        if not len(times) or (np.diff(times) <= 0.0).any():
+            raise InputError.of("CapacityProfile.times", times.tolist(), "one or more, strictly ascending")
+        values = checks.array(
+            "CapacityProfile.capacities", self.capacities, (len(times),), low=0.0, low_open=True
+        )
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "capacities", values)
+        if self.period is not None:
+            after = float(times[-1])
+            remedy = "the period must be longer than the last time of the profile"
+            clean = checks.number(
+                "CapacityProfile.period", self.period, low=after, low_open=True, remedy=remedy
+            )
+            object.__setattr__(self, "period", clean)
+
+    @classmethod
+    def from_csv(
+        cls,
+        path: str | Path,
+        resource: str | int,
+        *,
+        time: str = "time",
+        capacity: str = "capacity",
+        period: float | None = None,
+    ) -> "CapacityProfile":
+        """Read a profile from two columns of a CSV file.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; its first line holds the names of the columns.
+        resource : str or int
+            The name of the resource, or j.
+        time, capacity : str
+            The columns.
+        period : float, optional
+            As for the constructor.
+
+        Returns
+        -------
+        CapacityProfile
+            With a row for each row of the file.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, a column is missing (naming the nearest one), or a cell holds no
+            number (naming its row, counted from 1 below the names).
+        """
+        times, values = read_columns(path, [time, capacity], float, "a number")
+        return cls(resource, np.array(times), np.array(values), period)
+
+    def check(self, problem: Problem) -> None:
+        """Refuse what does not fit a problem.
+
+        Parameters
+        ----------
+        problem : Problem
+            What is shared.
+
+        Raises
+        ------
+        InputError
+            If there is no such resource.
+        """
+        resource_index(problem, self.resource)
+
+    def process(self, system: System) -> ProcessGenerator:
+        """Follow the profile.
+
+        Parameters
+        ----------
+        system : System
+            The run in progress.
+
+        Yields
+        ------
+        simpy.Event
+            Each change.
+        """
+        j = resource_index(system.problem, self.resource)
+        for time, capacity in self._changes():
+            yield system.env.at(time, Kind.INTERVENE)
+            set_capacity(system, j, capacity)
+
+    def _changes(self) -> Iterator[tuple[float, float]]:
+        rows = list(zip(self.times.tolist(), self.capacities.tolist(), strict=True))
+        if self.period is None:
+            yield from rows
+            return
+        for cycle in count():
+            for time, capacity in rows:
+                yield cycle * self.period + time, capacity

@@ -1,0 +1,140 @@
+"""Faults of what is between the agents: the control unit goes down, the channel is partitioned."""
+
+from dataclasses import dataclass
+
+from aimd_des import checks
+from aimd_des.environment import Kind
+from aimd_des.interventions.changes import cut_off, fail, reconnect, recover
+from aimd_des.interventions.names import Agents, agent_indices
+from aimd_des.problem import Problem
+from aimd_des.system import System
+from aimd_des.transport import ProcessGenerator
+
+__all__ = ["Failover", "Partition"]
+
+
+def _take(fault: "Failover | Partition") -> None:
+    name = type(fault).__name__
+    object.__setattr__(fault, "at", checks.number(f"{name}.at", fault.at, low=0.0))
+    clean = checks.number(f"{name}.duration", fault.duration, low=0.0, low_open=True)
+    object.__setattr__(fault, "duration", clean)
+
+
+@dataclass(frozen=True)
+class Failover:
+    """The control unit goes down, and after a while another one takes over.
+
+    Signals that are on their way arrive.  The new unit knows of no hold-off: one that senses crossings
+    looks at once, one that samples at its next look.
+
+    Parameters
+    ----------
+    at : float
+        When it goes down, at least 0.
+    duration : float
+        For how long nobody senses, greater than 0.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range.
+    """
+
+    at: float
+    duration: float
+
+    def __post_init__(self) -> None:
+        _take(self)
+
+    def check(self, problem: Problem) -> None:
+        """Accept any problem.
+
+        Parameters
+        ----------
+        problem : Problem
+            What is shared.
+        """
+
+    def process(self, system: System) -> ProcessGenerator:
+        """Let the control unit fail, and be replaced.
+
+        Parameters
+        ----------
+        system : System
+            The run in progress.
+
+        Yields
+        ------
+        simpy.Event
+            Both times.
+        """
+        yield system.env.at(self.at, Kind.INTERVENE)
+        fail(system)
+        yield system.env.at(self.at + self.duration, Kind.INTERVENE)
+        recover(system)
+
+
+@dataclass(frozen=True)
+class Partition:
+    """The channel is partitioned, and heals: signals that are sent meanwhile are lost on some agents.
+
+    Signals that are on their way when it begins arrive.
+
+    Parameters
+    ----------
+    at : float
+        When it begins, at least 0.
+    duration : float
+        How long it lasts, greater than 0.
+    agents : str, int or sequence of these, optional
+        Who is cut off; all agents unless given.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range.
+    """
+
+    at: float
+    duration: float
+    agents: Agents | None = None
+
+    def __post_init__(self) -> None:
+        _take(self)
+
+    def check(self, problem: Problem) -> None:
+        """Refuse what does not fit a problem.
+
+        Parameters
+        ----------
+        problem : Problem
+            Who shares.
+
+        Raises
+        ------
+        InputError
+            If there is no such agent, one is named twice, or none is named.
+        """
+        self._indices(problem)
+
+    def _indices(self, problem: Problem) -> list[int]:
+        return list(range(problem.n_agents)) if self.agents is None else agent_indices(problem, self.agents)
+
+    def process(self, system: System) -> ProcessGenerator:
+        """Cut agents off, and reconnect them.
+
+        Parameters
+        ----------
+        system : System
+            The run in progress.
+
+        Yields
+        ------
+        simpy.Event
+            Both times.
+        """
+        agents = self._indices(system.problem)
+        yield system.env.at(self.at, Kind.INTERVENE)
+        cut_off(system, agents)
+        yield system.env.at(self.at + self.duration, Kind.INTERVENE)
+        reconnect(system, agents)

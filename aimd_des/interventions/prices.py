@@ -1,0 +1,93 @@
+"""Private costs that change while a run goes on; called by processes as the functions of `changes` are."""
+
+from collections.abc import Sequence
+
+from aimd_des import checks
+from aimd_des.costs import Costs, weighted_costs
+from aimd_des.errors import InputError
+from aimd_des.interventions.books import begin_piece, end_piece, known_agent, note
+from aimd_des.log import Entry
+from aimd_des.problem import Problem
+from aimd_des.system import System
+
+__all__ = ["checked_costs", "set_costs", "weigh"]
+
+
+def set_costs(system: System, costs: Costs) -> None:
+    """Change the private costs of all agents; weights that are in force stay.
+
+    Parameters
+    ----------
+    system : System
+        The run in progress.
+    costs : Costs
+        Of the same family and for as many agents and resources as before.
+
+    Raises
+    ------
+    InputError
+        If the costs are of another kind or shape, or not convex and increasing.
+    """
+    checked_costs(system.problem, costs)
+    system.conditions.base_costs = costs
+    _reprice(system)
+
+
+def checked_costs(problem: Problem, costs: Costs) -> None:
+    """Refuse costs that cannot take the place of a problem's.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is shared.
+    costs : Costs
+        The new ones.
+
+    Raises
+    ------
+    InputError
+        If they are of another kind or shape, or not convex and increasing.
+    """
+    before = problem.costs
+    if type(costs) is not type(before) or costs.separable != before.separable:
+        allowed = f"of the same family as those of the problem, {type(before).__name__}"
+        raise InputError.of("costs", type(costs).__name__, allowed)
+    if (costs.n_agents, costs.n_resources) != (before.n_agents, before.n_resources):
+        allowed = f"for {before.n_agents} agents and {before.n_resources} resources"
+        raise InputError.of("shape of costs", (costs.n_agents, costs.n_resources), allowed)
+    Problem(problem.resources, costs)  # refuses what is not convex or not increasing
+
+
+def weigh(system: System, agents: Sequence[int], weight: float) -> None:
+    """Multiply the private costs of agents by a weight: below 1 they ask for more, above for less.
+
+    Parameters
+    ----------
+    system : System
+        The run in progress.
+    agents : sequence of int
+        Whose; the latest weight of an agent is the one that counts.
+    weight : float
+        Greater than 0; 1 is as without.
+
+    Raises
+    ------
+    InputError
+        If there is no such agent, or the weight is not positive.
+    """
+    value = checks.number("weight", weight, low=0.0, low_open=True)
+    for agent in agents:
+        system.conditions.weights[known_agent(system, agent)] = value
+    _reprice(system)
+
+
+def _reprice(system: System) -> None:
+    conditions = system.conditions
+    end_piece(system)
+    plain = bool((conditions.weights == 1.0).all())
+    base = conditions.base_costs
+    conditions.costs = base if plain else weighted_costs(base, conditions.weights)
+    for tell in conditions.on_costs:
+        tell(conditions.costs)
+    note(system, Entry.COSTS)
+    begin_piece(system)

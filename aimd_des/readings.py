@@ -1,0 +1,184 @@
+"""What can be read off the agents of a run in progress, at any time and without changing anything."""
+
+import math
+
+import numpy as np
+
+from aimd_des.checks import FloatArray
+from aimd_des.clock import AgentClocks
+from aimd_des.environment import OrderedEnvironment
+from aimd_des.population import average_of, observe, observe_totals, total_of, totals
+from aimd_des.response import demand_at
+from aimd_des.state import Law, State
+
+__all__ = ["Readings"]
+
+
+class Readings:
+    """The state of all agents, and where they are in their own time.
+
+    Parameters
+    ----------
+    env : OrderedEnvironment
+        Decides when something happens.
+    clocks : AgentClocks, optional
+        The clocks of discrete agents; continuous agents have none.
+    state : State
+        State of all agents, as arrays of shape (m, n).
+    law : Law
+        Parameters of their rule.
+    grain : float
+        Grain of time of that rule.
+
+    Attributes
+    ----------
+    rows : State
+        The same memory as views of rows, which hand out Python's numbers: several times faster
+        than NumPy's, one at a time.
+    """
+
+    def __init__(
+        self, env: OrderedEnvironment, clocks: AgentClocks | None, state: State, law: Law, grain: float
+    ) -> None:
+        self.env, self.clocks, self.state, self.law, self.grain = env, clocks, state, law, grain
+        self.rows = State(*([memoryview(row) for row in array] for array in state))  # type: ignore[arg-type]
+        self._now = np.empty(1)
+
+    def settle(self) -> None:
+        """Bring agents that are advanced together to where events have come; reading does it, too."""
+        raise NotImplementedError  # `System` knows who is advanced together
+
+    def clock_time(self, agent: int | None = None) -> float:
+        """Return the time up to which ticks lie in the past: now, or just after where agents have acted.
+
+        Parameters
+        ----------
+        agent : int, optional
+            i; all agents unless given.
+
+        Returns
+        -------
+        float
+            For `AgentClocks.next_tick` and `next_ticks`.
+        """
+        now = float(self.env.now)
+        return math.nextafter(now, math.inf) if self.env.has_acted(agent) else now
+
+    def moments(self) -> FloatArray:
+        """Return where the agents are in their own time: the next tick, or the time.
+
+        Returns
+        -------
+        ndarray, shape (n,), or (1,) where it is common to all
+            Overwritten by the next call.
+        """
+        if self.clocks is not None:
+            return self.clocks.next_ticks(self.clock_time())
+        self._now[0] = self.env.now
+        return self._now
+
+    def total(self, resource: int) -> float:
+        """Sum the demand of all agents for one resource as it is now.
+
+        Parameters
+        ----------
+        resource : int
+            j.
+
+        Returns
+        -------
+        float
+            In units of the resource.
+        """
+        self.settle()
+        state = self.state
+        increase = self.law.increase[resource]
+        return total_of(state.demand[resource], increase, state.anchor[resource], self.moments(), self.grain)
+
+    def totals(self) -> FloatArray:
+        """Sum the demand of all agents for every resource as it is now.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            In units of the resources.
+        """
+        self.settle()
+        total = np.empty(len(self.law.limit))
+        totals(self.state, self.law, self.moments(), self.grain, total)
+        return total
+
+    def observe_totals(self, demand: FloatArray, average: FloatArray) -> None:
+        """Sum demand and averages of all agents as they are now.
+
+        Parameters
+        ----------
+        demand, average : ndarray, shape (m,)
+            Receive the sums, in units of the resources.
+        """
+        self.settle()
+        observe_totals(self.state, self.law, self.moments(), self.grain, demand, average)
+
+    def allocations(self) -> tuple[FloatArray, FloatArray]:
+        """Read demand and average of every agent as they are now.
+
+        Returns
+        -------
+        demand, average : ndarray, shape (m, n)
+            In units of the resources.
+        """
+        self.settle()
+        demand, average = np.empty_like(self.state.demand), np.empty_like(self.state.demand)
+        observe(self.state, self.law, self.moments(), self.grain, demand, average)
+        return demand, average
+
+    def moment(self, agent: int) -> float:
+        """Return where one agent is in its own time.
+
+        Parameters
+        ----------
+        agent : int
+            i.
+
+        Returns
+        -------
+        float
+            The index of its next tick or, of a continuous agent, the time.
+        """
+        if self.clocks is None:
+            return float(self.env.now)
+        return float(self.clocks.next_tick(agent, self.clock_time()))
+
+    def demand(self, agent: int, resource: int) -> float:
+        """Read one agent's demand for one resource as it is now.
+
+        Parameters
+        ----------
+        agent, resource : int
+            i and j.
+
+        Returns
+        -------
+        float
+            In units of the resource.
+        """
+        self.settle()
+        held, anchor = self.rows.demand[resource][agent], self.rows.anchor[resource][agent]
+        increase = float(self.law.increase[resource, agent])
+        return demand_at(held, increase, self.moment(agent) - anchor, self.grain)
+
+    def average(self, agent: int, resource: int) -> float:
+        """Read one agent's long-term average of one resource as it is now.
+
+        Parameters
+        ----------
+        agent, resource : int
+            i and j.
+
+        Returns
+        -------
+        float
+            In units of the resource.
+        """
+        self.settle()
+        return float(average_of(self.state, self.law, resource, agent, self.moment(agent), self.grain))

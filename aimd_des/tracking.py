@@ -1,0 +1,168 @@
+"""The optimum follows: the centralised solution for each piece of a run between two interventions."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from aimd_des import metrics
+from aimd_des.checks import FloatArray
+from aimd_des.conditions import Piece
+from aimd_des.costs import selected_costs
+from aimd_des.frames import categorical
+from aimd_des.optimum import Optimum, solve_optimum
+from aimd_des.problem import Problem, Resource
+from aimd_des.recording import Observations
+
+__all__ = ["piece_optima", "piece_problem", "pieces_frame", "tracking_frame"]
+
+
+def piece_problem(problem: Problem, piece: Piece) -> Problem:
+    """Build the problem of a piece: the capacities and costs in force, for those who are here.
+
+    Parameters
+    ----------
+    problem : Problem
+        The run's.
+    piece : Piece
+        What is in force, with at least one agent.
+
+    Returns
+    -------
+    Problem
+        The run's own where nothing has changed.
+    """
+    unchanged = piece.costs is problem.costs and bool((piece.capacity == problem.capacity).all())
+    if unchanged and piece.present.all():
+        return problem
+    here = piece.present
+    resources = [
+        _resource(resource, float(piece.capacity[j]), problem.increase[here, j], problem.decrease[here, j])
+        for j, resource in enumerate(problem.resources)
+    ]
+    names = [name for name, present in zip(problem.agent_names, here, strict=True) if present]
+    return Problem(resources, selected_costs(piece.costs, here), agent_names=names)
+
+
+def _resource(resource: Resource, capacity: float, increase: FloatArray, decrease: FloatArray) -> Resource:
+    return replace(resource, capacity=capacity, increase=increase, decrease=decrease)
+
+
+def piece_optima(problem: Problem, pieces: Sequence[Piece]) -> list[Optimum | None]:
+    """Solve each piece; those that are alike once.
+
+    Parameters
+    ----------
+    problem : Problem
+        The run's.
+    pieces : sequence of Piece
+        What was in force.
+
+    Returns
+    -------
+    list of Optimum or None
+        Allocations of those who were here; None where nobody was.
+
+    Raises
+    ------
+    SimulationError
+        If one is not found.
+    """
+    solved: dict[tuple[bytes, bytes, int], Optimum | None] = {}
+    found = []
+    for piece in pieces:
+        key = (piece.capacity.tobytes(), piece.present.tobytes(), id(piece.costs))
+        if key not in solved:
+            solved[key] = solve_optimum(piece_problem(problem, piece)) if piece.present.any() else None
+        found.append(solved[key])
+    return found
+
+
+def pieces_frame(
+    problem: Problem, pieces: Sequence[Piece], until: float, observations: Observations
+) -> pd.DataFrame:
+    """Tell what was in force when, with its optimum and what total demand did.
+
+    Parameters
+    ----------
+    problem : Problem
+        The run's.
+    pieces : sequence of Piece
+        What was in force.
+    until : float
+        The end of the run.
+    observations : Observations
+        With the stretches of total demand.
+
+    Returns
+    -------
+    DataFrame
+        A row for each piece and resource, see `Result.pieces`.
+    """
+    m, stretches = problem.n_resources, observations.stretches
+    ends = [*(piece.start for piece in pieces[1:]), until]
+    missing = np.full(m, np.nan)
+    rows = []
+    for place, (piece, best, end) in enumerate(zip(pieces, piece_optima(problem, pieces), ends, strict=True)):
+        over = stretches[place].overshoot() if stretches else metrics.Overshoot(missing, missing, missing)
+        used = stretches[place].used / (end - piece.start) / piece.capacity if stretches else missing
+        rows += [
+            {
+                "start": piece.start,
+                "end": end,
+                "resource": j,
+                "capacity": float(piece.capacity[j]),
+                "agents": int(piece.present.sum()),
+                "multiplier": np.nan if best is None else float(best.multipliers[j]),
+                "optimal_cost": np.nan if best is None else best.cost,
+                "utilisation": float(used[j]),
+                "overshoot_peak": float(over.peak[j]),
+                "overshoot_time": float(over.time[j]),
+                "overshoot_mean": float(over.mean[j]),
+            }
+            for j in range(m)
+        ]
+    frame = pd.DataFrame(rows)
+    frame["resource"] = categorical(frame["resource"].to_numpy(), problem.resource_names)
+    return frame
+
+
+def tracking_frame(problem: Problem, pieces: Sequence[Piece], observations: Observations) -> pd.DataFrame:
+    """Hold the averages at every recorded time against the optimum that is in force then.
+
+    Parameters
+    ----------
+    problem : Problem
+        The run's.
+    pieces : sequence of Piece
+        What was in force.
+    observations : Observations
+        With allocations.
+
+    Returns
+    -------
+    DataFrame
+        A row for each time and resource, see `Result.tracking`.
+    """
+    optima, times = piece_optima(problem, pieces), observations.allocation_times
+    starts = np.array([piece.start for piece in pieces])
+    in_force = np.searchsorted(starts, times, side="right") - 1
+    m = problem.n_resources
+    level, error, capacity = np.full((3, len(times), m), np.nan)
+    for row, place in enumerate(in_force.tolist()):
+        best, piece = optima[place], pieces[place]
+        capacity[row] = piece.capacity
+        if best is not None:
+            average = observations.average[row].T[piece.present]
+            level[row] = metrics.utilisation(average, piece.capacity)
+            error[row] = metrics.relative_error(average, best.allocation)
+    return pd.DataFrame(
+        {
+            "time": np.repeat(times, m),
+            "resource": categorical(np.tile(np.arange(m), len(times)), problem.resource_names),
+            "capacity": capacity.ravel(),
+            "level": level.ravel(),
+            "relative_error": error.ravel(),
+        }
+    )
