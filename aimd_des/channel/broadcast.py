@@ -211,6 +211,12 @@ class CompiledLink:
             raise refuse_loss(self.table.loss, code, broadcast.resource, departure)
         return Copies(arrival, second if self.table.duplicates else None)
 
+    def renew(self) -> None:
+        """Forget all that has been sent, as if the run began now."""
+        self.table.loss.time[:] = np.nan
+        self.table.loss.row[:] = 0
+        self.table.latest[:] = 0.0
+
 
 @dataclass(frozen=True, eq=False)
 class _OpenChannel:

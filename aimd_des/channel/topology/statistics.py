@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from aimd_des import checks, streams
-from aimd_des.channel.broadcast import Broadcast, Link
+from aimd_des.channel.broadcast import Broadcast, CompiledLink, Link
 from aimd_des.channel.topology.routes import Routes
 from aimd_des.checks import FloatArray
 from aimd_des.errors import InputError
@@ -95,9 +95,14 @@ def estimated_statistics(
     count = checks.integer("broadcasts", broadcasts, low=2)
     keys = {purpose: streams.key(seed, purpose) for purpose in Purpose}
     arrived, mean, squares = np.zeros((3, len(routes.agents)))
+    link = begin(len(routes.agents), keys)
     for number in range(count):
-        # Begun afresh each time, so that bursts of loss do not make broadcasts depend on each other.
-        latency = begin(len(routes.agents), keys).transmit(Broadcast(0, number, 0.0), 0.0).arrival
+        latency = link.transmit(Broadcast(0, number, 0.0), 0.0).arrival
+        # Begun anew each time, so that bursts of loss do not make broadcasts depend on each other.
+        if isinstance(link, CompiledLink):
+            link.renew()
+        else:
+            link = begin(len(routes.agents), keys)
         (here,) = np.nonzero(latency < np.inf)
         arrived[here] += 1.0
         # B. P. Welford's way, which subtracts no large numbers from each other.
