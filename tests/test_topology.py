@@ -18,6 +18,7 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from networkx.readwrite.graphml import GraphML
 
 from aimd_des import (
     BroadcastChannel,
@@ -212,6 +213,15 @@ def test_edges_of_a_directed_graph_lead_one_way() -> None:
     assert arrivals(channel).tolist() == [[0.4 + 0.5 + 0.2]]
     with pytest.raises(InputError, match="agents 'r': no path leads there from the root 'c'"):
         topology.flood(one_way, root="c", agents=["r"])
+
+
+def test_a_flood_over_a_tree_is_that_tree() -> None:
+    agents = [3, 7, 12, 1]  # nodes that lead nowhere are drawn by one of them only
+    one, two = (
+        arrivals(make(uneven_tree(), agents=agents, latency=latency.Exponential), 200)
+        for make in (topology.tree, topology.flood)
+    )
+    assert one.tobytes() == two.tobytes()
 
 
 def test_a_flood_is_never_later_than_the_tree_over_the_same_graph() -> None:
@@ -768,7 +778,7 @@ def test_what_lists_of_edges_refuse(text: str, options: Any, words: list[str], t
 
 
 def graphml(attributes: str, more: str = "") -> str:
-    return f"""<graphml xmlns="http://graphml.graphdrawing.org/xmlns">
+    return f"""<graphml xmlns="{GraphML.NS_GRAPHML}">
     <key id="d" for="edge" attr.name="delay" attr.type="double"/>
     <key id="p" for="edge" attr.name="loss" attr.type="string"/>
     <graph edgedefault="undirected"><node id="root"/><node id="a"/>
@@ -786,9 +796,9 @@ LATE = {"latency": "delay"}
         ("<a/>", {}, ["cannot be read as GraphML"]),
         (graphml('<data key="d">fast</data>'), {}, ["cannot be read as GraphML", "fast"]),
         (graphml('<data key="x">1</data>'), {}, ["cannot be read as GraphML", "x"]),
-        (graphml(GOOD), {"latency": "dela"}, ["net.graphml: edge 'root' -- 'a' has 'delay' and no 'dela'; did you"]),
+        (graphml(GOOD), {"latency": "dela"}, ["edge 'root' -- 'a' has 'delay' and no 'dela'; did you mean"]),
         (graphml(GOOD), LATE, ["edge 'root' -- 'a' has 'delay' and no 'loss'"]),
-        (graphml(GOOD + '<data key="p">low</data>'), LATE, ["net.graphml: loss of edge 'root' -- 'a' = 'low'"]),
+        (graphml(GOOD + '<data key="p">low</data>'), LATE, ["loss of edge 'root' -- 'a' = 'low'"]),
         (graphml('<data key="d">-1</data>'), LATE, ["net.graphml: delay of edge 'root' -- 'a' = -1.0"]),
         (graphml(GOOD), {"root": "roof"}, ["net.graphml: root = 'roof'", "did you mean 'root'?"]),
         (graphml(GOOD, '<edge source="a" target="root"/>'), {}, ["without parallel edges"]),
