@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from aimd_des import averaging, compensation, interventions, theory
     from aimd_des.agents import Camera, Fleet
-    from aimd_des.channel import BroadcastChannel, latency, loss
+    from aimd_des.channel import BroadcastChannel, latency, loss, topology
     from aimd_des.clock import Clocks
     from aimd_des.control_unit import Crossing, Sampled
     from aimd_des.costs import CoupledCosts, CustomCosts, PolynomialCosts
@@ -54,6 +54,7 @@ _MODULES = {
     "latency": "aimd_des.channel.latency",
     "loss": "aimd_des.channel.loss",
     "theory": "aimd_des.theory",
+    "topology": "aimd_des.channel.topology",
 }
 
 __all__ = [
@@ -85,6 +86,7 @@ __all__ = [
     "run_discrete",
     "solve_optimum",
     "theory",
+    "topology",
 ]
 
 

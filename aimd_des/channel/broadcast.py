@@ -20,16 +20,42 @@ from aimd_des.channel.latency import (
     Uniform,
 )
 from aimd_des.channel.latency.base import Parametrised
+from aimd_des.channel.latency.rows import LatencyTable
 from aimd_des.channel.loss import Bernoulli, Loss, LossProcess
-from aimd_des.channel.loss.rows import TabledLoss, refuse_loss
+from aimd_des.channel.loss.rows import LossTable, TabledLoss, refuse_loss
 from aimd_des.channel.table import ChannelTable, channel_table, transmit
 from aimd_des.checks import FloatArray
 from aimd_des.streams import Key, Purpose
 
-__all__ = ["Broadcast", "BroadcastChannel", "Channel", "CompiledLink", "Copies", "Link"]
+__all__ = ["Broadcast", "BroadcastChannel", "Channel", "CompiledLink", "Copies", "Link", "compiled_models"]
 
 # What there are formulas for in compiled code; not what users derive from these.
 _COMPILED = {Constant, Empirical, Exponential, LogNormal, Pareto, ShiftedGamma, Uniform}
+
+
+def compiled_models(
+    latency: Latency, loss: LossProcess, n_links: int
+) -> tuple[LatencyTable, LossTable] | None:
+    """Lay out the models of a channel for compiled code, if there are formulas for both.
+
+    Parameters
+    ----------
+    latency : Latency
+        The model of latency.
+    loss : LossProcess
+        The losses of the run.
+    n_links : int
+        How many links there are.
+
+    Returns
+    -------
+    tuple of LatencyTable and LossTable, or None
+        None where one of them is the user's own.
+    """
+    if type(loss) is not TabledLoss or type(latency) not in _COMPILED:
+        return None
+    assert isinstance(latency, Parametrised)  # noqa: S101 - all of these are
+    return latency.table(n_links), loss.table
 
 
 class Broadcast(NamedTuple):
@@ -141,16 +167,14 @@ class BroadcastChannel:
         self.latency.check(n_agents)
         checks.fits("duplication", self.duplication, n_agents)
         duplication, loss = np.asarray(self.duplication, dtype=np.float64), self.loss.start(n_agents)
-        if type(loss) is TabledLoss and type(self.latency) in _COMPILED:
-            assert isinstance(self.latency, Parametrised)  # noqa: S101 - all of these are
-            latency = self.latency.table(n_agents)
-            return CompiledLink(channel_table(latency, loss.table, duplication, self.fifo, keys))
+        if tables := compiled_models(self.latency, loss, n_agents):
+            return CompiledLink(channel_table(*tables, duplication, self.fifo, keys))
         latest = np.zeros(n_agents) if self.fifo else None
         return _OpenChannel(self.latency, loss, duplication, latest, n_agents, keys)
 
 
 class CompiledLink:
-    """A `BroadcastChannel` of built-in models in one run.
+    """A channel of built-in models in one run.
 
     Parameters
     ----------
@@ -181,11 +205,17 @@ class CompiledLink:
         SimulationError
             If a record of losses has ended, or bursts of loss are asked for an earlier time.
         """
-        arrival, second = np.empty((2, len(self.table.lost)))
+        arrival, second = np.empty((2, len(self.table.duplication)))
         code = transmit(self.table, broadcast.resource, broadcast.number, departure, arrival, second)
         if code:
             raise refuse_loss(self.table.loss, code, broadcast.resource, departure)
         return Copies(arrival, second if self.table.duplicates else None)
+
+    def renew(self) -> None:
+        """Forget all that has been sent, as if the run began now."""
+        self.table.loss.time[:] = np.nan
+        self.table.loss.row[:] = 0
+        self.table.latest[:] = 0.0
 
 
 @dataclass(frozen=True, eq=False)

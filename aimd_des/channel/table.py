@@ -9,6 +9,7 @@ import numpy.typing as npt
 from aimd_des.channel.draws import LANES_PER_COPY
 from aimd_des.channel.latency.rows import LatencyTable, latency_row
 from aimd_des.channel.loss.rows import LossTable, loss_row
+from aimd_des.channel.network import NetworkTable, network_table, spread
 from aimd_des.checks import FloatArray
 from aimd_des.compiled import kernel, routine
 from aimd_des.streams import Key, Purpose, uniforms_row
@@ -21,12 +22,14 @@ BoolArray = npt.NDArray[np.bool_]
 class ChannelTable(NamedTuple):
     """A channel in one run, for compiled code, with its memory.
 
+    Its a links are those of the n agents or, where there is a network, the arcs of that.
+
     Attributes
     ----------
     latency : LatencyTable
-        The model of latency.
+        The model of latency, for each link.
     loss : LossTable
-        The model of loss.
+        The model of loss, for each link.
     duplication : ndarray, shape (n,)
         Probability that a copy which is not lost arrives twice.
     duplicates : bool
@@ -37,10 +40,12 @@ class ChannelTable(NamedTuple):
         The last arrival on each link, kept where links are FIFO.
     latency_key, loss_key, duplication_key : tuple of two uint64
         The run's keys.
-    lost : ndarray of bool, shape (n,)
-        Working memory, and so is `spare`, (n,).
-    spare : ndarray, shape (n,)
+    lost : ndarray of bool, shape (a,)
+        Working memory, and so is `spare`, (a,).
+    spare : ndarray, shape (a,)
         See there.
+    network : NetworkTable
+        Over which copies travel; empty where each agent has a link of its own.
     """
 
     latency: LatencyTable
@@ -54,6 +59,7 @@ class ChannelTable(NamedTuple):
     duplication_key: Key
     lost: BoolArray
     spare: FloatArray
+    network: NetworkTable
 
 
 def channel_table(
@@ -62,28 +68,32 @@ def channel_table(
     duplication: npt.ArrayLike,
     fifo: bool,
     keys: Mapping[Purpose, Key],
+    network: NetworkTable | None = None,
 ) -> ChannelTable:
     """Lay out a channel for compiled code, at the start of a run.
 
     Parameters
     ----------
     latency : LatencyTable
-        The model of latency.
+        The model of latency, for each link.
     loss : LossTable
-        The model of loss.
+        The model of loss, for each link.
     duplication : float or array_like, shape (n,)
-        Probability that a copy which is not lost arrives twice.
+        Probability that a copy which is not lost arrives twice; 0 where there is a network.
     fifo : bool
-        Whether links are.
+        Whether links are; not where there is a network.
     keys : mapping of Purpose to Key
         The run's keys of random numbers.
+    network : NetworkTable, optional
+        Whose arcs the links are.
 
     Returns
     -------
     ChannelTable
         Nothing has been sent yet.
     """
-    n = len(latency.first)
+    links = len(latency.first)
+    n = links if network is None else len(network.agent)
     return ChannelTable(
         latency=latency,
         loss=loss,
@@ -94,8 +104,9 @@ def channel_table(
         latency_key=keys[Purpose.LATENCY],
         loss_key=keys[Purpose.LOSS],
         duplication_key=keys[Purpose.DUPLICATION],
-        lost=np.zeros(n, dtype=np.bool_),
-        spare=np.zeros(n),
+        lost=np.zeros(links, dtype=np.bool_),
+        spare=np.zeros(links),
+        network=network_table() if network is None else network,
     )
 
 
@@ -144,9 +155,14 @@ def transmit(
     int
         0, or what `refuse_loss` has words for.
     """
-    lost, spare = table.lost, table.spare
+    lost, spare, network = table.lost, table.spare, table.network
     code = loss_row(table.loss, table.loss_key, resource, number, departure, 0, lost, spare)
-    latency_row(table.latency, table.latency_key, resource, number, 0, arrival, spare)
+    networked = network.head.shape[0] > 0
+    drawn = network.latency if networked else arrival
+    latency_row(table.latency, table.latency_key, resource, number, 0, drawn, spare)
+    if networked:
+        spread(network, lost, departure, arrival)
+        return code
     for i in range(arrival.shape[0]):
         arrival[i] = np.inf if lost[i] else departure + arrival[i]
     if table.duplicates:

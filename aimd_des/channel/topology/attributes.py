@@ -1,0 +1,132 @@
+"""Nodes and edges of a graph that the user has given: looked up by name, and their numbers checked."""
+
+from collections.abc import Hashable, Iterable, Mapping
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any
+
+import networkx as nx
+
+from aimd_des import checks
+from aimd_des.channel.parameters import LONGEST
+from aimd_des.errors import InputError
+
+if TYPE_CHECKING:  # the class has parameters in the stubs only
+    Graph = nx.Graph[Any]
+else:
+    Graph = nx.Graph
+
+__all__ = ["HIGHEST", "Graph", "edge_number", "known_node", "near", "simple_graph"]
+
+#: The attributes of every edge, and the largest number that each may hold.
+HIGHEST = {"latency": LONGEST, "loss": 1.0}
+
+
+def near(name: object, known: Iterable[Hashable]) -> str:
+    """Ask whether the name that is most like it was meant.
+
+    Parameters
+    ----------
+    name : object
+        What is not known.
+    known : iterable
+        What is.
+
+    Returns
+    -------
+    str
+        A remedy; empty where nothing is like it.
+    """
+    shown = {str(one): one for one in known}
+    found = get_close_matches(str(name), shown, n=1)
+    return f"did you mean {shown[found[0]]!r}?" if found else ""
+
+
+def simple_graph(field: str, graph: object) -> Graph:
+    """Refuse what is no graph, or has several edges between the same nodes.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave it.
+    graph : object
+        What was given.
+
+    Returns
+    -------
+    networkx.Graph
+        The same, directed or not.
+
+    Raises
+    ------
+    InputError
+        If a broadcast cannot travel over it.
+    """
+    if not isinstance(graph, nx.Graph):
+        raise InputError.of(field, graph, "a networkx.Graph or networkx.DiGraph")
+    if graph.is_multigraph():
+        remedy = "keep one of the edges between the same nodes, for example by networkx.Graph(graph)"
+        raise InputError.of(field, graph, "a graph without parallel edges", remedy)
+    return graph
+
+
+def known_node(field: str, node: object, graph: Graph) -> None:
+    """Refuse a node that the graph does not have.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave it.
+    node : object
+        What was given.
+    graph : networkx.Graph
+        The graph.
+
+    Raises
+    ------
+    InputError
+        Naming the nearest node, if one has a similar name.
+    """
+    if node not in graph:
+        raise InputError.of(field, node, f"one of the {len(graph)} nodes of the graph", near(node, graph))
+
+
+def edge_number(
+    place: str, edge: tuple[Any, Any], data: Mapping[str, Any], attribute: str, quantity: str
+) -> float:
+    """Read the latency or the loss of an edge.
+
+    Parameters
+    ----------
+    place : str
+        Where the graph comes from, to begin a message with.
+    edge : tuple
+        Its two nodes.
+    data : mapping
+        Its attributes.
+    attribute : str
+        The one that is wanted.
+    quantity : str
+        What it holds: "latency" or "loss".
+
+    Returns
+    -------
+    float
+        In units of time, or a probability.
+
+    Raises
+    ------
+    InputError
+        If it is missing (naming the nearest one) or out of range.
+    """
+    try:
+        value = data[attribute]
+    except KeyError:
+        have = f"{edge[0]!r} -- {edge[1]!r} has {', '.join(map(repr, data)) or 'no attributes'}"
+        remedy = near(attribute, data) or "give every edge one, for example by networkx.set_edge_attributes"
+        raise InputError(f"{place}edge {have} and no {attribute!r}; {remedy}") from None
+    high = HIGHEST[quantity]
+    # The common case at once: graphs may have 100,000s of edges.
+    if type(value) is float and 0.0 <= value <= high:
+        return value
+    field = f"{place}{attribute} of edge {edge[0]!r} -- {edge[1]!r}"
+    return checks.number(field, value, low=0.0, high=high)
