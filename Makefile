@@ -20,7 +20,7 @@ paper: $(READY)  ## the paper's experiment: figures and tables, in results/paper
 	@$(BIN)/python -m scenarios.paper --seed 0 --out results/paper --overwrite
 
 test: $(READY)  ## all tests, the slow ones too
-	@$(BIN)/python -m pytest -n auto
+	@$(BIN)/python -m pytest -n auto --dist worksteal
 
 lint: $(LINT_READY)  ## style, format and types
 	@$(BIN)/ruff check

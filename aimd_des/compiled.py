@@ -16,6 +16,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.types.misc import unliteral
 from numba.extending import register_jitable
 
 __all__ = ["announced", "formula", "kernel", "routine"]
@@ -73,6 +74,13 @@ def formula(function: _Function) -> _Function:
 def _compiled(function: _Function, announced: str = "", **options: bool) -> _Function:
     dispatcher = numba.njit(error_model="numpy", nogil=True, _nrt=False, **options)(function)
     dispatcher._cache = _PackageCache(function, announced)
+    typed = dispatcher.get_call_template
+
+    def get_call_template(args: Any, kws: Any) -> Any:
+        """Compile once for all integers, not once more for each that is written out where it is called."""
+        return typed([*map(unliteral, args)], {name: unliteral(kws[name]) for name in kws})
+
+    dispatcher.get_call_template = get_call_template
     return cast(_Function, dispatcher)
 
 

@@ -99,7 +99,7 @@ class OrderedEnvironment(simpy.Environment):
         if not self._queue:
             return math.inf, 0, 0
         time, kind, order, _ = self._queue[0]
-        return time, kind, order
+        return time, int(kind), order  # compiled code would be compiled once more for a Kind
 
     @property
     def acted(self) -> tuple[float, int]:

@@ -58,8 +58,9 @@ def cost_table(costs: Costs) -> CostTable:
     if isinstance(costs, CoupledCosts):
         own = cost_table(costs.separable_part)
         return own._replace(
-            quadratic=np.ascontiguousarray(costs.quadratic.transpose(1, 2, 0)),
-            weights=np.ascontiguousarray(costs.weights.T),
+            # Copies, since a kernel would be compiled once more for arrays that are read-only.
+            quadratic=costs.quadratic.transpose(1, 2, 0).copy(),
+            weights=costs.weights.T.copy(),
             sum_slopes=costs.sum_slopes.copy(),
         )
     if isinstance(costs, PolynomialCosts):

@@ -3,18 +3,30 @@
 import os
 import subprocess
 import sys
+import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.dispatcher import Dispatcher
 
 from aimd_des import CoupledCosts, CustomCosts, PolynomialCosts, Problem, Resource, Result
+from aimd_des.compiled import _PackageCache
 from aimd_des.costs import Costs
+
+try:
+    import fcntl
+except ImportError:  # not on Windows, where workers then compile side by side
+    fcntl = None  # type: ignore[assignment]
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -22,6 +34,35 @@ ROOT = Path(__file__).resolve().parents[1]
 settings.register_profile("project", derandomize=True, deadline=None, database=None, max_examples=60)
 settings.register_profile("explore", deadline=None, database=None, max_examples=1000)
 settings.load_profile("project")
+
+
+@contextmanager
+def _alone(task: str) -> Iterator[None]:
+    """Let no other process of this user into a block for the same task."""
+    name = f"aimd_des-{os.getuid()}-{sha256(task.encode()).hexdigest()[:16]}.lock"
+    with (Path(tempfile.gettempdir()) / name).open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # given up with the file, however the process ends
+        yield
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Have each kernel compiled by one worker, while others wait for it and then take it from the disk.
+
+    Else workers that come to the fleet at the same time compile it side by side. A kernel is locked
+    before those it calls, and none calls itself, so nobody waits in a circle.
+    """
+    if fcntl is None or not hasattr(config, "workerinput"):
+        return
+    compile_now = Dispatcher.compile
+
+    def compile_once(self: Any, sig: Any) -> Any:
+        if not isinstance(self._cache, _PackageCache):
+            return compile_now(self, sig)
+        with global_compiler_lock, _alone(f"{self._cache.cache_path}/{self._cache._impl.filename_base}"):
+            return compile_now(self, sig)
+
+    Dispatcher.compile = compile_once
+
 
 #: A scenario with its problem written out: two resources, five agents.
 INLINE = """\

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given
@@ -49,6 +50,14 @@ def twice(x):
 @routine
 def allocate(n):
     return np.zeros(n)[0]
+
+@routine
+def scaled(x, factor):
+    return factor * x
+
+@kernel
+def thrice(x, factor):
+    return scaled(x, 0) + scaled(x, 1) + scaled(x, factor=2) + scaled(x, factor)
 """
 
 
@@ -172,6 +181,23 @@ def test_what_takes_long_to_compile_is_announced_once(
     assert [record.getMessage() for record in caplog.records] == [
         "compiling a thing (a moment), which is done once on a machine; please wait"
     ]
+
+
+def test_numbers_written_out_in_calls_make_no_code_of_their_own(module: ModuleType) -> None:
+    assert module.thrice(1.5, 3) == 9.0
+    assert len(module.scaled.signatures) == 1
+
+
+@pytest.mark.parametrize("n", [1, 3])
+@pytest.mark.parametrize("m", [1, 2])
+def test_one_cost_table_has_the_types_of_all(n: int, m: int) -> None:
+    """Or all that uses it would be compiled once more, which for the fleet takes half a minute."""
+    kinds = {
+        numba.typeof(cost_table(random_problem(0, *size, family).costs))
+        for size in ((n, m), (5, 3))
+        for family in ("polynomial", "coupled")
+    }
+    assert len(kinds) == 1
 
 
 def test_compiled_code_that_allocates_is_refused(module: ModuleType) -> None:

@@ -224,6 +224,14 @@ def test_the_clock_advances_within_an_event_until_something_else_is_due(env: Ord
     ]
 
 
+def test_what_is_upcoming_is_plain_numbers(env: OrderedEnvironment) -> None:
+    """Compiled code that is given a Kind would be compiled once more."""
+    assert [type(part) for part in env.upcoming] == [float, int, int]
+    env.at(1.0, Kind.SENSE)
+    assert env.upcoming[:2] == (1.0, Kind.SENSE)
+    assert [type(part) for part in env.upcoming] == [float, int, int]
+
+
 def test_an_error_in_a_process_ends_the_run_with_its_own_message(env: OrderedEnvironment) -> None:
     def fail() -> Generator[simpy.Event, Any, None]:
         yield env.at(1.0, Kind.ACT)
