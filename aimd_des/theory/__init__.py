@@ -5,6 +5,7 @@ together; names and symbols are those of the model.  `predict` puts them togethe
 """
 
 from aimd_des.theory.allocations import allocation_at, reweighted_optimum
+from aimd_des.theory.averaging import averaging_spread, recovery_time, share_rates
 from aimd_des.theory.classics import (
     event_interval,
     event_mean,
@@ -27,22 +28,28 @@ from aimd_des.theory.signals import (
     signal_share,
     utilisation,
 )
+from aimd_des.theory.thresholds import partition_runaway, safe_threshold
 
 __all__ = [
     "Prediction",
     "allocation_at",
+    "averaging_spread",
     "clock_offset",
     "compensated_probability",
     "critical_loss",
     "event_interval",
     "event_mean",
     "loss_weights",
+    "partition_runaway",
     "peak_lift",
     "poisson_moment",
     "predict",
     "price_in_bits",
+    "recovery_time",
     "reweighted_optimum",
     "runaway_multiplier",
+    "safe_threshold",
+    "share_rates",
     "signal_rate",
     "signal_share",
     "square_root_law",

@@ -29,8 +29,10 @@ _PROBABILITY: _Range = {"low": 0.0, "low_open": True, "high": 1.0}
 
 # A name means the same in all formulas, so its range stands here once.
 _RANGES: dict[str, _Range] = {
+    "average": _POSITIVE,
     "capacity": _POSITIVE,
     "decrease": _BELOW_ONE,
+    "elasticity": _POSITIVE,
     "increase": _POSITIVE,
     "latency": _NOT_NEGATIVE,
     "loss": _BELOW_ONE,

@@ -8,29 +8,34 @@ used.  `predict` iterates the two, and takes the balance of growth and cuts to t
   for all growth since the last one, which is linear in rho or, on the clock, in the share e;
 - teeth of D in the mean are random, and their variance V = sum_i (1 - beta_i)^2 q_i (1 - q_i) E y_i^2 with
   q_i = (1 - p_i) lambda_i costs V / (2 D) of the capacity more; E y^2 = (E y)^2 (2 - kappa) / (1 + beta).
+
+Where a hold-off is given, what is used is the mean of the total alone (`aimd_des.theory.totals`) instead.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import checks
 from aimd_des.checks import FloatArray
 from aimd_des.errors import InputError, SimulationError
 from aimd_des.optimum import Optimum, solve_optimum
 from aimd_des.problem import Problem
 from aimd_des.theory.allocations import reweighted_optimum
-from aimd_des.theory.arguments import Dynamics, check_dynamics
+from aimd_des.theory.arguments import Dynamics
+from aimd_des.theory.setting import Setting, check_setting
 from aimd_des.theory.signals import clock_offset
+from aimd_des.theory.totals import Levels, cuts, walk_by_crossings, walk_by_looks
 
-__all__ = ["Prediction", "predict"]
+__all__ = ["Prediction", "follow", "predict", "settle"]
 
 _TOLERANCE = 1e-9
 _MAX_ROUNDS = 500
 # Less used makes mu smaller and so lets more be used: half a step damps what would swing.
 _DAMPING = 0.5
+# The total alone is followed anew until its mean has settled to this share of the capacity, or so often.
+_ENOUGH = 1e-4
+_MAX_WALKS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,16 +60,6 @@ class Prediction:
     probability: FloatArray
 
 
-class _Setting(NamedTuple):
-    """What stays the same over the rounds; `loss` has shape (n, 1)."""
-
-    problem: Problem
-    discrete: bool
-    latency: float
-    period: float
-    loss: FloatArray
-
-
 def predict(
     problem: Problem,
     dynamics: Dynamics = "discrete",
@@ -72,6 +67,7 @@ def predict(
     latency: float = 0.0,
     period: float = 0.0,
     loss: npt.ArrayLike = 0.0,
+    refractory: float | None = None,
 ) -> Prediction:
     """Predict signals, utilisation and averages of a long run.
 
@@ -86,9 +82,12 @@ def predict(
         `run_discrete`, anything up to 1 its ``lag=1``.
     period : float
         Time between two looks of a control unit that samples, for continuous agents; 0 for one that
-        senses the exact crossing, whose hold-off must then be at least `latency`.
+        senses the exact crossing, whose hold-off must then be at least `latency` unless it is given.
     loss : float or array_like, shape (n,)
         Probability that a signal is lost on an agent, independent of all else.
+    refractory : float, optional
+        Hold-off of a control unit that senses crossings, for continuous agents; shorter than the latency
+        if you like, but not 0 then.  Signals that repeat are taken into account if it is given.
 
     Returns
     -------
@@ -99,18 +98,18 @@ def predict(
     ------
     InputError
         If an argument is outside its range; if more signals are necessary than there can be (the loss
-        is beyond the critical one, or the period too long); or if weights would differ from resource to
-        resource for costs other than `PolynomialCosts`.
+        is beyond the critical one, or the period or hold-off too long); or if weights would differ from
+        resource to resource for costs other than `PolynomialCosts`.
     SimulationError
         If the iteration does not come to rest.
 
     Notes
     -----
-    Neglects how cuts of an agent and of the others go together, which is of the order 1 / n, what
-    the long way to the averages costs, and the hold-off of a control unit that senses crossings: it
-    must hold rho * refractory < 1, and the nearer it comes to 1 the more often total demand stays above
-    the capacity for a while.  Averages are the optimum for what is used, of costs weighted by what
-    loss and differing alpha and beta make of them: the half saw tooth is left out of the shares.
+    Neglects how cuts of an agent and of the others go together, which is of the order 1 / n, what the long
+    way to the averages costs, and, unless it is given, the hold-off of a control unit that senses crossings:
+    it must hold rho * refractory < 1, and the nearer it comes to 1 the more often total demand stays above
+    the capacity for a while.  Averages are the optimum for what is used, of costs weighted by what loss and
+    differing alpha and beta make of them: the half saw tooth is left out of the shares.
 
     Examples
     --------
@@ -121,19 +120,71 @@ def predict(
     >>> bool(0.17 < expected.signals[0] < 0.18), bool(0.92 < expected.utilisation[0] < 0.94)
     (True, True)
     """
-    check_dynamics(dynamics)
-    delay = checks.number("latency", latency, low=0.0)
-    look = checks.number("period", period, low=0.0)
-    if dynamics == "discrete" and look not in (0.0, 1.0):
-        raise InputError.of("period", look, "left out on the discrete clock, where it is 1")
-    lost = checks.per_agent("loss", loss, low=0.0, high=1.0, high_open=True)
-    checks.fits("loss", lost, problem.n_agents)
-    column = np.full((problem.n_agents, 1), lost) if np.ndim(lost) == 0 else np.reshape(lost, (-1, 1))
-    return _iterate(_Setting(problem, dynamics == "discrete", delay, look, np.asarray(column)))
+    setting = check_setting(
+        problem, dynamics, latency=latency, period=period, loss=loss, refractory=refractory
+    )
+    expected = settle(setting)
+    if setting.refractory is None:
+        return expected
+    for _ in range(_MAX_WALKS):
+        setting = setting._replace(offset=np.array([walk.mean for walk in follow(setting, expected)]))
+        before, expected = expected, settle(setting)
+        if (np.abs(expected.utilisation - before.utilisation) <= _ENOUGH).all():
+            break
+    return expected
 
 
-def _iterate(setting: _Setting) -> Prediction:
-    """Let signals and use of the capacity settle on each other."""
+def follow(setting: Setting, expected: Prediction) -> list[Levels]:
+    """Follow the total alone, with the cuts that the prediction makes of the agents.
+
+    Parameters
+    ----------
+    setting : Setting
+        Of the run.
+    expected : Prediction
+        What is known of it.
+
+    Returns
+    -------
+    list of Levels
+        One for each resource.
+    """
+    problem = setting.problem
+    teeth = _teeth(setting, expected.signals)
+    law = cuts(problem, expected.allocation, expected.probability, teeth, setting.loss)
+    lost = (setting.loss * problem.increase).sum(axis=0) / law.growth
+    walks = []
+    for j, limit in enumerate((problem.limit / law.growth).tolist()):
+        moments = float(law.share[j]), float(law.variation[j]), float(law.skewness[j])
+        if setting.discrete:
+            walks.append(walk_by_looks(limit, moments, 1.0, setting.latency, float(lost[j])))
+        elif setting.refractory is None:
+            walks.append(walk_by_looks(limit, moments, setting.period, setting.latency))
+        else:
+            walks.append(walk_by_crossings(limit, moments, setting.refractory, setting.latency))
+    return walks
+
+
+def settle(setting: Setting) -> Prediction:
+    """Let signals and use of the capacity settle on each other.
+
+    Parameters
+    ----------
+    setting : Setting
+        Of the run.
+
+    Returns
+    -------
+    Prediction
+        As of `predict`.
+
+    Raises
+    ------
+    InputError
+        If more signals are necessary than there can be.
+    SimulationError
+        If they do not settle.
+    """
     problem = setting.problem
     signals, used = np.zeros(problem.n_resources), np.array(problem.limit)
     for _ in range(_MAX_ROUNDS):
@@ -155,7 +206,7 @@ def _iterate(setting: _Setting) -> Prediction:
     )
 
 
-def _settled(setting: _Setting, signals: FloatArray, used: FloatArray) -> Optimum:
+def _settled(setting: Setting, signals: FloatArray, used: FloatArray) -> Optimum:
     """Find the averages that agents tend to when `signals` are sent and `used` is what they hold together."""
     problem = setting.problem
     # An agent without loss never grows where every step has a signal: on the way there may be such rounds.
@@ -170,7 +221,7 @@ def _settled(setting: _Setting, signals: FloatArray, used: FloatArray) -> Optimu
     return reweighted_optimum(problem, weights, capacity=used)
 
 
-def _signals(setting: _Setting, allocation: FloatArray, probability: FloatArray) -> FloatArray:
+def _signals(setting: Setting, allocation: FloatArray, probability: FloatArray) -> FloatArray:
     """Balance growth and cuts of all agents: signals per unit of time, or the share of steps with one."""
     alpha = setting.problem.increase
     kappa = (1.0 - setting.loss) * (1.0 - setting.problem.decrease) * probability
@@ -184,28 +235,31 @@ def _signals(setting: _Setting, allocation: FloatArray, probability: FloatArray)
 
 
 def _used(
-    setting: _Setting, allocation: FloatArray, probability: FloatArray, signals: FloatArray
+    setting: Setting, allocation: FloatArray, probability: FloatArray, signals: FloatArray
 ) -> FloatArray:
     """Compute the mean of total demand, (m,), in units of the resources."""
     problem = setting.problem
     growth = problem.increase.sum(axis=0)
+    if setting.offset is not None:
+        return np.asarray(problem.limit + growth * setting.offset)
     if setting.discrete:
         mean = growth * clock_offset(np.clip(signals, _TOLERANCE, 1.0), int(np.ceil(setting.latency)))
-        teeth = 0.5 * problem.increase * (1.0 - signals) / signals
     elif setting.period > 0.0:
         mean = growth * _sampled_offset(setting, signals)
-        teeth = 0.5 * problem.increase / signals
     else:
         mean = growth * (setting.latency - 0.5 / signals)
-        teeth = 0.5 * problem.increase / signals
-    keep = 1.0 - problem.decrease
-    hit = (1.0 - setting.loss) * probability
-    square = (allocation + teeth) ** 2 * (2.0 - keep * hit) / (1.0 + problem.decrease)
-    variance = (keep**2 * hit * (1.0 - hit) * square).sum(axis=0)
-    return np.asarray(problem.limit + mean - 0.5 * variance * signals / growth)
+    law = cuts(problem, allocation, probability, _teeth(setting, signals), setting.loss)
+    taken = law.share * (allocation + _teeth(setting, signals)).sum(axis=0)
+    return np.asarray(problem.limit + mean - 0.5 * (law.variation * taken) ** 2 * signals / growth)
 
 
-def _sampled_offset(setting: _Setting, signals: FloatArray) -> FloatArray:
+def _teeth(setting: Setting, signals: FloatArray) -> FloatArray:
+    """Compute how much more than its average a signal finds with an agent: half a saw tooth, (n, m)."""
+    steps = 1.0 - signals if setting.discrete else 1.0  # on the clock those in which it grows
+    return np.asarray(0.5 * setting.problem.increase * steps / signals)
+
+
+def _sampled_offset(setting: Setting, signals: FloatArray) -> FloatArray:
     """Compute the mean offset of continuous agents from the threshold, in units of growth per unit of time.
 
     Seen at the looks they are on a clock, with cuts that are smaller by the growth of the same
@@ -217,11 +271,13 @@ def _sampled_offset(setting: _Setting, signals: FloatArray) -> FloatArray:
     return np.asarray(look * (clock_offset(share, lag) + setting.latency / look - lag - 0.5))
 
 
-def _check_enough(setting: _Setting, signals: FloatArray) -> None:
+def _check_enough(setting: Setting, signals: FloatArray) -> None:
     """Refuse what would need more signals than there can be."""
-    least = 1.0 if setting.discrete else setting.period
+    least = 1.0 if setting.discrete else max(setting.period, setting.refractory or 0.0)
     if (signals * least >= 1.0).any():
         name, value = ("loss", setting.loss.max()) if setting.loss.any() else ("period", setting.period)
+        if setting.refractory is not None:
+            name, value = "refractory", setting.refractory
         raise InputError.of(
             name,
             float(value),

@@ -1,0 +1,166 @@
+r"""What keeps total demand below the capacity: a threshold below it, chosen from what the latency costs.
+
+Peaks stand above the threshold by what all agents grow until a signal acts, and by more where one cut is not
+enough or signals are random.  `safe_threshold` lets the total alone (`aimd_des.theory.totals`) run under the
+threshold, reads off the level that it exceeds for a given share of the time, and lowers the threshold by
+that; as cuts depend on what is used, that is repeated until it rests.
+"""
+
+import dataclasses
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des import checks
+from aimd_des.checks import FloatArray
+from aimd_des.errors import InputError, SimulationError
+from aimd_des.problem import Problem
+from aimd_des.theory.arguments import Dynamics
+from aimd_des.theory.prediction import follow, settle
+from aimd_des.theory.setting import check_setting
+
+__all__ = ["partition_runaway", "safe_threshold"]
+
+# Walks meet long runs of the paper's system to within a tenth of the share of time above a level; what else
+# is neglected (the start of a run, terms of the order 1 / n) adds to it, so theory aims lower than it may.
+_AIM = 0.75
+_ROUNDS = 30
+_RESTS = 2e-4
+
+
+def safe_threshold(
+    problem: Problem,
+    dynamics: Dynamics = "discrete",
+    *,
+    latency: float = 0.0,
+    period: float = 0.0,
+    refractory: float | None = None,
+    loss: npt.ArrayLike = 0.0,
+    exceedance: float = 0.01,
+) -> FloatArray:
+    """Find the largest threshold with which total demand hardly ever exceeds the capacity.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is shared; its own thresholds do not matter.
+    dynamics : {"discrete", "continuous"}
+        Agents that act at ticks of one common clock of period 1, or agents that grow all the time.
+    latency : float
+        d >= 0, common to all agents; on the clock it counts in whole steps, rounded up.
+    period : float
+        Time between two looks of a control unit that samples, for continuous agents.
+    refractory : float, optional
+        Hold-off of a control unit that senses crossings, for continuous agents: this or `period` must be
+        given.  It may be shorter than the latency, but not 0 then.
+    loss : float or array_like, shape (n,)
+        Probability that a signal is lost on an agent, independent of all else.
+    exceedance : float
+        Share of the time for which total demand may be above the capacity, between 0 and 0.5.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        gamma, at most 1.
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range; if signals do not suffice at the capacity or at a threshold that
+        is low enough; or if the latency is so long that no threshold is.
+    SimulationError
+        If the iteration does not come to rest.
+
+    Notes
+    -----
+    Aims at three quarters of `exceedance`, which leaves room for what is neglected: the start of a run, slow
+    changes of what a signal takes as averages wander, which are of the order 1 / n, and latencies that
+    differ.  What the threshold costs is the `utilisation` that `predict` has for a problem with it.
+
+    A hold-off shorter than the latency is allowed for, but a total whose cuts hardly vary can then keep to
+    one of several rhythms for long, so that single runs may be further below the capacity than necessary.
+
+    Examples
+    --------
+    >>> from aimd_des import PolynomialCosts, Resource
+    >>> memory = Resource("memory", capacity=20.0, increase=0.02, decrease=0.5, normalization=0.1)
+    >>> problem = Problem([memory], PolynomialCosts([2], [[[1.0]]] * 20))
+    >>> [safe_threshold(problem, latency=latency).round(2).tolist() for latency in (0, 1, 2)]
+    [[0.98], [0.96], [0.94]]
+    """
+    share = checks.number("exceedance", exceedance, low=0.0, low_open=True, high=0.5)
+    setting = check_setting(
+        problem, dynamics, latency=latency, period=period, loss=loss, refractory=refractory
+    )
+    if not setting.discrete and setting.period == 0.0 and refractory is None:
+        raise InputError.of("refractory", refractory, "given, or else the period, for continuous agents")
+    threshold = np.ones(problem.n_resources)
+    for _ in range(_ROUNDS):
+        setting = setting._replace(problem=_with(problem, threshold))
+        expected = settle(setting)
+        walks = follow(setting, expected)
+        setting = setting._replace(offset=np.array([walk.mean for walk in walks]))
+        peaks = np.array([walk.level_exceeded(_AIM * share) for walk in walks])
+        wanted = np.minimum(1.0 - peaks * problem.increase.sum(axis=0) / problem.capacity, 1.0)
+        if (wanted <= 0.0).any():
+            raise InputError.of(
+                "latency",
+                setting.latency,
+                "short enough for some threshold to be low enough",
+                "all agents together grow by more than the capacity before a signal acts",
+            )
+        if (np.abs(wanted - threshold) <= _RESTS).all():
+            return np.asarray(wanted)
+        threshold = wanted
+    raise SimulationError(f"no threshold: it does not settle, last {threshold.tolist()}")
+
+
+def _with(problem: Problem, threshold: FloatArray) -> Problem:
+    """Make the same problem with other thresholds."""
+    resources = [
+        dataclasses.replace(resource, threshold=value)
+        for resource, value in zip(problem.resources, threshold.tolist(), strict=True)
+    ]
+    return Problem(resources, problem.costs, agent_names=problem.agent_names)
+
+
+def partition_runaway(
+    problem: Problem, duration: float, latency: float = 0.0, *, period: float = 0.0
+) -> FloatArray:
+    """Bound how far total demand runs above its threshold while nobody hears anything.
+
+    Parameters
+    ----------
+    problem : Problem
+        Who grows: all its agents.
+    duration : float
+        How long no signal gets through, in units of time.
+    latency : float
+        The longest of the agents' latencies.
+    period : float
+        Time between two looks of a control unit that samples (1 on the clock), or its hold-off: the first
+        signal after the partition may leave so much later.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        sum_i alpha_i (duration + latency + period), in units of the resources.
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range.
+
+    Notes
+    -----
+    An upper bound of the total at the first signal that acts after the partition, whether it is signals
+    that are sent or signals that arrive which are lost, if what had crossed the threshold before was
+    answered by enough.  It is met where the threshold is crossed just as signals begin to be lost and
+    the control unit has just looked as the partition ends.  To come back takes as many signals as
+    runaway / (n (1 - beta) Gamma mu) or so; if each takes hardly more than the growth over a hold-off,
+    the total may rise further meanwhile.  On the clock all three count in whole steps, rounded up.
+    """
+    silent = checks.number("duration", duration, low=0.0)
+    delay = checks.number("latency", latency, low=0.0)
+    look = checks.number("period", period, low=0.0)
+    return np.asarray(problem.increase.sum(axis=0) * (silent + delay + look))
