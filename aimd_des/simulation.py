@@ -11,7 +11,7 @@ from aimd_des.clock import Clocks
 from aimd_des.compensation import Compensation
 from aimd_des.control_unit import ControlUnit, Crossing, Sampled
 from aimd_des.errors import InputError
-from aimd_des.interventions import Intervention
+from aimd_des.interventions import Intervention, check_absences
 from aimd_des.log import EventLog
 from aimd_des.observing import Observer
 from aimd_des.problem import Problem
@@ -106,6 +106,7 @@ class Simulation:
         law_of(problem, grain, averaging, compensation)  # and what does not fit the agents
         for intervention in interventions:
             intervention.check(problem)
+        check_absences(problem, interventions)
         self.problem = problem
         self.dynamics: Dynamics = dynamics
         self.control_unit = Sampled() if control_unit is None else control_unit

@@ -24,6 +24,8 @@ from aimd_des import (
     Sampled,
     Simulation,
     SimulationError,
+    averaging,
+    compensation,
     latency,
     loss,
     run_discrete,
@@ -34,12 +36,16 @@ from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator, Signal
 from models import smart_cameras
 from tests.conftest import problems, quadratic_problem, quietly, random_problem
+from tests.disturbances import disturbances, networks
 
 SHARED = ("polynomial", "coupled")
 
 
 def both(problem: Problem, until: float, **parts: Any) -> tuple[Result, Result]:
     """Run with a process for each agent, and with a fleet."""
+    for name, made in parts.items():
+        if callable(made):  # what depends on the number of agents
+            parts[name] = made(problem)
     processes = quietly(Simulation(problem, agents=Camera, **parts).run, until)
     return processes, quietly(Simulation(problem, agents=Fleet, **parts).run, until)
 
@@ -53,6 +59,13 @@ def assert_same(processes: Result, fleet: Result) -> None:
     for name in ("peak", "time", "mean"):
         one, other = (getattr(result.observations.overshoot, name) for result in (processes, fleet))
         assert np.array_equal(one, other, equal_nan=True), name
+    for one, other in zip(processes.observations.stretches, fleet.observations.stretches, strict=True):
+        for name in ("start", "end", "capacity", "peak", "above", "excess", "used"):
+            assert np.array_equal(getattr(one, name), getattr(other, name)), name
+    for one, other in zip(processes.history, fleet.history, strict=True):
+        assert one.start == other.start
+        assert np.array_equal(one.capacity, other.capacity)
+        assert np.array_equal(one.present, other.present)
     for name in ("delivered", "lost", "in_flight", "duplicated", "responses", "saturated"):
         assert np.array_equal(getattr(processes.account, name), getattr(fleet.account, name)), name
 
@@ -124,14 +137,30 @@ crossers = st.builds(
     Crossing,
     refractory=st.sampled_from([1.0, 0.5]) | st.floats(0.1, 3.0),
     sensing_delay=st.sampled_from([0.0, 0.5]),
+    longest=st.sampled_from([None, None, 3.0, 8.0]),
+)
+
+
+averages = st.sampled_from(
+    [None, None, averaging.Window(4.0, parts=4), averaging.Window(10.0, parts=2), averaging.Forgetting(5.0)]
+)
+compensations = st.sampled_from(
+    [None, None, compensation.KnownLoss(0.3), compensation.EstimatedLoss(3), compensation.EstimatedLoss()]
 )
 
 
 @st.composite
 def configurations(draw: st.DrawFn) -> dict[str, Any]:
-    """A dynamics, a way of sensing, a channel, clocks and what is recorded."""
+    """A dynamics, a way of sensing, a channel, clocks, averages, interventions and what is recorded."""
     dynamics = draw(st.sampled_from(["discrete", "continuous"]))
-    parts: dict[str, Any] = {"dynamics": dynamics, "channel": draw(channels()), "recording": draw(recordings)}
+    parts: dict[str, Any] = {
+        "dynamics": dynamics,
+        "channel": draw(channels() | networks()),
+        "recording": draw(recordings),
+        "averaging": draw(averages),
+        "compensation": draw(compensations),
+        "interventions": draw(st.just(()) | disturbances()),
+    }
     if dynamics == "discrete":
         parts["control_unit"] = draw(samplers)
         parts["clocks"] = draw(st.none() | clocks)
@@ -226,7 +255,8 @@ def meddle(system: System) -> ProcessGenerator:
     """Set demands, send signals and look, between other events and at their instants."""
     for q in range(1, 16):
         yield system.env.at(0.75 * q, (Kind.INTERVENE, Kind.OBSERVE, Kind.SENSE)[q % 3])
-        system.set_demand(q % system.problem.n_agents, 0, (q % 4) * system.total(0) / 4.0)
+        if not system.conditions.away[q % system.problem.n_agents]:
+            system.set_demand(q % system.problem.n_agents, 0, (q % 4) * system.total(0) / 4.0)
         if q % 5 == 0:
             system.broadcast(0)
         yield system.env.timeout(0.0)

@@ -183,6 +183,8 @@ def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, l
         status = _signal(crowd, pilot, post, limits)
         if status != REACHED:
             return status
+        if crowd.grain == 0.0:
+            summed = -1.0  # continuous agents may have answered at once
 
 
 @formula

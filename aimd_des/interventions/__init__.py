@@ -18,6 +18,7 @@ from aimd_des.interventions.changes import (
     set_capacity,
 )
 from aimd_des.interventions.faults import Failover, Partition
+from aimd_des.interventions.overlap import check_absences
 from aimd_des.interventions.prices import set_costs, weigh
 from aimd_des.problem import Problem
 from aimd_des.system import System
@@ -35,6 +36,7 @@ __all__ = [
     "Partition",
     "Prices",
     "UnusualActivity",
+    "check_absences",
     "cut_off",
     "fail",
     "join",

@@ -1,5 +1,6 @@
 """Agents that come, go, crash and come back, and that need more for a while; prices that change."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
@@ -68,6 +69,11 @@ class Join(_OfAgents):
     def __post_init__(self) -> None:
         object.__setattr__(self, "at", checks.number("Join.at", self.at, low=0.0, low_open=True))
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """From when to when the agents are away."""
+        return 0.0, self.at
+
     def process(self, system: System) -> ProcessGenerator:
         """Keep the agents away until then.
 
@@ -111,6 +117,11 @@ class Absence(_OfAgents):
     def __post_init__(self) -> None:
         _take_times(self, "until")
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """From when to when the agents are away."""
+        return self.at, math.inf if self.until is None else self.until
+
     def process(self, system: System) -> ProcessGenerator:
         """Let the agents go, and come back.
 
@@ -147,6 +158,11 @@ class Crash(_OfAgents):
 
     def __post_init__(self) -> None:
         _take_times(self, "until")
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """From when to when the agents are away."""
+        return self.at, math.inf if self.until is None else self.until
 
     def process(self, system: System) -> ProcessGenerator:
         """Let the agents crash, and come back.
