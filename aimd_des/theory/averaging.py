@@ -150,8 +150,9 @@ def averaging_spread(
 
         (1 - beta) / (2 e (1 + kappa tau) - (1 - beta) (1 + e kappa tau)),
 
-    next to 1 / e of the above.  Where signals come evenly and are answered with lambda, what is certain makes no
-    noise: a long memory sees (1 - lambda) / (1 - lambda (1 - beta) / 2)**2 of it, a short one nearly so.
+    next to 1 / e of the above.  Where signals come evenly and are answered with lambda, what is certain
+    makes no noise: a long memory sees (1 - lambda) / (1 - lambda (1 - beta) / 2)**2 of it, and a short
+    one nearly so.
 
     Neglects that agents share one total: deviations of an agent are smaller by its own part of that.
     """

@@ -152,16 +152,16 @@ def follow(setting: Setting, expected: Prediction) -> list[Levels]:
     problem = setting.problem
     teeth = _teeth(setting, expected.signals)
     law = cuts(problem, expected.allocation, expected.probability, teeth, setting.loss)
-    lost = (setting.loss * problem.increase).sum(axis=0) / law.growth
+    growth = problem.increase.sum(axis=0)
+    lost = ((setting.loss * problem.increase).sum(axis=0) / growth).tolist()
     walks = []
-    for j, limit in enumerate((problem.limit / law.growth).tolist()):
-        moments = float(law.share[j]), float(law.variation[j]), float(law.skewness[j])
+    for j, limit in enumerate((problem.limit / growth).tolist()):
         if setting.discrete:
-            walks.append(walk_by_looks(limit, moments, 1.0, setting.latency, float(lost[j])))
+            walks.append(walk_by_looks(limit, law[j], 1.0, setting.latency, lost[j]))
         elif setting.refractory is None:
-            walks.append(walk_by_looks(limit, moments, setting.period, setting.latency))
+            walks.append(walk_by_looks(limit, law[j], setting.period, setting.latency))
         else:
-            walks.append(walk_by_crossings(limit, moments, setting.refractory, setting.latency))
+            walks.append(walk_by_crossings(limit, law[j], setting.refractory, setting.latency))
     return walks
 
 
@@ -248,9 +248,10 @@ def _used(
         mean = growth * _sampled_offset(setting, signals)
     else:
         mean = growth * (setting.latency - 0.5 / signals)
-    law = cuts(problem, allocation, probability, _teeth(setting, signals), setting.loss)
-    taken = law.share * (allocation + _teeth(setting, signals)).sum(axis=0)
-    return np.asarray(problem.limit + mean - 0.5 * (law.variation * taken) ** 2 * signals / growth)
+    teeth = _teeth(setting, signals)
+    law = cuts(problem, allocation, probability, teeth, setting.loss)
+    deviation = np.array([one.variation * one.share for one in law]) * (allocation + teeth).sum(axis=0)
+    return np.asarray(problem.limit + mean - 0.5 * deviation**2 * signals / growth)
 
 
 def _teeth(setting: Setting, signals: FloatArray) -> FloatArray:

@@ -8,8 +8,9 @@ above its threshold,
     W grows by 1 per unit of time;  a signal takes X = c (threshold C / g + W) (1 + v Z)
 
 with c the share of the total that a signal takes in the mean, v its coefficient of variation, and Z a gamma
-variate of mean 0, variance 1 and the right skewness.  Many such walks are followed side by side, always
-with the same random numbers, so that what comes out is a smooth function of what goes in.
+variate of mean 0, variance 1 and the right skewness; to which comes a slow sway of c, as for a while those
+who hold much are those who answer often.  Many such walks are followed side by side, always with the same
+random numbers, so that what comes out is all but a smooth function of what goes in.
 """
 
 import math
@@ -17,6 +18,7 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from aimd_des.checks import FloatArray
 from aimd_des.problem import Problem
@@ -32,22 +34,24 @@ _HALVINGS = 50
 
 
 class Cuts(NamedTuple):
-    """Moments of what a signal takes, each of shape (m,), and the growth that it is held against.
+    """What a signal takes of one resource.
 
     Attributes
     ----------
-    growth : ndarray
-        Of all agents, in units of the resource per unit of time or step.
-    share : ndarray
+    share : float
         Mean, as a share of the total that the signal finds.
-    variation, skewness : ndarray
+    variation, skewness : float
         Coefficient of variation, and third central moment over the cube of the standard deviation.
+    sway, memory : float
+        Coefficient of variation of the mean as the holdings of agents change, and how much of that is
+        left at the next signal.
     """
 
-    growth: FloatArray
-    share: FloatArray
-    variation: FloatArray
-    skewness: FloatArray
+    share: float
+    variation: float
+    skewness: float
+    sway: float = 0.0
+    memory: float = 0.0
 
 
 class Levels(NamedTuple):
@@ -121,7 +125,7 @@ def _time_above(pieces: Levels, level: float) -> float:
 
 def cuts(
     problem: Problem, allocation: FloatArray, probability: FloatArray, teeth: FloatArray, loss: FloatArray
-) -> Cuts:
+) -> list[Cuts]:
     """Compute the moments of what a signal takes.
 
     Parameters
@@ -137,15 +141,16 @@ def cuts(
 
     Returns
     -------
-    Cuts
-        Growth, mean, spread and skewness.
+    list of Cuts
+        One for each resource.
 
     Notes
     -----
     Responses are independent: with q = (1 - p) lambda and y the demand at a signal, variances (1 - beta)^2 q
     (1 - q) E y^2 and third moments (1 - beta)^3 q (1 - q) (1 - 2 q) E y^3 add up.  E y^2 = (E y)^2 (2 -
     kappa) / (1 + beta) is exact for evenly spaced signals; E y^3 is that of a gamma variate with this second
-    moment.
+    moment.  What agents hold at the moment changes the mean of the next cuts by sum_i (kappa_i - c) (y_i -
+    E y_i), with c the mean of the kappa_i; agents forget it at the rate c per signal.
     """
     keep, hit = 1.0 - problem.decrease, (1.0 - loss) * probability
     found = allocation + teeth
@@ -155,12 +160,15 @@ def cuts(
     variance = (one**2 * hit * (1.0 - hit) * square).sum(axis=0)
     third = (one**3 * hit * (1.0 - hit) * (1.0 - 2.0 * hit) * square * (2.0 * square - 1.0)).sum(axis=0)
     skewness = third / np.where(variance > 0.0, variance, 1.0) ** 1.5
-    growth = problem.increase.sum(axis=0)
-    return Cuts(growth, mean / found.sum(axis=0), np.sqrt(variance) / mean, skewness)
+    kappa, part = keep * hit, found / found.sum(axis=0)
+    share = (kappa * part).sum(axis=0)
+    sway = (((kappa / share - 1.0) * part) ** 2 * np.maximum(square - 1.0, 0.0)).sum(axis=0)
+    columns = np.array([share, np.sqrt(variance) / mean, skewness, np.sqrt(sway), 1.0 - share])
+    return [Cuts(*row) for row in columns.T.tolist()]
 
 
 def walk_by_looks(
-    limit: float, law: tuple[float, float, float], period: float, latency: float, lost: float | None = None
+    limit: float, law: Cuts, period: float, latency: float, lost: float | None = None
 ) -> Levels:
     """Follow the total under a control unit that looks once a period.
 
@@ -168,8 +176,8 @@ def walk_by_looks(
     ----------
     limit : float
         The threshold, in units of growth.
-    law : tuple of float
-        Share, variation and skewness of the cuts.
+    law : Cuts
+        What a signal takes.
     period, latency : float
         Both in units of time.
     lost : float, optional
@@ -184,8 +192,8 @@ def walk_by_looks(
     clock = lost is not None
     lag = math.ceil(latency / period) - (0 if clock else 1)
     lag = max(lag, 0)
-    rng = np.random.default_rng(0)
-    level = -rng.random(_WALKS) * period
+    taker = _Taker(law)
+    level = -taker.rng.random(_WALKS) * period
     flags = deque([np.zeros(_WALKS, dtype=bool)] * lag)
     # After a look that many more units of growth until the signal of `lag` looks ago acts.
     offset = 0.0 if clock else latency - lag * period
@@ -196,7 +204,7 @@ def walk_by_looks(
         flags.append(level > 0.0)
         acts = flags.popleft()
         peak = level + offset
-        left = np.where(acts, peak - _taken(rng, limit + peak, law), peak)
+        left = peak - taker.taken(limit + peak, acts)
         after = left + (period - offset if lost is None else np.where(acts, lost, 1.0))
         if look >= _SETTLING * (1 + least):
             bottoms += [level] if clock else [level, left]
@@ -206,17 +214,15 @@ def walk_by_looks(
     return Levels(bottom, top, np.ones_like(top) if clock else top - bottom)
 
 
-def walk_by_crossings(
-    limit: float, law: tuple[float, float, float], refractory: float, latency: float
-) -> Levels:
+def walk_by_crossings(limit: float, law: Cuts, refractory: float, latency: float) -> Levels:
     """Follow the total of continuous agents under a control unit that senses crossings.
 
     Parameters
     ----------
     limit : float
         The threshold, in units of growth.
-    law : tuple of float
-        Share, variation and skewness of the cuts.
+    law : Cuts
+        What a signal takes.
     refractory, latency : float
         Hold-off and latency, in units of time; where the latency is the longer one, the signals of one
         excess are on their way together.
@@ -226,8 +232,8 @@ def walk_by_crossings(
     Levels
         In the steady state.
     """
-    rng = np.random.default_rng(0)
-    level, time, walks = -rng.random(_WALKS), np.zeros(_WALKS), np.arange(_WALKS)
+    taker = _Taker(law)
+    level, time, walks = -taker.rng.random(_WALKS), np.zeros(_WALKS), np.arange(_WALKS)
     free = np.zeros(_WALKS)  # end of the hold-off
     slots = int(latency / refractory) + 2 if latency > 0.0 else 1
     arrivals = np.full((_WALKS, slots), math.inf)  # a ring: the oldest is at `head`
@@ -243,7 +249,7 @@ def walk_by_crossings(
         if event >= 2 * _SETTLING:
             bottoms.append(level)
             tops.append(top)
-        level = np.where(acts, top - _taken(rng, limit + top, law), top)
+        level = top - taker.taken(limit + top, acts)
         time = now
         arrivals[walks[acts], head[acts]] = math.inf
         head = np.where(acts, (head + 1) % slots, head)
@@ -255,12 +261,24 @@ def walk_by_crossings(
     return Levels(bottom, top, top - bottom)
 
 
-def _taken(rng: np.random.Generator, total: FloatArray, law: tuple[float, float, float]) -> FloatArray:
-    """Draw what a signal takes of each total."""
-    share, variation, skewness = law
-    if abs(skewness) < 1e-3:
-        standard = rng.standard_normal(len(total))
-    else:
-        shape = 4.0 / skewness**2
-        standard = (rng.standard_gamma(shape, len(total)) - shape) / math.sqrt(shape) * np.sign(skewness)
-    return np.asarray(total * np.clip(share * (1.0 + variation * standard), 0.0, 1.0))
+class _Taker:
+    """Draws what signals take, for all walks at once."""
+
+    def __init__(self, law: Cuts) -> None:
+        self.law = law
+        self.rng = np.random.default_rng(0)
+        self.sway = self.rng.standard_normal(_WALKS)
+
+    def taken(self, total: FloatArray, acts: npt.NDArray[np.bool_]) -> FloatArray:
+        """Draw for those walks in which a signal `acts`; it takes nothing in the others."""
+        law = self.law
+        if abs(law.skewness) < 1e-3:
+            standard = self.rng.standard_normal(_WALKS)
+        else:
+            shape = 4.0 / law.skewness**2
+            standard = self.rng.standard_gamma(shape, _WALKS) - shape
+            standard *= math.copysign(1.0, law.skewness) / math.sqrt(shape)
+        fresh = math.sqrt(1.0 - law.memory**2) * self.rng.standard_normal(_WALKS)
+        self.sway = np.where(acts, law.memory * self.sway + fresh, self.sway)
+        part = law.share * (1.0 + law.variation * standard + law.sway * self.sway)
+        return np.where(acts, total * np.clip(part, 0.0, 1.0), 0.0)
