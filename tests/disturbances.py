@@ -42,20 +42,20 @@ def _conditions() -> st.SearchStrategy[Made]:
     """A change of capacity, costs, channel or control unit."""
     factors = st.sampled_from([0.3, 0.6, 1.5])
     return st.one_of(
+        st.builds(lambda at, by: lambda problem: CapacityStep(0, at, _capacity(problem, by)), times, factors),
         st.builds(
-            lambda at, by: lambda problem: CapacityStep(0, at, _capacity(problem, by)), times, factors
-        ),
-        st.builds(
-            lambda at, long, by: lambda problem: CapacityRamp(
-                0, at, at + long, _capacity(problem, by), steps=3
+            lambda at, long, by: (
+                lambda problem: CapacityRamp(0, at, at + long, _capacity(problem, by), steps=3)
             ),
             times,
             lengths,
             factors,
         ),
         st.builds(
-            lambda by: lambda problem: CapacityProfile(
-                0, [0.0, 2.0], [_capacity(problem, by), _capacity(problem, 1.0)], period=4.0
+            lambda by: (
+                lambda problem: CapacityProfile(
+                    0, [0.0, 2.0], [_capacity(problem, by), _capacity(problem, 1.0)], period=4.0
+                )
             ),
             factors,
         ),

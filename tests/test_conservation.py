@@ -5,7 +5,7 @@ program's own arithmetic is used.
 """
 
 import math
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from itertools import groupby, pairwise
@@ -20,16 +20,29 @@ from aimd_des import (
     BroadcastChannel,
     Clocks,
     Crossing,
+    Problem,
     Recording,
     Result,
     Sampled,
     Simulation,
+    averaging,
     latency,
     loss,
 )
 from aimd_des.channel.latency import Latency
 from aimd_des.channel.loss import Loss
 from aimd_des.environment import Kind
+from aimd_des.interventions import (
+    Absence,
+    CapacityRamp,
+    CapacityStep,
+    Crash,
+    Failover,
+    Intervention,
+    Join,
+    Partition,
+    UnusualActivity,
+)
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
 from tests.conftest import python, quietly, random_problem
@@ -53,11 +66,17 @@ CLOCKS: dict[str, dict[str, Any]] = {
     "drift": {"period": 0.9, "phase": "random", "drift": 0.02, "jitter": 0.0},
     "jitter": {"period": 1.1, "phase": 0.25, "drift": -0.02, "jitter": 0.9},
 }
+AVERAGES: dict[str, averaging.Averaging] = {
+    "cumulative": averaging.Cumulative(),
+    "window": averaging.Window(12.0, parts=4),
+    "forgetting": averaging.Forgetting(8.0),
+}
 CONTROL_UNITS: dict[str, Sampled | Crossing] = {
     "sampled": Sampled(),
     "sampled often": Sampled(0.5, 0.25, sensing_delay=0.3),
     "crossing": Crossing(1.0),
     "crossing, delayed": Crossing(0.4, sensing_delay=0.3),
+    "crossing, adaptive": Crossing(0.25, longest=4.0),
 }
 
 
@@ -80,6 +99,8 @@ class Configuration:
     fifo: bool
     interventions: bool
     until: float
+    averaging: str = "cumulative"
+    disturbances: bool = False
 
     def ticks(self) -> list[list[float]] | None:
         """The times of all ticks before the end, of discrete agents."""
@@ -94,7 +115,29 @@ class Configuration:
         for time in sorted(rng.permutation(quarters)[:3].tolist()):
             yield system.env.at(time, Kind.INTERVENE)
             agent, j = int(rng.integers(self.n)), int(rng.integers(self.m))
-            system.set_demand(agent, j, float(rng.uniform(0.0, 2.0)) * system.demand(agent, j))
+            if not system.conditions.away[agent]:
+                system.set_demand(agent, j, float(rng.uniform(0.0, 2.0)) * system.demand(agent, j))
+
+    def declared(self, problem: Problem) -> list[Intervention]:
+        """Agents that come, go, crash and come back, capacities and costs that change, and faults."""
+        if not self.disturbances:
+            return []
+        rng = np.random.default_rng([self.seed, 7])
+        at = [float(time) for time in rng.choice([0.0, 1.0, 2.75, 4.0, 6.1, 9.0], 6)]
+        long = [float(span) for span in rng.choice([0.5, 2.0, 3.3, 8.0], 6)]
+        absences: list[Intervention] = [
+            Absence(0, at[0], at[0] + long[0]),
+            *([Crash(1, at[1], at[1] + long[1])] if self.n > 1 else []),
+            *([Join(2, at[2] + 0.5)] if self.n > 2 else []),
+        ]
+        return [
+            *absences,
+            CapacityStep(0, at[3], 0.6 * float(problem.capacity[0])),
+            CapacityRamp(self.m - 1, at[4], at[4] + long[4], 1.3 * float(problem.capacity[-1]), steps=3),
+            UnusualActivity(0, at[5], at[5] + long[5], 0.3),
+            Partition(at[1], long[3], [self.n - 1]),
+            Failover(at[4], long[2]),
+        ]
 
     def run(self, **recording: Any) -> Result:
         problem = random_problem(
@@ -110,6 +153,8 @@ class Configuration:
                 LATENCIES[self.latency], LOSSES[self.loss], duplication=self.duplication, fifo=self.fifo
             ),
             processes=[self.intervene] if self.interventions else [],
+            interventions=self.declared(problem),
+            averaging=AVERAGES[self.averaging],
             recording=Recording(**{"demand": "end", "events": True, **recording}),
             seed=self.seed,
         )
@@ -135,6 +180,8 @@ def configurations(dynamics: str) -> st.SearchStrategy[Configuration]:
         fifo=st.booleans(),
         interventions=st.booleans(),
         until=st.sampled_from([0.5, 7.0, 30.0, 43.21]),
+        averaging=st.sampled_from(list(AVERAGES)),
+        disturbances=st.booleans(),
     )
 
 
@@ -158,12 +205,15 @@ def log_of(result: Result) -> list[Row]:
     )
 
 
-def changes_of(log: list[Row]) -> dict[tuple[int, int], list[Row]]:
+def changes_of(log: list[Row], n: int, m: int) -> dict[tuple[int, int], list[Row]]:
     """What the log says about the demand of each agent for each resource."""
-    changes = defaultdict(list)
+    changes: dict[tuple[int, int], list[Row]] = {(i, j): [] for i in range(n) for j in range(m)}
     for row in log:
         if row[1] in ("respond", "hold", "change"):
             changes[row[3], row[2]].append(row)
+        elif row[1] in ("leave", "join"):
+            for j in range(m):
+                changes[row[3], j].append(row)
     return changes
 
 
@@ -175,43 +225,95 @@ class Books:
     """Demand of one agent for one resource as the log has it, and what each cut was a share of."""
 
     demand: float
-    accumulated: float
     average: float
     increases: float
     decreases: float
     cuts: list[tuple[float, float]]
 
 
-def keep_continuous(alpha: float, changes: list[Row], until: float) -> Books:
-    """Add up lines between changes."""
-    time = demand = accumulated = 0.0
-    cuts, lowered = [], []
+def average_of_lines(lines: list[tuple[float, float, float]], way: str) -> float:
+    """Average demand that was one line after another: duration, demand at the start, slope."""
+    age = math.fsum(duration for duration, _, _ in lines)
+    begin = 0.0
+    if way == "window":
+        begin = max(math.floor(age / 3.0) - 3, 0) * 3.0  # four parts of 3
+    weighted, time = [], 0.0
+    for duration, start, slope in lines:
+        first, last = max(time, begin), time + duration
+        if last > first:
+            one, other = start + slope * (first - time), start + slope * duration
+            if way == "forgetting":  # by parts: the integral of (a + b s) exp((s - age) / T)
+                early, late = math.exp((first - age) / 8.0), math.exp((last - age) / 8.0)
+                weighted.append(8.0 * (other * late - one * early) - 64.0 * slope * (late - early))
+            else:
+                weighted.append(0.5 * (one + other) * (last - first))
+        time = last
+    total = 8.0 * -math.expm1(-age / 8.0) if way == "forgetting" else age - begin
+    return math.fsum(weighted) / total if age > 0.0 else 0.0
+
+
+def average_of_ticks(demands: list[float], way: str) -> float:
+    """Average what was held at the ticks, one by one."""
+    age = len(demands)
+    if way == "window":
+        demands = demands[max(age // 3 - 3, 0) * 3 :]
+    weights = [math.exp(-late / 8.0) if way == "forgetting" else 1.0 for late in range(len(demands))]
+    pairs = zip(demands[::-1], weights, strict=True)
+    return math.fsum(held * weight for held, weight in pairs) / math.fsum(weights) if demands else 0.0
+
+
+def keep_continuous(alpha: float, changes: list[Row], until: float, way: str = "cumulative") -> Books:
+    """Add up lines between changes, for as long as the agent is here."""
+    time = demand = active = 0.0
+    cuts, lowered, here = [], [], True
+    lines: list[tuple[float, float, float]] = []
     for at, kind, _, _, _, value in [*changes, (until, "hold", 0, 0, 0, 0.0)]:
-        grown = demand + alpha * (at - time)
-        accumulated += 0.5 * (demand + grown) * (at - time)
+        grown = demand
+        if here:
+            grown += alpha * (at - time)
+            active += at - time
+            lines.append((at - time, demand, alpha))
         time = at
         if kind == "respond":
             cuts.append((grown, value))
-        change = {"respond": -value, "hold": 0.0, "change": value}[kind]
+        change = {"respond": -value, "change": value}.get(kind, 0.0)
         demand = grown + change
         lowered.append(-change)
-    return Books(demand, accumulated, accumulated / until, alpha * until, math.fsum(lowered), cuts)
+        if kind in ("leave", "join"):
+            here = kind == "join"
+            lines = [] if kind == "join" and value == 1.0 else lines
+            assert abs(demand) <= 1e-9 * max(alpha * active, 1e-300), "nothing is kept by who leaves"
+            demand = 0.0
+    average = average_of_lines(lines, way)
+    return Books(demand, average, alpha * active, math.fsum(lowered), cuts)
 
 
-def keep_discrete(alpha: float, changes: list[Row], ticks: list[float]) -> Books:
-    """Go from tick to tick: fold in, then answer as the log says or add."""
-    demand = accumulated = 0.0
-    added, cuts, lowered = 0, [], []
-    answers = {row[0]: row for row in changes if row[1] != "change"}
-    assert len(answers) == sum(row[1] != "change" for row in changes), "one answer in a tick at most"
+def keep_discrete(alpha: float, changes: list[Row], ticks: list[float], way: str = "cumulative") -> Books:
+    """Go from tick to tick: fold in, then answer as the log says or add; for as long as the agent is here."""
+    demand = 0.0
+    added, cuts, lowered, here = 0, [], [], True
+    held: list[float] = []
+    answers = {row[0]: row for row in changes if row[1] in ("respond", "hold")}
+    assert len(answers) == sum(row[1] in ("respond", "hold") for row in changes), (
+        "one answer in a tick at most"
+    )
     assert set(answers) <= set(ticks), "answers are given at ticks"
-    interventions = [row for row in changes if row[1] == "change"]
+    interventions = [row for row in changes if row[1] not in ("respond", "hold")]
     for time in [*ticks, math.inf]:
         while interventions and interventions[0][0] <= time:
-            value = interventions.pop(0)[5]
-            demand += value
-            lowered.append(-value)
-        accumulated += demand
+            _, kind, _, _, _, value = interventions.pop(0)
+            if kind == "change":
+                demand += value
+                lowered.append(-value)
+            else:
+                here = kind == "join"
+                held = [] if kind == "join" and value == 1.0 else held
+                assert abs(demand) <= 1e-9 * max(alpha * (added + 1), 1e-300), "nothing is kept by who leaves"
+                demand = 0.0
+        if not here:
+            assert time not in answers, "who is away answers nothing"
+            continue
+        held.append(demand)
         if time in answers:
             _, kind, _, _, _, value = answers[time]
             if kind == "respond":
@@ -221,16 +323,16 @@ def keep_discrete(alpha: float, changes: list[Row], ticks: list[float]) -> Books
         elif time < math.inf:
             demand += alpha
             added += 1
-    return Books(demand, accumulated, accumulated / (len(ticks) + 1), alpha * added, math.fsum(lowered), cuts)
+    return Books(demand, average_of_ticks(held, way), alpha * added, math.fsum(lowered), cuts)
 
 
 def books_of(configuration: Configuration, result: Result) -> dict[tuple[int, int], Books]:
-    ticks, changes = configuration.ticks(), changes_of(log_of(result))
-    increase = result.problem.increase
+    ticks, changes = configuration.ticks(), changes_of(log_of(result), configuration.n, configuration.m)
+    increase, way = result.problem.increase, configuration.averaging
     return {
-        (i, j): keep_continuous(float(increase[i, j]), changes[i, j], configuration.until)
+        (i, j): keep_continuous(float(increase[i, j]), changes[i, j], configuration.until, way)
         if ticks is None
-        else keep_discrete(float(increase[i, j]), changes[i, j], ticks[i])
+        else keep_discrete(float(increase[i, j]), changes[i, j], ticks[i], way)
         for i in range(configuration.n)
         for j in range(configuration.m)
     }
@@ -277,12 +379,12 @@ def assert_copies_are_accounted_for(result: Result) -> None:
         ("lost", 0.0, account.lost),
     ):
         assert [[counted[kind, j, i, value] for i in range(n)] for j in range(m)] == count.tolist(), kind
-    assert sum(counted.values()) == account.delivered.sum() + account.duplicated.sum() + account.lost.sum()
+    assert {value for kind, _, _, value in counted if kind == "lost"} <= {0.0, 1.0}  # duplicates for nobody
     sent = [(time, j, number) for time, kind, j, _, number, _ in log if kind == "signal"]
     frame = result.signals_sent
     assert sent == list(zip(frame.time.tolist(), frame.resource.tolist(), frame.number.tolist(), strict=True))
     # Copies of different fates are of different broadcasts, and nothing arrives that was not sent.
-    fates = [row[1:5] for row in log if row[1] == "lost" or (row[1] == "deliver" and row[5] == 0.0)]
+    fates = [row[1:5] for row in log if row[1] in ("lost", "deliver") and row[5] == 0.0]
     assert max(Counter((j, i, number) for _, j, i, number in fates).values(), default=1) == 1
     assert {(j, number) for _, j, _, number in fates} <= {(j, number) for _, j, number in sent}
 
@@ -291,7 +393,7 @@ def assert_copies_are_accounted_for(result: Result) -> None:
 def test_every_copy_is_delivered_lost_or_in_flight(configuration: Configuration) -> None:
     result = configuration.run()
     assert_copies_are_accounted_for(result)
-    if configuration.loss == "none":
+    if configuration.loss == "none" and not configuration.disturbances:
         assert result.account.lost.sum() == 0
     if configuration.loss == "everything":
         assert result.account.delivered.sum() == result.account.duplicated.sum() == 0
@@ -325,7 +427,7 @@ def test_a_signal_is_entered_with_the_total_that_caused_it(configuration: Config
     for turn, (now, kind, j, _, _, value) in enumerate(log):
         if kind != "signal":
             continue
-        before = changes_of(log[:turn])
+        before = changes_of(log[:turn], configuration.n, configuration.m)
         held = [
             keep_continuous(problem.increase[i, j], before[i, j], now).demand
             if ticks is None
@@ -335,18 +437,23 @@ def test_a_signal_is_entered_with_the_total_that_caused_it(configuration: Config
             for i in range(configuration.n)
         ]
         assert value == pytest.approx(sum(held), rel=1e-9)
-        assert value > problem.limit[j] * (1.0 - 1e-12)
+        limits = [row[5] * problem.threshold[j] for row in log[:turn] if row[1] == "capacity" and row[2] == j]
+        assert value > [problem.limit[j], *limits][-1] * (1.0 - 1e-12)
 
 
 # -- order -----------------------------------------------------------------------------------------------
 
 
-def place(row: Row, broadcast: dict[tuple[int, int], int]) -> tuple[float, ...]:
+INTERVENTIONS = ("change", "leave", "join", "capacity", "costs", "cut", "heal", "fail", "recover")
+
+
+def place(row: Row, broadcast: dict[tuple[int, int], int], sent_at: dict[Any, float]) -> tuple[float, ...]:
     """Where an entry stands among those of its instant."""
-    _, kind, j, agent, number, value = row
-    if kind == "change":
+    time, kind, j, agent, number, value = row
+    if kind in INTERVENTIONS:
         return (Kind.INTERVENE,)
-    if kind == "deliver":
+    # A copy that is lost on its way is so from the start; one that finds nobody, when it lands.
+    if kind == "deliver" or (kind == "lost" and sent_at[j, number] < time):
         return (Kind.DELIVER, broadcast[j, number], value, agent)
     if kind in ("signal", "lost"):
         return (Kind.SENSE, j, agent)
@@ -371,14 +478,25 @@ def assert_log_is_in_order(log: list[Row], dynamics: str) -> None:
     broadcast = {signal: turn for turn, signal in enumerate(sent)}
     sent_at = {(row[2], row[4]): row[0] for row in log if row[1] == "signal"}
     assert all(one[0] <= other[0] for one, other in pairwise(log))
+    away: set[int] = set()
     for time, rows in groupby(log, key=lambda row: row[0]):
         instant = list(rows)
+        away |= {row[3] for row in instant if row[1] == "leave"}
+        away -= {row[3] for row in instant if row[1] == "join"}
         if dynamics == "continuous":
             instant = without_answers(iter(instant))
         for one, other in pairwise(instant):
+            if one[1] in INTERVENTIONS and other[1] in INTERVENTIONS:
+                continue  # in the order in which they were declared
+            if any(
+                row[1] == "lost" and row[3] in away and sent_at[row[2], row[4]] == time
+                for row in (one, other)
+            ):
+                continue  # lost on its way, or landed at once where nobody is: no entry tells which
             at_once = one[1] in ("signal", "lost") and other[1] == "deliver"
             caused = at_once and sent_at[other[2], other[4]] == time
-            assert caused or place(one, broadcast) < place(other, broadcast), (one, other)
+            before, after = (place(row, broadcast, sent_at) for row in (one, other))
+            assert caused or before < after, (one, other)
 
 
 @given(st.one_of(configurations("continuous"), configurations("discrete")))
@@ -451,9 +569,9 @@ for configuration in {[asdict(example) for example in EXAMPLES]!r}:
 def test_the_books_see_what_they_look_for() -> None:
     """A response too many, and two entries in the wrong order, are found."""
     row = (4.0, "respond", 0, 0, 0, 2.0)
-    assert keep_continuous(1.0, [row], 8.0) == Books(6.0, 24.0, 3.0, 8.0, 2.0, [(4.0, 2.0)])
+    assert keep_continuous(1.0, [row], 8.0) == Books(6.0, 3.0, 8.0, 2.0, [(4.0, 2.0)])
     assert keep_discrete(1.0, [row], [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]) == Books(
-        3.0, 15.0, 15.0 / 7, 5.0, 2.0, [(4.0, 2.0)]
+        3.0, 15.0 / 7, 5.0, 2.0, [(4.0, 2.0)]
     )
     for example in EXAMPLES:
         result, log = example.run(), log_of(example.run())
