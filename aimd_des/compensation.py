@@ -205,14 +205,14 @@ def read_number(number: int, heard: int, first: int, latest: int, period: int) -
     Returns
     -------
     heard, first, latest : int
-        With this one.  It is taken for the number nearest to the latest; what is older than the first is not
-        counted, since it is not among those that can be missing.
+        With this one.  It is taken for the number nearest to the latest, of two for the later one; what is older
+        than the first is not counted, since it is not among those that can be missing.
     """
     received = number % period
     if heard == 0:
         return 1, received, received
     ahead = (received - latest) % period
-    meant = latest + (ahead if 2 * ahead < period else ahead - period)
+    meant = latest + (ahead if 2 * ahead <= period else ahead - period)
     if meant <= first:
         return heard, first, latest
     return heard + 1, first, max(latest, meant)
@@ -238,7 +238,8 @@ def estimated_loss(heard: int, first: int, latest: int) -> float:
         return 0.0
     between = latest - first - 1
     missing = between - (heard - 2)
-    return missing / (between + 1.0)
+    # Numbers that were misread can make it look as if more had been heard than were sent.
+    return max(missing, 0) / (between + 1.0) if between > 0 else 0.0
 
 
 @formula

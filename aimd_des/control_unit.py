@@ -153,7 +153,8 @@ class Crossing:
     longest : float, optional
         Lets the hold-off adapt between `refractory`, which must then be greater than 0, and this.  Where
         demand is still at the threshold at its end, it is doubled if nobody has answered yet, and halved if
-        the signal was answered and did not suffice.
+        the signal was answered and did not suffice.  Keep it below the mean time between the signals that are
+        needed, 1 over `theory.signal_rate`: beyond, too few can be sent whatever the latency.
 
     Raises
     ------
@@ -162,9 +163,9 @@ class Crossing:
 
     Notes
     -----
-    The adaptive hold-off settles near the time after which signals show an effect, without being told of
-    latencies, and shrinks where losses make more signals necessary.  It is to a signal what the back-off
-    of the retransmission timer is to a packet of TCP (RFC 6298).
+    The adaptive hold-off saves signals while others are on their way, without being told of latencies, and
+    shrinks where losses make more signals necessary.  It is to a signal what the back-off of the
+    retransmission timer is to a packet of TCP (RFC 6298).
     """
 
     refractory: float
