@@ -213,10 +213,8 @@ def test_a_fleet_makes_good_as_processes_do(dynamics: Any, way: Compensation) ->
     unit = Sampled() if dynamics == "discrete" else Crossing(0.5)
     channel = BroadcastChannel(latency=1.7, loss=[0.0, 0.2, 0.4, 0.5])
     parts: dict[str, Any] = {"dynamics": dynamics, "control_unit": unit, "channel": channel, "seed": 3}
-    runs = [
-        quietly(Simulation(problem, **parts, compensation=way, **agents).run, 80.0)
-        for agents in ({}, {"agents": Fleet})
-    ]
+    ways: list[dict[str, Any]] = [{}, {"agents": Fleet}]
+    runs = [quietly(Simulation(problem, **parts, compensation=way, **agents).run, 80.0) for agents in ways]
     assert_same_run(*runs)
     assert runs[0].account.responses.sum() > 50
     # Negative control: it does make a difference.

@@ -40,7 +40,7 @@ def runs(
     ]
 
 
-def measured(unit: Crossing, until: float = 800.0, **channel: float) -> tuple[Any, Any]:
+def measured(unit: Crossing, until: float = 800.0, **channel: Any) -> tuple[Any, Any]:
     """Mean demand over capacity and bits per unit of time: means and standard errors."""
     rows = [run.summary().iloc[0] for run in runs(unit, BroadcastChannel(**channel), until)]
     return mean_and_error([[row["utilisation"], row["bits"] / until] for row in rows])
