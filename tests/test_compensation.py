@@ -274,7 +274,7 @@ def misallocations(problem: Problem, dynamics: Any, until: float, ways: list[Any
 def test_losses_are_made_good_for(dynamics: str, resource: str, least: float) -> None:
     """Losses from 0 to 0.5 over 60 agents, 25,000 units of time, seed 0.
 
-    In the study four runs of 20,000 units have standard deviations of up to 0.24 points, and means of 0.6 to
+    In the study four runs of 20,000 units have standard deviations of up to 0.16 points, and means of 0.6 to
     0.9 %, on the clock 1.3 to 1.5 %, with compensation: each bound is two of them away or more.
     """
     full = smart_cameras(0, normalization=GENTLE)
