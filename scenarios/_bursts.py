@@ -1,0 +1,194 @@
+"""One run with bursts of loss, on each link for itself or on all together, and what is measured of it."""
+
+import warnings
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import networkx as nx
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des import topology
+from aimd_des.agents import Fleet
+from aimd_des.channel import BroadcastChannel, Channel
+from aimd_des.channel.loss import Bernoulli, CommonMode, GilbertElliott
+from aimd_des.checks import FloatArray
+from aimd_des.control_unit import Crossing
+from aimd_des.interventions import CapacityStep
+from aimd_des.optimum import solve_optimum
+from aimd_des.problem import Problem
+from aimd_des.recording import Recording
+from aimd_des.results import Result
+from aimd_des.simulation import Simulation
+
+__all__ = ["Bursts", "Outcome", "measure", "run_one", "smallest"]
+
+# Of the total, for what is rounding and no excess.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Bursts:
+    """What is run: losses with a mean and a mean length of bursts, 0 for none.
+
+    Attributes
+    ----------
+    problem : Problem
+        One resource.
+    common : bool
+        Whether all links are one.
+    loss, burst : float
+        p, and B in units of time.
+    hold_off : float
+        r, in units of time.
+    until, start : float
+        The end, and the time from which the run is measured.
+    """
+
+    problem: Problem
+    common: bool
+    loss: float
+    burst: float
+    hold_off: float
+    until: float
+    start: float
+
+    def channel(self) -> Channel:
+        """Make the channel.
+
+        Returns
+        -------
+        Channel
+            Links that are one are a single edge, from which a relay reaches everybody.
+        """
+        if self.burst == 0.0:
+            model = CommonMode(self.loss) if self.common else Bernoulli(self.loss)
+            return BroadcastChannel(loss=model)
+        if not self.common:
+            return BroadcastChannel(loss=GilbertElliott(self.loss, self.burst))
+        n = self.problem.n_agents
+        graph: Any = nx.Graph()
+        graph.add_edge("unit", "relay", latency=0.0, loss=self.loss)
+        graph.add_edges_from((("relay", agent) for agent in range(n)), latency=0.0, loss=0.0)
+        bursty = partial(GilbertElliott, mean_burst=self.burst)
+        return topology.tree(graph, root="unit", agents=list(range(n)), loss=bursty)
+
+
+class Outcome(NamedTuple):
+    """What is measured of one run after its start; demand is over the capacity.
+
+    Attributes
+    ----------
+    signals, utilisation, peak, time_above, excess : float
+        Signals per unit of time, mean of total demand, its highest, share of time above the capacity, and
+        mean of what is above it.
+    run_away_peak : float
+        Mean excess where total demand turns back above the capacity, seen once in a hold-off; NaN if it never
+        did.
+    excursion : float
+        Mean duration of excursions above the capacity, in units of time; NaN if there were none.
+    smallest : float
+        Share of the total that the third of the agents with the smallest optimal allocations holds.
+    average : ndarray, shape (n, 1)
+        In units of the resource.
+    """
+
+    signals: float
+    utilisation: float
+    peak: float
+    time_above: float
+    excess: float
+    run_away_peak: float
+    excursion: float
+    smallest: float
+    average: FloatArray
+
+
+def run_one(run: Bursts, seed: int, looks: FloatArray) -> Result:
+    """Run, with total demand recorded at `looks`.
+
+    Parameters
+    ----------
+    run : Bursts
+        What to run.
+    seed : int
+        Of the run.
+    looks : ndarray, shape (q,)
+        Ascending times.
+
+    Returns
+    -------
+    Result
+        With a second piece that begins at the start of what is measured.
+    """
+    resource = run.problem.resources[0]
+    return Simulation(
+        run.problem,
+        dynamics="continuous",
+        control_unit=Crossing(run.hold_off),
+        channel=run.channel(),
+        agents=Fleet,
+        # Nothing changes; but a piece begins here, over which total demand is integrated exactly.
+        interventions=[CapacityStep(resource.name, run.start, resource.capacity)],
+        seed=seed,
+        recording=Recording(demand=looks, allocations=[run.start]),
+    ).run(run.until)
+
+
+def measure(run: Bursts, seed: int) -> Outcome:
+    """Run and measure.
+
+    Parameters
+    ----------
+    run : Bursts
+        What to run.
+    seed : int
+        Of the run.
+
+    Returns
+    -------
+    Outcome
+        Responses with a probability above 1, as there are beyond what can be held, are not warned of.
+    """
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
+        result = run_one(run, seed, np.arange(run.start, run.until, run.hold_off))
+    span, seen = run.until - run.start, result.observations
+    average = ((seen.average[-1] * run.until - seen.average[0] * run.start) / span).T
+    over = seen.stretches[-1].overshoot()
+    times = result.signals_sent.time
+    times = times[times >= run.start]
+    # A signal that did not suffice is repeated a hold-off later: so long as it is, demand is above.
+    again = np.append(False, np.diff(times) <= run.hold_off * (1.0 + 1e-9))
+    begun = int((again[1:] & ~again[:-1]).sum())
+    level = seen.total_demand[:, 0] / run.problem.capacity[0] - 1.0
+    turns = (level[1:-1] > _ROUNDING) & (level[1:-1] > level[:-2]) & (level[1:-1] > level[2:])
+    return Outcome(
+        signals=len(times) / span,
+        utilisation=float(average.sum() / run.problem.capacity[0]),
+        peak=float(over.peak[0]),
+        time_above=float(over.time[0]),
+        excess=float(over.mean[0]),
+        run_away_peak=float(level[1:-1][turns].mean()) if turns.any() else np.nan,
+        excursion=float(over.time[0] * span / begun) if begun else np.nan,
+        smallest=float(average[smallest(run.problem), 0].sum() / average.sum()),
+        average=average,
+    )
+
+
+def smallest(problem: Problem) -> npt.NDArray[np.int64]:
+    """Name the third of the agents that the optimum gives least.
+
+    Parameters
+    ----------
+    problem : Problem
+        One resource.
+
+    Returns
+    -------
+    ndarray of int, shape (n // 3,)
+        Their indices.
+    """
+    order = np.argsort(solve_optimum(problem).allocation[:, 0])
+    return order[: problem.n_agents // 3].astype(np.int64)

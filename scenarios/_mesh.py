@@ -1,0 +1,239 @@
+"""A mesh of cameras with losses on its edges, its channels, and what is measured of one run over it."""
+
+import warnings
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import networkx as nx
+import numpy as np
+
+from aimd_des import topology
+from aimd_des.agents import Fleet
+from aimd_des.channel import BroadcastChannel, Channel
+from aimd_des.checks import FloatArray
+from aimd_des.control_unit import Crossing
+from aimd_des.interventions import CapacityStep
+from aimd_des.problem import Problem
+from aimd_des.recording import Recording
+from aimd_des.simulation import Simulation
+
+__all__ = ["FLOOD", "OWN", "RADIUS", "TREE", "Mesh", "Outcome", "Statistics", "measure", "mesh", "statistics"]
+
+TREE, FLOOD, OWN = "shortest-path tree", "flooding", "own links, as lossy as the tree"
+
+#: Greatest distance of neighbours, in sides of the square.
+RADIUS = 0.2
+_LATENCY_PER_DISTANCE = 0.5
+# The first of the random networks with this radius in which everybody is within reach.
+_NETWORK_SEED = 0
+
+
+def mesh(n_agents: int, longest_loss: float) -> Any:
+    """Scatter cameras over a square, with losses that grow with the square of an edge's length.
+
+    Parameters
+    ----------
+    n_agents : int
+        n.
+    longest_loss : float
+        Probability of loss on an edge as long as the radius.
+
+    Returns
+    -------
+    networkx.Graph
+        With node 0 for the control unit, in the middle.
+    """
+    graph: Any = topology.random_geometric(
+        n_agents, RADIUS, latency_per_distance=_LATENCY_PER_DISTANCE, seed=_NETWORK_SEED
+    )
+    for _, _, edge in graph.edges(data=True):
+        edge["loss"] = longest_loss * (edge["latency"] / (_LATENCY_PER_DISTANCE * RADIUS)) ** 2
+    return graph
+
+
+def branches(graph: Any) -> Any:
+    """Keep the edges of the tree of shortest paths.
+
+    Parameters
+    ----------
+    graph : networkx.Graph
+        As from `mesh`.
+
+    Returns
+    -------
+    networkx.Graph
+        With all nodes, in their order.
+    """
+    paths = nx.single_source_dijkstra_path(graph, 0, weight="latency")
+    tree = graph.copy()
+    tree.remove_edges_from(list(graph.edges))
+    for path in paths.values():
+        if len(path) > 1:
+            edge = path[-2], path[-1]
+            tree.add_edge(*edge, **graph.edges[edge])
+    return tree
+
+
+class Statistics(NamedTuple):
+    """How many copies arrive, and how late; arrays have shape (n,).
+
+    Attributes
+    ----------
+    delivery, latency : ndarray
+        Probability of arrival, and the mean latency of what arrives, in units of time: exact for a tree,
+        estimated for a flood.
+    sampled_delivery, sampled_latency : ndarray
+        The same from draws.
+    transmissions : float
+        Copies that are sent over edges, for each broadcast.
+    """
+
+    delivery: FloatArray
+    latency: FloatArray
+    sampled_delivery: FloatArray
+    sampled_latency: FloatArray
+    transmissions: float
+
+
+def statistics(graph: Any, way: str, broadcasts: int) -> Statistics:
+    """Compute, or estimate, the statistics of a way to broadcast.
+
+    Parameters
+    ----------
+    graph : networkx.Graph
+        As from `mesh`.
+    way : str
+        `TREE` or `FLOOD`; own links are as the tree.
+    broadcasts : int
+        How many to draw.
+
+    Returns
+    -------
+    Statistics
+        A node sends to all its neighbours in what it forwards over, but not back to the control unit.
+    """
+    used = graph if way == FLOOD else branches(graph)
+    drawn = topology.flood(used).statistics(broadcasts, seed=0)
+    known = drawn if way == FLOOD else topology.tree(graph).statistics()
+    delivery = known["delivery"].to_numpy(dtype=np.float64)
+    reached = np.append(1.0, delivery)
+    if way == FLOOD:
+        onward = [used.degree(node) - (0 in used[node]) for node in used]
+    else:
+        depth = nx.single_source_shortest_path_length(used, 0)
+        onward = [sum(depth[other] > depth[node] for other in used[node]) for node in used]
+    return Statistics(
+        delivery,
+        known["latency_mean"].to_numpy(dtype=np.float64),
+        drawn["delivery"].to_numpy(dtype=np.float64),
+        drawn["latency_mean"].to_numpy(dtype=np.float64),
+        float(reached @ np.array(onward, dtype=np.float64)),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """What is run.
+
+    Attributes
+    ----------
+    problem : Problem
+        One resource.
+    way : str
+        How broadcasts travel.
+    longest_loss : float
+        As of `mesh`.
+    hold_off, until, start : float
+        Of the control unit; the end, and the time from which the run is measured; in units of time.
+    """
+
+    problem: Problem
+    way: str
+    longest_loss: float
+    hold_off: float
+    until: float
+    start: float
+
+    def channel(self) -> Channel:
+        """Make the channel.
+
+        Returns
+        -------
+        Channel
+            Own links have the tree's probabilities and latencies, and share nothing.
+        """
+        graph = mesh(self.problem.n_agents, self.longest_loss)
+        if self.way == FLOOD:
+            return topology.flood(graph)
+        tree = topology.tree(graph)
+        if self.way == TREE:
+            return tree
+        known = tree.statistics()
+        return BroadcastChannel(
+            latency=known["latency_mean"].to_numpy(), loss=1.0 - known["delivery"].to_numpy()
+        )
+
+
+class Outcome(NamedTuple):
+    """What is measured of one run after its start.
+
+    Attributes
+    ----------
+    signals, utilisation, peak, time_above : float
+        Signals per unit of time; mean and highest of total demand over the capacity, and the share of time
+        above it.
+    average : ndarray, shape (n, 1)
+        In units of the resource.
+    delivery : ndarray, shape (n,)
+        Share of the copies that arrived, over all of the run.
+    """
+
+    signals: float
+    utilisation: float
+    peak: float
+    time_above: float
+    average: FloatArray
+    delivery: FloatArray
+
+
+def measure(run: Mesh, seed: int) -> Outcome:
+    """Run and measure.
+
+    Parameters
+    ----------
+    run : Mesh
+        What to run.
+    seed : int
+        Of the run.
+
+    Returns
+    -------
+    Outcome
+        Of this seed.
+    """
+    resource = run.problem.resources[0]
+    simulation = Simulation(
+        run.problem,
+        dynamics="continuous",
+        control_unit=Crossing(run.hold_off),
+        channel=run.channel(),
+        agents=Fleet,
+        # Nothing changes; but a piece begins here, over which total demand is integrated exactly.
+        interventions=[CapacityStep(resource.name, run.start, resource.capacity)],
+        seed=seed,
+        recording=Recording(demand="end", allocations=[run.start]),
+    )
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
+        result = simulation.run(run.until)
+    span, seen, account = run.until - run.start, result.observations, result.account
+    average = ((seen.average[-1] * run.until - seen.average[0] * run.start) / span).T
+    over = seen.stretches[-1].overshoot()
+    return Outcome(
+        float((result.signals_sent.time >= run.start).sum() / span),
+        float(average.sum() / resource.capacity),
+        float(over.peak[0]),
+        float(over.time[0]),
+        average,
+        account.delivered[0] / (account.delivered[0] + account.lost[0]),
+    )
