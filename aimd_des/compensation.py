@@ -205,8 +205,8 @@ def read_number(number: int, heard: int, first: int, latest: int, period: int) -
     Returns
     -------
     heard, first, latest : int
-        With this one.  It is taken for the number nearest to the latest, of two for the later one; what is older
-        than the first is not counted, since it is not among those that can be missing.
+        With this one.  It is taken for the number nearest to the latest, of two for the later one; what is
+        older than the first is not counted, since it is not among those that can be missing.
     """
     received = number % period
     if heard == 0:

@@ -23,7 +23,7 @@ from aimd_des.log import EventLog
 from aimd_des.optimum import Optimum, solve_optimum
 from aimd_des.problem import Problem
 from aimd_des.recording import Observations, Signals
-from aimd_des.tracking import piece_problem, pieces_frame, tracking_frame
+from aimd_des.tracking import piece_optima, piece_problem, pieces_frame, tracking_frame
 
 __all__ = ["Account", "Result"]
 
@@ -187,6 +187,10 @@ class Result:
         return self.log.frame(self.problem.resource_names, self.problem.agent_names)
 
     @cached_property
+    def _optima(self) -> list[Optimum | None]:
+        return piece_optima(self.problem, self.history)
+
+    @cached_property
     def pieces(self) -> pd.DataFrame:
         """What was in force from one intervention to the next, and what total demand did.
 
@@ -194,7 +198,7 @@ class Result:
         optimum for these), utilisation (mean total demand over the capacity), overshoot_peak,
         overshoot_time and overshoot_mean (as in the summary).
         """
-        return pieces_frame(self.problem, self.history, self.until, self.observations)
+        return pieces_frame(self.problem, self.history, self._optima, self.until, self.observations)
 
     @cached_property
     def tracking(self) -> pd.DataFrame:
@@ -203,7 +207,7 @@ class Result:
         Columns: time, resource, capacity, level (sum of the averages over the capacity), relative_error; of
         those who are here at the time.
         """
-        return tracking_frame(self.problem, self.history, self.observations)
+        return tracking_frame(self.problem, self.history, self._optima, self.observations)
 
     @cached_property
     def digest(self) -> str:

@@ -80,7 +80,11 @@ def piece_optima(problem: Problem, pieces: Sequence[Piece]) -> list[Optimum | No
 
 
 def pieces_frame(
-    problem: Problem, pieces: Sequence[Piece], until: float, observations: Observations
+    problem: Problem,
+    pieces: Sequence[Piece],
+    optima: Sequence[Optimum | None],
+    until: float,
+    observations: Observations,
 ) -> pd.DataFrame:
     """Tell what was in force when, with its optimum and what total demand did.
 
@@ -90,6 +94,8 @@ def pieces_frame(
         The run's.
     pieces : sequence of Piece
         What was in force.
+    optima : sequence of Optimum or None
+        As of `piece_optima`.
     until : float
         The end of the run.
     observations : Observations
@@ -104,7 +110,7 @@ def pieces_frame(
     ends = [*(piece.start for piece in pieces[1:]), until]
     missing = np.full(m, np.nan)
     rows = []
-    for place, (piece, best, end) in enumerate(zip(pieces, piece_optima(problem, pieces), ends, strict=True)):
+    for place, (piece, best, end) in enumerate(zip(pieces, optima, ends, strict=True)):
         over = stretches[place].overshoot() if stretches else metrics.Overshoot(missing, missing, missing)
         used = stretches[place].used / (end - piece.start) / piece.capacity if stretches else missing
         rows += [
@@ -128,7 +134,12 @@ def pieces_frame(
     return frame
 
 
-def tracking_frame(problem: Problem, pieces: Sequence[Piece], observations: Observations) -> pd.DataFrame:
+def tracking_frame(
+    problem: Problem,
+    pieces: Sequence[Piece],
+    optima: Sequence[Optimum | None],
+    observations: Observations,
+) -> pd.DataFrame:
     """Hold the averages at every recorded time against the optimum that is in force then.
 
     Parameters
@@ -137,6 +148,8 @@ def tracking_frame(problem: Problem, pieces: Sequence[Piece], observations: Obse
         The run's.
     pieces : sequence of Piece
         What was in force.
+    optima : sequence of Optimum or None
+        As of `piece_optima`.
     observations : Observations
         With allocations.
 
@@ -145,7 +158,7 @@ def tracking_frame(problem: Problem, pieces: Sequence[Piece], observations: Obse
     DataFrame
         A row for each time and resource, see `Result.tracking`.
     """
-    optima, times = piece_optima(problem, pieces), observations.allocation_times
+    times = observations.allocation_times
     starts = np.array([piece.start for piece in pieces])
     in_force = np.searchsorted(starts, times, side="right") - 1
     m = problem.n_resources

@@ -103,7 +103,6 @@ def test_who_loses_more_than_half_a_period_in_a_row_is_mistaken() -> None:
     assert read_all([8, 9, 15], 8) == (2, 0, 1)
 
 
-@pytest.mark.xfail(strict=True, reason="a step of just half a period is taken for one back, not ahead")
 def test_one_less_than_half_a_period_may_be_lost_in_a_row() -> None:
     """What the page says: mistaken once half of the period is lost in a row, here 4 of 8; 3 are lost."""
     assert read_all([0, 4], 8) == (2, 0, 4)

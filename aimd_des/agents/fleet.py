@@ -241,7 +241,10 @@ class Fleet:
             if self.crowd.books.away[entry[3]]:
                 entry = (time, Entry.LOST, *entry[2:])
             told.append((time, Kind.DELIVER, order, -1, entry))
-        rows = zip(*(column[:count].tolist() for column in (_times(answers.key), *answers[1:5])), strict=True)
+        rows = zip(
+            *(column[:count].tolist() for column in (answers.key.view(np.float64), *answers[1:5])),
+            strict=True,
+        )
         for time, rank, agent, resource, change in rows:
             signal = self._signals.get(rank - agent)
             number = -1 if signal is None else signal.number
@@ -260,10 +263,6 @@ class Fleet:
                     tell(time, entry[2], 0.0 - entry[5])
         if log is not None:
             log.extend([entry for *_, entry in told])
-
-
-def _times(keys: npt.NDArray[np.int64]) -> FloatArray:
-    return keys.view(np.float64)
 
 
 def _limit(kind: int, order: int, own: Kind) -> int:

@@ -1,6 +1,7 @@
 """What must not be declared together."""
 
 from collections.abc import Iterable
+from itertools import pairwise
 
 from aimd_des.errors import InputError
 from aimd_des.interventions.agents import Absence, Crash, Join
@@ -33,8 +34,10 @@ def check_absences(problem: Problem, interventions: Iterable[object]) -> None:
                 spans.setdefault(agent, []).append((start, end, declared))
     for agent, absences in spans.items():
         absences.sort(key=lambda absence: absence[:2])
-        for (_, end, one), (start, _, other) in zip(absences, absences[1:], strict=False):
+        for (_, end, one), (start, _, other) in pairwise(absences):
             if start <= end:
                 name = problem.agent_names[agent]
                 allowed = f"after {one!r} is over"
-                raise InputError.of(f"absence of agent {name}", other, allowed, "let one begin after the other")
+                raise InputError.of(
+                    f"absence of agent {name}", other, allowed, "let one begin after the other"
+                )

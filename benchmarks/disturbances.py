@@ -1,0 +1,158 @@
+"""What networks, averages, compensation and interventions cost: fleets with them beside a plain one."""
+
+import argparse
+from collections.abc import Callable
+from typing import Any
+
+from aimd_des import (
+    BroadcastChannel,
+    Crossing,
+    Fleet,
+    Problem,
+    Recording,
+    Simulation,
+    averaging,
+    compensation,
+    latency,
+    loss,
+    topology,
+)
+from aimd_des.interventions import Absence, CapacityProfile, UnusualActivity
+from benchmarks.harness import (
+    Contestant,
+    Timing,
+    add_options,
+    console,
+    interleaved,
+    machine,
+    positive,
+    ratio,
+    table,
+    write_json,
+)
+from models import smart_cameras
+
+__all__ = ["main"]
+
+PLAIN = "fleet, plain"
+WARM_UP = 50.0
+COLUMNS = ("program", "CPU s,\nbest", "CPU s,\nmedian", "deliveries", "ns per\ndelivery", "over\nplain")
+LEGEND = (
+    "CPU seconds, compiling not counted.  'over plain' is the time per delivery over that of the plain\n"
+    "fleet: losses and capacities differ, and with them the number of deliveries."
+)
+
+
+def _networks(n: int) -> dict[str, Any]:
+    """A grid with about a camera at each node, as a tree and flooded, with exponential latencies."""
+    graph = topology.grid(6, n // 6 + 1, latency=0.05, loss=0.02)
+    nodes = [node for node in graph if node != graph.graph["root"]][:n]
+    return {
+        "tree": topology.tree(graph, agents=nodes, latency=latency.Exponential),
+        "flood": topology.flood(graph, agents=nodes, latency=latency.Exponential),
+    }
+
+
+def _changes(problem: Problem, until: float) -> list[Any]:
+    """A capacity that changes ten times, an agent away and one with unusual activity in every hundredth."""
+    names = [until * place / 10 for place in range(10)]
+    levels = [float(problem.capacity[0]) * (1.0 - 0.02 * (place % 3)) for place in range(10)]
+    steps = [(place % problem.n_agents, until * place / 100) for place in range(1, problem.n_agents)]
+    absences = [Absence(agent, at, at + until / 200) for agent, at in steps]
+    activity = [UnusualActivity(agent, at, at + until / 200, 0.5) for agent, at in steps]
+    return [CapacityProfile(0, names, levels), *absences, *activity]
+
+
+def _ways(problem: Problem, until: float) -> dict[str, dict[str, Any]]:
+    networks = _networks(problem.n_agents)
+    return {
+        PLAIN: {},
+        "window of 1,000": {"averaging": averaging.Window(1000.0)},
+        "forgetting over 500": {"averaging": averaging.Forgetting(500.0)},
+        "known loss": {"compensation": compensation.KnownLoss(0.1)},
+        "estimated loss": {"compensation": compensation.EstimatedLoss()},
+        "adaptive hold-off": {"control_unit": Crossing(0.25, longest=1.25)},
+        "tree over a grid": {"channel": networks["tree"]},
+        "flood over a grid": {"channel": networks["flood"]},
+        "interventions": {"interventions": _changes(problem, until)},
+    }
+
+
+def _prepare(problem: Problem, until: float, parts: dict[str, Any]) -> Callable[[int], int]:
+    """Return a run that tells its deliveries; compiles what it needs first."""
+    channel = BroadcastChannel(latency=latency.Exponential(0.5), loss=loss.Bernoulli(0.1))
+    options: dict[str, Any] = {"control_unit": Crossing(1.0), "channel": channel, **parts}
+
+    def run(seed: int, end: float = until) -> int:
+        recording = Recording("end", overshoot=False)
+        simulation = Simulation(
+            problem, dynamics="continuous", agents=Fleet, seed=seed, recording=recording, **options
+        )
+        return int(simulation.run(end).account.delivered.sum())
+
+    run(0, WARM_UP)
+    return run
+
+
+def _row(timing: Timing[int], plain: float) -> dict[str, Any]:
+    deliveries = timing.outcomes[timing.seconds.index(timing.best)]
+    each = timing.best / deliveries
+    return {
+        "program": timing.name,
+        "seconds": timing.seconds,
+        "best": timing.best,
+        "median": timing.median,
+        "deliveries": deliveries,
+        "per_delivery": each,
+        "over_plain": each / plain,
+    }
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    return (
+        row["program"],
+        f"{row['best']:.3f}",
+        f"{row['median']:.3f}",
+        f"{row['deliveries']:,}",
+        f"{1e9 * row['per_delivery']:.0f}",
+        ratio(row["over_plain"]),
+    )
+
+
+def _options(arguments: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.disturbances",
+        description="the paper's system as a fleet, plain and with what real deployments have",
+    )
+    parser.add_argument("--cameras", type=positive, default=60, help="how many (default: %(default)s)")
+    parser.add_argument("--until", type=float, default=30_000.0, help="end (default: %(default)s)")
+    add_options(parser, repeats=5)
+    return parser.parse_args(arguments)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Measure all ways and print a table."""
+    options = _options(arguments)
+    out, host = console(), machine(("numpy", "numba", "simpy"))
+    out.print(", ".join(f"{name} {value}" for name, value in host.items()), soft_wrap=True)
+    problem = smart_cameras(seed=0, n_cameras=options.cameras)
+
+    def contestant(name: str, parts: dict[str, Any]) -> Contestant[int]:
+        return Contestant(name, lambda: _prepare(problem, options.until, parts))
+
+    ways = [contestant(name, parts) for name, parts in _ways(problem, options.until).items()]
+    timings = interleaved(ways, options.repeats, options.seed)
+    first = timings[0]
+    plain = first.best / first.outcomes[first.seconds.index(first.best)]
+    rows = [_row(timing, plain) for timing in timings]
+    out.print(
+        table(f"{options.cameras} cameras, {options.until:g} units of time", COLUMNS, map(_cells, rows))
+    )
+    out.print(LEGEND, soft_wrap=True)
+    if options.json:
+        settings = {name: getattr(options, name) for name in ("cameras", "until", "repeats", "seed")}
+        write_json(options.json, {"machine": host, "settings": settings, "rows": rows})
+
+
+if __name__ == "__main__":
+    main()
