@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 from aimd_des.checks import FloatArray
 from aimd_des.compiled import formula
-from aimd_des.elementary import expm1
+from aimd_des.elementary import exp, expm1
 
 __all__ = [
     "CUMULATIVE",
@@ -145,10 +145,9 @@ def folded_at(
         In units of the resource, times ticks or time.
     """
     if memory.kind == FORGETTING:
-        faded = -expm1(-memory.rate * since)
-        grown = memory.span * faded
-        kept = accumulated * (1.0 - faded)
-        return kept + (demand * grown + increase * (memory.span * (since - grown)))
+        kept = exp(-memory.rate * since)
+        grown = memory.span * -expm1(-memory.rate * since)
+        return accumulated * kept + (demand * grown + increase * (memory.span * (since - grown)))
     return accumulated_at(accumulated, demand, increase, since, grain)
 
 

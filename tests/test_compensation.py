@@ -93,7 +93,7 @@ def test_reading_by_hand() -> None:
     assert read_number(13, 0, 0, 0, 8) == (1, 5, 5)
     assert read_number(0, 1, 5, 5, 8) == (2, 5, 8)  # across the end of the period
     assert read_number(7, 2, 5, 8, 8) == (3, 5, 8)  # late: it was missing until now
-    assert read_number(4, 2, 5, 8, 8) == (2, 5, 8)  # from before the first
+    assert read_number(5, 2, 6, 8, 8) == (2, 6, 8)  # from before the first
     assert read_all([0, 1, 5], 8) == (2, 0, 1)  # half a period ahead looks like one of old
 
 
