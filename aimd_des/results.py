@@ -23,7 +23,7 @@ from aimd_des.log import EventLog
 from aimd_des.optimum import Optimum, solve_optimum
 from aimd_des.problem import Problem
 from aimd_des.recording import Observations, Signals
-from aimd_des.tracking import piece_optima, piece_problem, pieces_frame, tracking_frame
+from aimd_des.tracking import PieceOptima, piece_problem, pieces_frame, tracking_frame
 
 __all__ = ["Account", "Result"]
 
@@ -187,8 +187,8 @@ class Result:
         return self.log.frame(self.problem.resource_names, self.problem.agent_names)
 
     @cached_property
-    def _optima(self) -> list[Optimum | None]:
-        return piece_optima(self.problem, self.history)
+    def _optima(self) -> PieceOptima:
+        return PieceOptima(self.problem)
 
     @cached_property
     def pieces(self) -> pd.DataFrame:

@@ -21,7 +21,7 @@ from aimd_des.response import CONTINUOUS, DISCRETE
 from aimd_des.state import law_of, start
 from aimd_des.streams import Purpose
 from aimd_des.transmission import Transmitter
-from aimd_des.transport import Agent, Carrier, Collective, Leaver, ResponseDraws, Signal
+from aimd_des.transport import Agent, Carrier, Collective, ResponseDraws, Signal
 
 __all__ = ["System"]
 
@@ -163,9 +163,9 @@ class System(Readings):
         """
         if self.collective is not None:
             self.collective.forget(agent, lost=lost)
-        own: object = self.agents.get(agent)
-        if isinstance(own, Leaver):
-            own.forget()
+        own = getattr(self.agents.get(agent), "forget", None)  # an agent need not have it
+        if own is not None:
+            own()
 
     def finish(self) -> None:
         """Settle what is due by the end, and take note of what landed where nobody was."""

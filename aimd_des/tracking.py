@@ -15,7 +15,7 @@ from aimd_des.optimum import Optimum, solve_optimum
 from aimd_des.problem import Problem, Resource
 from aimd_des.recording import Observations
 
-__all__ = ["piece_optima", "piece_problem", "pieces_frame", "tracking_frame"]
+__all__ = ["PieceOptima", "piece_problem", "pieces_frame", "tracking_frame"]
 
 
 def piece_problem(problem: Problem, piece: Piece) -> Problem:
@@ -49,40 +49,48 @@ def _resource(resource: Resource, capacity: float, increase: FloatArray, decreas
     return replace(resource, capacity=capacity, increase=increase, decrease=decrease)
 
 
-def piece_optima(problem: Problem, pieces: Sequence[Piece]) -> list[Optimum | None]:
-    """Solve each piece; those that are alike once.
+class PieceOptima:
+    """The optima of pieces, each solved when it is first asked for, and those that are alike once.
 
     Parameters
     ----------
     problem : Problem
         The run's.
-    pieces : sequence of Piece
-        What was in force.
-
-    Returns
-    -------
-    list of Optimum or None
-        Allocations of those who were here; None where nobody was.
-
-    Raises
-    ------
-    SimulationError
-        If one is not found.
     """
-    solved: dict[tuple[bytes, bytes, int], Optimum | None] = {}
-    found = []
-    for piece in pieces:
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self._solved: dict[tuple[bytes, bytes, int], Optimum | None] = {}
+
+    def __call__(self, piece: Piece) -> Optimum | None:
+        """Solve a piece.
+
+        Parameters
+        ----------
+        piece : Piece
+            What was in force.
+
+        Returns
+        -------
+        Optimum or None
+            With the allocations of those who were here; None where nobody was.
+
+        Raises
+        ------
+        SimulationError
+            If it is not found.
+        """
         key = (piece.capacity.tobytes(), piece.present.tobytes(), id(piece.costs))
-        if key not in solved:
-            solved[key] = solve_optimum(piece_problem(problem, piece)) if piece.present.any() else None
-        found.append(solved[key])
-    return found
+        if key not in self._solved:
+            anybody = bool(piece.present.any())
+            self._solved[key] = solve_optimum(piece_problem(self.problem, piece)) if anybody else None
+        return self._solved[key]
 
 
 def pieces_frame(
     problem: Problem,
     pieces: Sequence[Piece],
-    optima: Sequence[Optimum | None],
+    optima: PieceOptima,
     until: float,
     observations: Observations,
 ) -> pd.DataFrame:
@@ -94,8 +102,8 @@ def pieces_frame(
         The run's.
     pieces : sequence of Piece
         What was in force.
-    optima : sequence of Optimum or None
-        As of `piece_optima`.
+    optima : PieceOptima
+        Solves them.
     until : float
         The end of the run.
     observations : Observations
@@ -110,7 +118,8 @@ def pieces_frame(
     ends = [*(piece.start for piece in pieces[1:]), until]
     missing = np.full(m, np.nan)
     rows = []
-    for place, (piece, best, end) in enumerate(zip(pieces, optima, ends, strict=True)):
+    for place, (piece, end) in enumerate(zip(pieces, ends, strict=True)):
+        best = optima(piece)
         over = stretches[place].overshoot() if stretches else metrics.Overshoot(missing, missing, missing)
         used = stretches[place].used / (end - piece.start) / piece.capacity if stretches else missing
         rows += [
@@ -137,7 +146,7 @@ def pieces_frame(
 def tracking_frame(
     problem: Problem,
     pieces: Sequence[Piece],
-    optima: Sequence[Optimum | None],
+    optima: PieceOptima,
     observations: Observations,
 ) -> pd.DataFrame:
     """Hold the averages at every recorded time against the optimum that is in force then.
@@ -148,8 +157,8 @@ def tracking_frame(
         The run's.
     pieces : sequence of Piece
         What was in force.
-    optima : sequence of Optimum or None
-        As of `piece_optima`.
+    optima : PieceOptima
+        Solves them.
     observations : Observations
         With allocations.
 
@@ -164,7 +173,8 @@ def tracking_frame(
     m = problem.n_resources
     level, error, capacity = np.full((3, len(times), m), np.nan)
     for row, place in enumerate(in_force.tolist()):
-        best, piece = optima[place], pieces[place]
+        piece = pieces[place]
+        best = optima(piece)
         capacity[row] = piece.capacity
         if best is not None:
             average = observations.average[row].T[piece.present]

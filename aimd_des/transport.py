@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator, Iterator, Mapping
 from heapq import heappop, heappush, heapreplace
 from itertools import repeat
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from aimd_des.environment import Kind, OrderedEnvironment
 from aimd_des.log import Entry, EventLog
 from aimd_des.streams import Key
 
-__all__ = ["Agent", "Carrier", "Collective", "Leaver", "ProcessGenerator", "ResponseDraws", "Signal"]
+__all__ = ["Agent", "Carrier", "Collective", "ProcessGenerator", "ResponseDraws", "Signal"]
 
 ProcessGenerator = Generator[simpy.Event, Any, Any]
 
@@ -37,7 +37,10 @@ class Signal(NamedTuple):
 
 
 class Agent(Protocol):
-    """Anything that takes part in the sharing."""
+    """Anything that takes part in the sharing.
+
+    One that keeps signals for later has a method ``forget()`` besides, which is called when it goes away.
+    """
 
     def receive(self, signal: Signal) -> None:
         """Take note of a capacity signal that arrives now."""
@@ -45,15 +48,6 @@ class Agent(Protocol):
 
     def process(self) -> ProcessGenerator:
         """Live: the SimPy process of the agent."""
-        ...
-
-
-@runtime_checkable
-class Leaver(Protocol):
-    """An agent that keeps signals for later, and can go away."""
-
-    def forget(self) -> None:
-        """Drop signals that are not answered yet: the agent goes away, or comes back."""
         ...
 
 

@@ -17,7 +17,6 @@ from aimd_des.interventions import Absence, Crash, Intervention, Join
 from aimd_des.recording import Recording
 from aimd_des.results import Result
 from aimd_des.simulation import Simulation
-from aimd_des.tracking import tracking_frame
 from scenarios._systems import memory_alone
 
 __all__ = [
@@ -218,7 +217,7 @@ def measure(way: str, stay: float, size: Size, seed: int) -> Seen:
         utilisation=float(seen.total_demand[late, 0].mean() / CAPACITY),
         peak=float(seen.overshoot.peak[0]),
         above=float(seen.overshoot.time[0]),
-        tracking=_tracking(result),
+        tracking=float(result.tracking["relative_error"].mean()),
         average=result.average_at_end,
     )
 
@@ -240,14 +239,6 @@ def _run(
             seed=seed,
             recording=recording,
         ).run(until)
-
-
-def _tracking(result: Result) -> float:
-    """Measure the mean of `result.tracking`, with the optimum of only those pieces that are looked at."""
-    starts = np.array([piece.start for piece in result.history])
-    looks = np.searchsorted(starts, result.observations.allocation_times, side="right") - 1
-    pieces = [result.history[place] for place in np.unique(looks)]
-    return float(tracking_frame(PROBLEM, pieces, result.observations)["relative_error"].mean())
 
 
 def leave_together(name: str, size: Size, seed: int) -> Together:

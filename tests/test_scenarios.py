@@ -25,7 +25,22 @@ from scenarios._theory_rows import Row, Rule, Size, digest, frame, markdown
 from tests.conftest import python
 
 STORED = Path(__file__).parent / "data"
-NAMES = ["city", "clocks", "continuous_vs_discrete", "delay", "loss", "theory_table"]
+NAMES = [
+    "burst_loss",
+    "capacity_drop",
+    "churn",
+    "city",
+    "clocks",
+    "continuous_vs_discrete",
+    "delay",
+    "ev_day",
+    "loss",
+    "mesh",
+    "outage",
+    "robust_responses",
+    "theory_table",
+    "unusual_activity",
+]
 
 # The claims at a fifth of the size of the table in the docs: seeds 0 to 3.
 SMALL = Size(4, until=1200.0, start=400.0, steps=6000, critical_until=300.0, halvings=6, agents=240)
