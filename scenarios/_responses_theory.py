@@ -40,14 +40,14 @@ def estimate(loss: float, bits: int) -> float:
     Notes
     -----
     A Markov chain: how far the latest number that the agent has read is behind, modulo the period.  What is
-    half a period ahead or more looks like an old number, and is counted as heard without a step ahead.
+    more than half a period ahead looks like an old number, and is counted as heard without a step ahead.
     """
     if bits >= _NEVER_MISTAKEN:
         return loss
     period = 2**bits
     behind = np.arange(period)
     ahead = (behind + 1) % period
-    understood = 2 * ahead < period
+    understood = 2 * ahead <= period
     move = np.zeros((period, period))
     move[behind, ahead] = np.where(understood, loss, 1.0)
     move[:, 0] += np.where(understood, 1.0 - loss, 0.0)
@@ -55,7 +55,7 @@ def estimate(loss: float, bits: int) -> float:
     balance[-1] = 1.0
     share = np.linalg.solve(balance, np.eye(period)[-1])
     steps = (1.0 - loss) * (share * np.where(understood, ahead, 0)).sum()
-    return float(1.0 - (1.0 - loss) / steps)
+    return max(float(1.0 - (1.0 - loss) / steps), 0.0)
 
 
 def misallocation(problem: Problem, loss: FloatArray, believed: FloatArray, share: float) -> FloatArray:
