@@ -69,7 +69,7 @@ def names_in_table(heading: str) -> list[str]:
 
 def test_the_system_has_what_the_page_lists(page: Names) -> None:
     names = names_in_table("## What a part finds in the system")
-    assert len(names) == 14
+    assert len(names) == 15
     assert {"env.now", "total", "set_demand", "law.decrease"} < set(names)
     seen: list[bool] = []
 
@@ -82,7 +82,7 @@ def test_the_system_has_what_the_page_lists(page: Names) -> None:
             seen.append(part is not None)
 
     Simulation(page.problem, processes=[look], seed=0).run(2.0)
-    assert seen == [True] * 14
+    assert seen == [True] * 15
 
 
 def test_every_part_of_the_first_table_has_an_example() -> None:
@@ -91,6 +91,7 @@ def test_every_part_of_the_first_table_has_an_example() -> None:
     examples = {
         "private costs": "CustomCosts(",
         "process": "processes=[watch]",
+        "intervention": "Exodus(",
         "agent": "Selfish(",
         "control unit": "EarlyDetection(",
         "channel": "Relay(",
@@ -98,6 +99,17 @@ def test_every_part_of_the_first_table_has_an_example() -> None:
     }
     assert all(example in code for example in examples.values())
     assert parts == [*examples, "loss model"]  # described by the last, as it is of the same form
+
+
+# -- interventions ---------------------------------------------------------------------------------------
+
+
+def test_an_intervention_of_ones_own_changes_the_optimum_with_it(page: Names) -> None:
+    pieces = page.emptied.pieces
+    assert pieces["start"].tolist() == [0.0, 100.0, 150.0]
+    assert pieces["agents"].tolist() == [5, 4, 3]
+    with pytest.raises(ValueError, match="must be less than n = 5"):
+        Simulation(page.problem, interventions=[page.Exodus(at=1.0, count=5, gap=1.0)], seed=0)
 
 
 # -- processes -------------------------------------------------------------------------------------------

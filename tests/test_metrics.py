@@ -86,18 +86,19 @@ def test_at_the_optimum_there_is_consensus_and_no_error(family: str) -> None:
 )
 def test_overshoot_is_folded_in_interval_by_interval(pieces: list[tuple[float, float, float]]) -> None:
     capacity = np.array([3.0, 7.5])
-    peak, above, excess = np.zeros((3, 2))
+    peak, above, excess, used = np.zeros((4, 2))
     for first, second, duration in pieces:
-        metrics.fold_overshoot(np.array([first, second]), capacity, duration, peak, above, excess)
+        metrics.fold_overshoot(np.array([first, second]), capacity, duration, peak, above, excess, used)
     for j in range(2):
         totals = [(piece[j], piece[2]) for piece in pieces]
         over = [(total - capacity[j], duration) for total, duration in totals if total > capacity[j]]
         assert peak[j] == max(total for total, _ in totals)
+        assert used[j] == pytest.approx(math.fsum(total * duration for total, duration in totals), rel=1e-12)
         assert above[j] == pytest.approx(math.fsum(duration for _, duration in over), rel=1e-12)
         assert excess[j] == pytest.approx(math.fsum(size * duration for size, duration in over), rel=1e-12)
 
 
 def test_demand_at_the_capacity_is_no_overshoot() -> None:
-    peak, above, excess = np.zeros((3, 1))
-    metrics.fold_overshoot(np.array([2.0]), np.array([2.0]), 1.0, peak, above, excess)
-    assert (peak[0], above[0], excess[0]) == (2.0, 0.0, 0.0)
+    peak, above, excess, used = np.zeros((4, 1))
+    metrics.fold_overshoot(np.array([2.0]), np.array([2.0]), 1.0, peak, above, excess, used)
+    assert (peak[0], above[0], excess[0], used[0]) == (2.0, 0.0, 0.0, 2.0)
