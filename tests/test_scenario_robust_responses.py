@@ -80,7 +80,7 @@ def test_numbers_that_wrap_around_leave_what_the_chain_says() -> None:
         believed = np.array([estimate(p, bits) for p in LOSS.tolist()])
         expected = misallocation(problem, LOSS, believed, 0.0)
         assert abs(value[0] - expected[0]) < Z * error[0] + 0.002
-        # Negative control: as if nobody were ever mistaken, or nobody made good for anything (which 2 bits come near).
+        # Negative control: as if nobody were ever mistaken, or nobody made good for anything.
         for wrong in (LOSS, np.zeros(60))[: bits - 1]:
             assert abs(value[0] - misallocation(problem, LOSS, wrong, 0.0)[0]) > 0.005 + error[0]
 
@@ -89,7 +89,7 @@ def test_the_chain_by_hand() -> None:
     assert estimate(0.3, 8) == 0.3
     assert estimate(0.3, 5) == pytest.approx(0.3, abs=1e-6)
     assert estimate(0.0, 2) == pytest.approx(0.0)
-    # Two bits, by the balance of the four states, 1 : p : p^2 : p^2.  Who hears the next number moves one step on, who
-    # has lost one moves two; at p = 1/2 these are as many steps as signals heard.
+    # Two bits, by the balance of the four states, 1 : p : p^2 : p^2.  Who hears the next number moves one
+    # step on, who has lost one moves two; at p = 1/2 these are as many steps as signals heard.
     assert estimate(0.5, 2) == pytest.approx(0.0, abs=1e-12)
     assert estimate(1 / 3, 2) == pytest.approx(1 / 15, rel=1e-12)
