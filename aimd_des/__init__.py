@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from aimd_des.recording import Recording
     from aimd_des.registry import model
     from aimd_des.results import Result
-    from aimd_des.scenario_file import load_scenario
+    from aimd_des.scenario import load_scenario
     from aimd_des.simulation import Simulation
 
 __version__ = "0.1.0"
@@ -41,7 +41,7 @@ _HOME = {
     "Sampled": "control_unit",
     "Simulation": "simulation",
     "SimulationError": "errors",
-    "load_scenario": "scenario_file",
+    "load_scenario": "scenario",
     "model": "registry",
     "normalization_factors": "optimum",
     "run_discrete": "discrete",

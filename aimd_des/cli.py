@@ -64,7 +64,7 @@ def run(
     from aimd_des.optimum import solve_optimum
     from aimd_des.output import check_folder, write_run
     from aimd_des.progress import RunProgress, show_summary
-    from aimd_des.scenario_file import load_scenario
+    from aimd_des.scenario import load_scenario
 
     folder = Path("results") / scenario.stem if out is None else out
     try:

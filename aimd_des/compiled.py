@@ -4,7 +4,8 @@ A *formula* is a small function of numbers.  The camera processes call it as pla
 compile the same source.  No fast-math and no contraction to fused operations, so both give the
 same bits.  Compiled code counts no references, so nothing can be allocated in it: what tries is
 refused when it is compiled.  Kernels are cached on disk.  Numba keys that cache by the file a kernel
-stands in; a kernel here may use formulas of other files, so the key is the source of the whole package.
+stands in; a kernel here may use formulas of other files, so the key is the source of all of the package
+that a kernel can depend on.
 """
 
 import logging
@@ -27,16 +28,36 @@ _LOGGER = logging.getLogger("aimd_des")
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
+#: What is built on the simulation: no kernel is here, and none uses what is.
+ABOVE_KERNELS = frozenset(
+    {
+        "__init__",
+        "__main__",
+        "cli",
+        "output",
+        "plots",
+        "progress",
+        "report",
+        "scenario",
+        "study",
+        "theory",
+        "watch",
+    }
+)
+
+
 @lru_cache
 def _package_stamp() -> str:
     digest = sha256()
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
+    root = Path(__file__).parent
+    for path in sorted(root.rglob("*.py")):
+        if Path(path.relative_to(root).parts[0]).stem not in ABOVE_KERNELS:
+            digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
 class _PackageCache(FunctionCache):  # type: ignore[misc]  # numba has no type information
-    """A cache on disk that is out of date as soon as any file of the package changes."""
+    """A cache on disk that is out of date as soon as a file changes that a kernel may depend on."""
 
     def __init__(self, py_func: Callable[..., Any], announced: str = "") -> None:
         super().__init__(py_func)

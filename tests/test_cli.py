@@ -17,8 +17,7 @@ from aimd_des import __version__
 from aimd_des.cli import main
 from aimd_des.errors import SimulationError
 from aimd_des.progress import RunProgress, show_summary
-from aimd_des.scenario import Scenario
-from aimd_des.scenario_file import load_scenario
+from aimd_des.scenario import Scenario, load_scenario
 from tests.conftest import INLINE, ROOT, python, quietly
 
 TABLES = {

@@ -15,9 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numba.core.errors import TypingError
 
+from aimd_des.compiled import ABOVE_KERNELS
 from aimd_des.costs import Costs
 from aimd_des.gradients import cost_table, gradient_row, marginal_cost
 from tests.conftest import ROOT, python, random_problem
+from tests.test_layering import ORDER
 
 SOURCE = """
 import numpy as np
@@ -147,6 +149,14 @@ def test_a_kernel_is_compiled_anew_when_a_formula_of_another_file_changes(tmp_pa
     assert run() == ["42.0", "1"]  # from the cache
     inner.write_text(formula.format("3.0"), encoding="utf-8")
     assert run() == ["63.0", "0"]
+
+
+def test_no_kernel_can_depend_on_what_leaves_it_as_it_was() -> None:
+    # What stands above the simulation is imported by nothing below it (see test_layering).
+    assert {"__init__", *ORDER[ORDER.index("simulation") + 1 :]} == ABOVE_KERNELS
+    for path in (ROOT / "aimd_des").rglob("*.py"):
+        if Path(path.relative_to(ROOT / "aimd_des").parts[0]).stem in ABOVE_KERNELS:
+            assert "aimd_des.compiled" not in path.read_text(encoding="utf-8")
 
 
 def derivatives(costs: Costs, averages: Any) -> Any:

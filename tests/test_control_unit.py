@@ -381,13 +381,14 @@ def test_time_that_stands_still_is_told_from_time_that_goes_on() -> None:
         (
             {"dynamics": "discrete", "control_unit": Crossing(1.0)},
             (
-                "control_unit = Crossing(refractory=1.0, sensing_delay=0.0, longest=None): must be a Sampled with "
-                "discrete agents: their demand jumps at ticks and crosses nothing; or choose continuous dynamics"
+                "control_unit = Crossing(refractory=1.0, sensing_delay=0.0, longest=None): must be a "
+                "Sampled with discrete agents: their demand jumps at ticks and crosses nothing; "
+                "or choose continuous dynamics"
             ),
         ),
         (
             {"control_unit": Crossing(0.0)},  # discrete is the default
-            "control_unit = Crossing(refractory=0.0, sensing_delay=0.0, longest=None): must be a Sampled",
+            "control_unit = Crossing(refractory=0.0, sensing_delay=0.0, longest=None): must be a Samp",
         ),
         (
             {"dynamics": "continuous", "clocks": Clocks()},

@@ -12,8 +12,7 @@ import pytest
 
 from aimd_des import InputError, Result, solve_optimum
 from aimd_des.output import PROVENANCE, check_folder, new_folder, write_run
-from aimd_des.scenario import Scenario
-from aimd_des.scenario_file import load_scenario
+from aimd_des.scenario import Scenario, load_scenario
 from tests.conftest import INLINE, quietly
 
 FILES = [

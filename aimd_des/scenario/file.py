@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from aimd_des.errors import InputError
-from aimd_des.scenario import Scenario
+from aimd_des.scenario.one_run import Scenario
 
 __all__ = ["load_scenario"]
 

@@ -1,4 +1,4 @@
-"""One run as data: complete, frozen, read from TOML and written beside every result."""
+"""The scenario: a model or a problem written out, the parts of the system, and what is kept."""
 
 from collections.abc import Callable
 from typing import Any, Literal, Self
@@ -13,7 +13,7 @@ from aimd_des.errors import InputError
 from aimd_des.problem import Problem
 from aimd_des.registry import model_parameters, named_model
 from aimd_des.results import Result
-from aimd_des.scenario_tables import (
+from aimd_des.scenario.tables import (
     ChannelTable,
     ClocksTable,
     ControlUnitTable,
