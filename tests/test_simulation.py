@@ -14,7 +14,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from aimd_des import InputError, Problem, Recording, Result, run_discrete
-from aimd_des.agents import Camera
+from aimd_des.agents import Camera, Fleet
 from aimd_des.channel import BroadcastChannel
 from aimd_des.clock import Clock, Clocks
 from aimd_des.control_unit import Sampled
@@ -45,29 +45,34 @@ def simulate(problem: Problem, until: float, seed: int = 0, **parts: Any) -> Res
 # -- the same as the synchronous algorithm ---------------------------------------------------------------
 
 
+# Processes take some twenty seconds for it, and give what a fleet gives (see test_fleet): one seed for them.
+SEEDS = [(Camera, 0), *((Fleet, seed) for seed in range(5))]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(("agents", "seed"), SEEDS)
 @pytest.mark.parametrize("latency", [0.5, 1.0])
 def test_behind_a_latency_of_up_to_a_period_it_is_the_synchronous_algorithm(
-    latency: float, seed: int
+    latency: float, agents: Any, seed: int
 ) -> None:
     problem = smart_cameras(seed=seed)
     recording = Recording(allocations=500.0, tail=100)
     reference = run_discrete(problem, steps=30_000, seed=seed, recording=recording)
     assert len(reference.signals) > 25_000
-    assert_same_run(simulate(problem, 30_000, seed, latency=latency, recording=recording), reference)
+    run = simulate(problem, 30_000, seed, latency=latency, agents=agents, recording=recording)
+    assert_same_run(run, reference)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(5))
-def test_without_latency_a_signal_acts_in_the_very_step(seed: int) -> None:
+@pytest.mark.parametrize(("agents", "seed"), SEEDS)
+def test_without_latency_a_signal_acts_in_the_very_step(agents: Any, seed: int) -> None:
     # Signals are broadcast at a look, copies without latency arrive at once, and agents act after that.
     problem = smart_cameras(seed=seed)
     recording = Recording(allocations=500.0, tail=100)
     at_once, printed = (
         run_discrete(problem, steps=30_000, seed=seed, lag=lag, recording=recording) for lag in (0, 1)
     )
-    run = simulate(problem, 30_000, seed, latency=0.0, recording=recording)
+    run = simulate(problem, 30_000, seed, latency=0.0, agents=agents, recording=recording)
     assert_same_run(run, at_once)
     assert run.digest != printed.digest
     # The first signal is the same; already the first response is a step earlier.
