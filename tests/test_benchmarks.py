@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
-from aimd_des import Camera, Recording
+from aimd_des import Fleet, Recording
 from aimd_des.checks import FloatArray
 from benchmarks import asynchronous
 from benchmarks.asynchronous import Outcome, Run, Task
@@ -44,7 +44,7 @@ def _scores(ours: FloatArray, theirs: FloatArray) -> FloatArray:
 
 
 def test_the_c_plus_plus_program_does_what_our_simulation_does(task: Task, rival: Run) -> None:
-    run = asynchronous._prepare_ours(task, Camera, Recording("end", overshoot=False))
+    run = asynchronous._prepare_ours(task, Fleet, Recording("end", overshoot=False))
     ours = np.array([_numbers(run(seed)) for seed in range(OURS)])
     theirs = np.array([_numbers(rival(seed)) for seed in range(RIVALS)])
     scores = _scores(ours, theirs)

@@ -133,7 +133,7 @@ def _signal(crowd: Crowd, pilot: Pilot, post: Post, limits: Limits) -> int:
     return REACHED
 
 
-@announced("the fleet (half a minute)")
+@announced("the fleet (about a minute)")
 def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, limits: Limits) -> int:
     """Look at phase + q * period, and let observers look, until something else is due.
 
@@ -198,7 +198,7 @@ def _hold_off(pilot: Pilot, resource: int, now: float, total: float) -> None:
     pilot.alarm[j] = now + pilot.hold_off[j]
 
 
-@announced("the fleet (half a minute)")
+@announced("the fleet (about a minute)")
 def sense(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, limits: Limits) -> int:
     """Go from one possible crossing to the next, and let observers look, until something else is due.
 
