@@ -36,9 +36,11 @@ def command(
     each resource), signals.parquet, demand.parquet and allocations.parquet (tidy frames), figures
     as PNG, and run.json (digest, seed, versions).  The same scenario and seed give the same digest.
     """
+    from aimd_des.cli.folders import load_run
+    from aimd_des.cli.runs import print_measures
     from aimd_des.optimum import solve_optimum
     from aimd_des.output import check_folder, write_run
-    from aimd_des.progress import RunProgress, show_summary
+    from aimd_des.progress import RunProgress
     from aimd_des.scenario import load_scenario
 
     folder = Path("results") / scenario.stem if out is None else out
@@ -53,5 +55,6 @@ def command(
             result = loaded.run(progress.update)
         optimum = solve_optimum(result.problem)
         write_run(folder, loaded, result, optimum, figures=figures)
-    show_summary(result.summary(optimum))
+    with refusing():
+        print_measures("Summary", load_run(folder))
     click.echo(f"Results in {folder}")
