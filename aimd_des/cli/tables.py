@@ -17,7 +17,7 @@ _LONGEST_LIST = 6
 _PADDING = 2  # on both sides of a column together
 
 
-def shown(value: float | str | None) -> str:
+def shown(value: Any) -> str:
     """Write what was measured.
 
     Parameters
