@@ -78,11 +78,12 @@ def scripts() -> list[Described]:
     list of Described
         How to run each, and the first line of its docstring.
     """
-    found = []
-    for path in sorted(Path("scenarios").glob("[!_.]*.py")):
-        if (tree := _parsed(path)) is not None:
-            found.append(Described(f"python -m scenarios.{path.stem}", first_line(ast.get_docstring(tree))))
-    return found
+    trees = ((path.stem, _parsed(path)) for path in sorted(Path("scenarios").glob("[!_.]*.py")))
+    return [
+        Described(f"python -m scenarios.{name}", first_line(ast.get_docstring(tree)))
+        for name, tree in trees
+        if tree is not None
+    ]
 
 
 def files() -> list[Described]:

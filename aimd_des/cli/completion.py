@@ -1,11 +1,11 @@
 """`aimd-des completion`: what a shell needs to complete commands, options, files and keys."""
 
 import click
-from click.shell_completion import CompletionItem, get_completion_class
+from click.shell_completion import get_completion_class
 
 from aimd_des.cli.refusals import Refusal
 
-__all__ = ["command", "complete_setting"]
+__all__ = ["command"]
 
 _PROGRAM = "aimd-des"
 _VARIABLE = "_AIMD_DES_COMPLETE"
