@@ -1,107 +1,125 @@
-"""What there is to run: models, scripts and scenario files on the path and in the working directory."""
+"""What there is: kinds that a scenario can name, models, and what can be run in the working directory."""
 
 import ast
-import sys
 import tomllib
 from collections.abc import Iterator
-from importlib.util import find_spec
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from aimd_des.cli.docstrings import Described, described, first_line
-from aimd_des.errors import InputError
+if TYPE_CHECKING:
+    from aimd_des.scenario.kinds import Kind
 
-__all__ = ["files", "models", "scripts"]
+__all__ = ["TOPICS", "Entry", "Key", "entries"]
+
+#: What is listed, and the group of kinds it is; scenarios are no kind.
+TOPICS = {
+    "models": "model",
+    "scenarios": "",
+    "control_units": "control_unit",
+    "latency": "latency",
+    "loss": "loss",
+    "networks": "network",
+    "averaging": "averaging",
+    "compensation": "compensation",
+    "interventions": "intervention",
+}
 
 # Where files of scenarios and studies are looked for.
 _FOLDERS = (".", "scenarios")
 
 
-def models() -> list[Described]:
-    """Find the models of the package `models`, and those of modules in the working directory.
+@dataclass(frozen=True)
+class Key:
+    """A parameter, as it stands in a scenario file.
+
+    Attributes
+    ----------
+    name : str
+        How it is called.
+    required : bool
+        Whether it must be given.
+    default : str
+        What holds unless it is given, as TOML has it.
+    meaning : str
+        In a line or more.
+    """
+
+    name: str
+    required: bool
+    default: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Something that has a name.
+
+    Attributes
+    ----------
+    name : str
+        As it is used.
+    meaning : str
+        In one line.
+    parameters : tuple of Key
+        What it takes.
+    """
+
+    name: str
+    meaning: str
+    parameters: tuple[Key, ...] = ()
+
+
+def entries(topic: str) -> list[Entry]:
+    """List what there is of one topic.
+
+    Parameters
+    ----------
+    topic : str
+        One of `TOPICS`.
 
     Returns
     -------
-    list of Described
-        By the names under which scenario files know them.
-    """
-    from aimd_des.registry import named_model
+    list of Entry
+        In the order in which it is shown.
 
-    found = []
-    for name in _modules_with_models():
+    Raises
+    ------
+    InputError
+        If a module of the user's models cannot be imported.
+    """
+    if topic == "scenarios":
+        return [*_scripts(), *_files()]
+    from aimd_des.scenario.kinds import kinds, kinds_of
+
+    group = TOPICS[topic]
+    found = [kind for kind in kinds() if kind.group == group] if topic == "models" else kinds_of(group)
+    return [_entry(kind) for kind in found]
+
+
+def _entry(kind: "Kind") -> Entry:
+    keys = tuple(Key(key.name, key.required, key.default, key.meaning) for key in kind.parameters)
+    return Entry(kind.name, kind.meaning, keys)
+
+
+def _scripts() -> Iterator[Entry]:
+    """Find the scripts of the folder `scenarios`; nothing is run."""
+    for path in sorted(Path("scenarios").glob("[!_.]*.py")):
         try:
-            found.append(described(name, named_model(name)))
-        except InputError:
-            continue  # its decorator is somebody else's
-    return found
+            text = ast.get_docstring(ast.parse(path.read_bytes())) or ""
+        except (OSError, SyntaxError, ValueError, RecursionError):
+            continue  # no module of Python
+        yield Entry(f"python -m scenarios.{path.stem}", text.partition("\n")[0])
 
 
-def _modules_with_models() -> Iterator[str]:
-    """Name the modules in whose source something is decorated with `model`; nothing is run to find them."""
-    here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.append(here)
-    for path in sorted(Path().glob("[!_.]*.py")):
-        if path.stem.isidentifier() and _registers(path):
-            yield path.stem
-    spec = find_spec("models")
-    for folder in list(spec.submodule_search_locations or []) if spec else []:
-        for path in sorted(Path(folder).glob("[!_.]*.py")):
-            if path.stem.isidentifier() and _registers(path):
-                yield f"models.{path.stem}"
-
-
-def _registers(path: Path) -> bool:
-    tree = _parsed(path)
-    decorators = (
-        decorator
-        for node in (tree.body if tree else [])
-        if isinstance(node, ast.FunctionDef)
-        for decorator in node.decorator_list
-    )
-    return any(ast.unparse(decorator).rpartition(".")[2] == "model" for decorator in decorators)
-
-
-def _parsed(path: Path) -> ast.Module | None:
-    """Read a module, or nothing where it is not one."""
-    try:
-        return ast.parse(path.read_bytes())
-    except (OSError, SyntaxError, ValueError, RecursionError):
-        return None
-
-
-def scripts() -> list[Described]:
-    """Find the scripts of the folder `scenarios`.
-
-    Returns
-    -------
-    list of Described
-        How to run each, and the first line of its docstring.
-    """
-    trees = ((path.stem, _parsed(path)) for path in sorted(Path("scenarios").glob("[!_.]*.py")))
-    return [
-        Described(f"python -m scenarios.{name}", first_line(ast.get_docstring(tree)))
-        for name, tree in trees
-        if tree is not None
-    ]
-
-
-def files() -> list[Described]:
-    """Find files of scenarios and studies in the working directory and in its folder `scenarios`.
-
-    Returns
-    -------
-    list of Described
-        Paths and titles.
-    """
-    found = []
+def _files() -> Iterator[Entry]:
+    """Find files of scenarios and studies in the working directory and in its folder `scenarios`."""
     for path in sorted(path for folder in _FOLDERS for path in Path(folder).glob("*.toml")):
         data = _toml(path)
-        if "axes" in data:
-            found.append(Described(str(path), f"study: {data.get('title', '')}"))
+        if "axes" in data or "scenario" in data:
+            yield Entry(f"aimd-des sweep {path}", str(data.get("title", "")))
         elif "until" in data:
-            found.append(Described(str(path), str(data.get("title", ""))))
-    return found
+            yield Entry(f"aimd-des run {path}", str(data.get("title", "")))
 
 
 def _toml(path: Path) -> dict[str, Any]:
