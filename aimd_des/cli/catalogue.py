@@ -10,19 +10,36 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from aimd_des.scenario.kinds import Kind
 
-__all__ = ["TOPICS", "Entry", "Key", "entries"]
+__all__ = ["TOPICS", "Entry", "Key", "Topic", "entries"]
 
-#: What is listed, and the group of kinds it is; scenarios are no kind.
+
+@dataclass(frozen=True)
+class Topic:
+    """Something that can be listed.
+
+    Attributes
+    ----------
+    title : str
+        What it is, and how a name of it is used.
+    group : str
+        The group of kinds; scenarios are none.
+    """
+
+    title: str
+    group: str = ""
+
+
+#: What is listed, by the word for it.
 TOPICS = {
-    "models": "model",
-    "scenarios": "",
-    "control_units": "control_unit",
-    "latency": "latency",
-    "loss": "loss",
-    "networks": "network",
-    "averaging": "averaging",
-    "compensation": "compensation",
-    "interventions": "intervention",
+    "models": Topic('Models, as in model = "NAME"; keys stand in [parameters]', "model"),
+    "scenarios": Topic("Scenarios, as in python -m NAME or aimd-des run FILE"),
+    "control_units": Topic('Control units, as in [control_unit] kind = "NAME"', "control_unit"),
+    "latency": Topic('Latency, as in channel.latency = { kind = "NAME", ... }', "latency"),
+    "loss": Topic('Loss, as in channel.loss = { kind = "NAME", ... }', "loss"),
+    "networks": Topic('Networks, as in [channel.network] kind = "NAME"', "network"),
+    "averaging": Topic('Averaging, as in [averaging] kind = "NAME"', "averaging"),
+    "compensation": Topic('Compensation of losses, as in [compensation] kind = "NAME"', "compensation"),
+    "interventions": Topic('Interventions, as in [[interventions]] kind = "NAME"', "intervention"),
 }
 
 # Where files of scenarios and studies are looked for.
@@ -92,7 +109,7 @@ def entries(topic: str) -> list[Entry]:
         return [*_scripts(), *_files()]
     from aimd_des.scenario.kinds import kinds, kinds_of
 
-    group = TOPICS[topic]
+    group = TOPICS[topic].group
     found = [kind for kind in kinds() if kind.group == group] if topic == "models" else kinds_of(group)
     return [_entry(kind) for kind in found]
 
@@ -109,17 +126,15 @@ def _scripts() -> Iterator[Entry]:
             text = ast.get_docstring(ast.parse(path.read_bytes())) or ""
         except (OSError, SyntaxError, ValueError, RecursionError):
             continue  # no module of Python
-        yield Entry(f"python -m scenarios.{path.stem}", text.partition("\n")[0])
+        yield Entry(f"scenarios.{path.stem}", text.partition("\n")[0])
 
 
 def _files() -> Iterator[Entry]:
     """Find files of scenarios and studies in the working directory and in its folder `scenarios`."""
     for path in sorted(path for folder in _FOLDERS for path in Path(folder).glob("*.toml")):
         data = _toml(path)
-        if "axes" in data or "scenario" in data:
-            yield Entry(f"aimd-des sweep {path}", str(data.get("title", "")))
-        elif "until" in data:
-            yield Entry(f"aimd-des run {path}", str(data.get("title", "")))
+        if "until" in data or "axes" in data:
+            yield Entry(str(path), str(data.get("title", "")))
 
 
 def _toml(path: Path) -> dict[str, Any]:

@@ -24,7 +24,8 @@ def command(topic: str | None, as_json: bool) -> None:
     with refusing():
         found = {name: entries(name) for name in ([topic] if topic else TOPICS)}
     if as_json:
-        click.echo(json.dumps({name: [asdict(entry) for entry in of] for name, of in found.items()}, indent=2))
+        content = {name: [asdict(entry) for entry in of] for name, of in found.items()}
+        click.echo(json.dumps(content, indent=2))
     elif topic:
         _print_topic(topic, found[topic])
     else:
@@ -34,19 +35,32 @@ def command(topic: str | None, as_json: bool) -> None:
 def _print_topic(topic: str, found: list[Entry]) -> None:
     from aimd_des.cli.tables import print_table
 
+    title = TOPICS[topic].title
     if not found:
-        click.echo(f"No {topic} are in this folder or on the Python path.")
+        click.echo(f"{title}: there are none in this folder or on the Python path.")
     elif not any(entry.parameters for entry in found):
-        print_table(topic, ["name", "meaning"], [[entry.name, entry.meaning] for entry in found])
+        print_table(title, ["name", "meaning"], [[entry.name, _plain(entry.meaning)] for entry in found])
     else:
         rows = []
         for entry in found:
-            rows.append([entry.name, "", "", entry.meaning])
+            rows.append([entry.name, "", _plain(entry.meaning)])
             rows += [
-                ["", key.name, "required" if key.required else key.default, key.meaning]
+                [f"  {key.name}", "required" if key.required else _short(key.default), _plain(key.meaning)]
                 for key in entry.parameters
             ]
-        print_table(topic, ["name", "key", "default", "meaning"], rows)
+        print_table(title, ["name and keys", "default", "meaning"], rows)
+
+
+def _short(default: str) -> str:
+    """Shorten a long list; all of it is in the JSON."""
+    from aimd_des.cli.tables import said
+
+    return said(json.loads(default)) if default.startswith("[") else default
+
+
+def _plain(text: str) -> str:
+    """Drop the marks of code, which say nothing in a terminal."""
+    return text.replace("`", "")
 
 
 def _print_names(found: dict[str, list[Entry]]) -> None:

@@ -14,6 +14,7 @@ __all__ = ["compare_runs", "print_measures", "show_run"]
 
 # What a scenario says of the problem, and how long it is.
 _PROBLEM = ("resources", "costs")
+_HEADS = ("first", "second")
 
 
 def show_run(run: StoredRun, measures: Sequence[str] = ()) -> None:
@@ -103,18 +104,20 @@ def compare_runs(first: StoredRun, second: StoredRun, measures: Sequence[str] = 
         raise InputError(f"{first.folder} and {second.folder}: no resource is in both (they have {own})")
     of_second = _chosen(second, measures)
     names = [name for name in _chosen(first, measures) if name in of_second]
-    heads = [str(first.folder), str(second.folder)]
+    equal = first.digest == second.digest
+    print_pairs(
+        "The digests are equal: the same events, to the last bit" if equal else "The digests are different",
+        [(name, f"{run.folder}\n{run.digest}") for name, run in zip(_HEADS, (first, second), strict=True)],
+    )
+    click.echo()
     differences = [
         *_differences(first.scenario, second.scenario),
         *_differences(first.versions, second.versions),
     ]
     if differences:
-        print_table("What differs", ["key", *heads], differences)
-        click.echo()
-    equal = first.digest == second.digest
-    verdict = "equal: the same events, to the last bit" if equal else "different"
-    same = "" if differences else "The scenarios and the versions are the same. "
-    print_pairs(f"{same}Digests are {verdict}.", [("first", first.digest), ("second", second.digest)])
+        print_table("What differs", ["key", *_HEADS], differences)
+    else:
+        click.echo("The scenarios and the versions are the same.")
     click.echo()
     rows = [
         [_words(name), resource, *pair, pair[1] - pair[0]]
@@ -122,7 +125,7 @@ def compare_runs(first: StoredRun, second: StoredRun, measures: Sequence[str] = 
         for resource in shared
         for pair in [(first.measures[resource][name], second.measures[resource][name])]
     ]
-    print_table("Measures", ["measure", "resource", *heads, "difference"], rows, labels=2)
+    print_table("Measures", ["measure", "resource", *_HEADS, "difference"], rows, labels=2)
 
 
 def _differences(first: Any, second: Any) -> list[list[str]]:

@@ -14,7 +14,8 @@ __all__ = ["interval", "plus_minus", "print_pairs", "print_table", "said", "show
 
 _DIGITS = 4
 _LONGEST_LIST = 6
-_PADDING = 2  # on both sides of a column together
+_PADDING = 3  # on both sides of a column together
+_NARROWEST = 20
 
 
 def shown(value: Any) -> str:
@@ -156,12 +157,8 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]
     console = Console()
     cells = [[shown(value) for value in row] for row in rows]
     right = [_is_numeric([row[place] for row in rows]) for place in range(len(columns))]
-    widths = [
-        max(map(cell_len, (head, *(row[place] for row in cells)))) + _PADDING
-        for place, head in enumerate(columns)
-    ]
     console.print(Text(title, style="bold"))
-    for part in _parts(widths, labels, console.width):
+    for part in _parts(_least_widths(columns, cells, right), labels, console.width):
         table = _table()
         for place in part:
             # A text may be broken, a number may not: 12 in one line and 34 in the next are another number.
@@ -185,6 +182,16 @@ def _is_numeric(values: Sequence[Any]) -> bool:
     return all(
         value is None or isinstance(value, int | float) or str(value)[:1] in "-0123456789" for value in values
     )
+
+
+def _least_widths(columns: Sequence[str], cells: Sequence[Sequence[str]], right: Sequence[bool]) -> list[int]:
+    """Say how narrow each column may become: numbers stay whole, texts go on in the next line."""
+    widths = []
+    for place, head in enumerate(columns):
+        texts = [head, *(row[place] for row in cells)]
+        widest = max(map(cell_len, texts))
+        widths.append(_PADDING + (widest if right[place] else min(widest, _NARROWEST)))
+    return widths
 
 
 def _parts(widths: Sequence[int], labels: int, width: int) -> Iterator[list[int]]:
