@@ -13,6 +13,7 @@ from aimd_des.errors import InputError
 from aimd_des.problem import Problem
 from aimd_des.registry import model_parameters, named_model
 from aimd_des.results import Result
+from aimd_des.scenario.canonical import canonical_form, typed_parameters
 from aimd_des.scenario.tables import (
     ChannelTable,
     ClocksTable,
@@ -130,6 +131,26 @@ class Scenario(Table):
             Reading it gives an equal scenario.
         """
         return tomli_w.dumps(self.spoken())
+
+    def canonical(self) -> bytes:
+        """Write the scenario in a form for hashing: equal bytes mean equal results.
+
+        Returns
+        -------
+        bytes
+            JSON with sorted keys of the resolved scenario; 1 and 1.0 are the same where a number is meant.
+            Title and `agents`, which change no result, are left out.  Files that tables name, or that a
+            parameter of the model names whose type is a `Path`, stand there by the SHA-256 of what they hold.
+
+        Raises
+        ------
+        InputError
+            If there is no such model, or a file cannot be read.
+        """
+        spoken = self.resolved().spoken()
+        if self.model is not None:
+            spoken["parameters"] = typed_parameters(named_model(self.model), spoken["parameters"])
+        return canonical_form(spoken)
 
     def problem(self) -> Problem:
         """Build the problem that is shared.
