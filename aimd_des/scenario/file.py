@@ -23,7 +23,7 @@ _BRANCH = re.compile(r"float|int|str|(list|literal|dict)\[.*")
 Path_ = tuple[str | int, ...]
 
 
-def load_scenario(path: Path, **changes: Any) -> Scenario:
+def load_scenario(path: Path, /, **changes: Any) -> Scenario:
     """Read a scenario from a TOML file.
 
     Parameters
