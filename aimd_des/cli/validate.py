@@ -51,8 +51,8 @@ def _described(path: Path) -> str:
 
     scenario = load_scenario(path)
     problem = scenario.problem()
-    until = f"until {scenario.until:g}"
-    return f"{_count(problem.n_agents, 'agent')}, {_count(problem.n_resources, 'resource')}, {scenario.dynamics}, {until}"
+    size = f"{_count(problem.n_agents, 'agent')}, {_count(problem.n_resources, 'resource')}"
+    return f"{size}, {scenario.dynamics}, until {scenario.until:g}"
 
 
 def _study(path: Path) -> str:
