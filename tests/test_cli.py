@@ -4,13 +4,15 @@ import re
 import sys
 from pathlib import Path
 
+import click
 import pytest
 
 from aimd_des import __version__
+from aimd_des.cli import main
 from aimd_des.progress import RunProgress
 from aimd_des.scenario import load_scenario
 from tests.command_line import digest, invoke, write
-from tests.conftest import python, quietly
+from tests.conftest import ROOT, python, quietly
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 
@@ -63,14 +65,54 @@ def test_progress_is_shown_where_a_run_takes_its_time(
         assert shown.err == ""
 
 
+# -- its page --------------------------------------------------------------------------------------------
+
+COMMANDS = {name: main.get_command(None, name) for name in main.list_commands(None)}  # type: ignore[arg-type]
+OPTION = re.compile(r"(?<![\w|-])--[a-z][\w-]*")
+PAGE = (ROOT / "docs" / "command_line.md").read_text(encoding="utf-8")
+
+
+def options(command: click.Command) -> set[str]:
+    return {
+        word
+        for parameter in command.params
+        if isinstance(parameter, click.Option)
+        for word in [*parameter.opts, *parameter.secondary_opts]
+    }
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_page_shows_every_command_with_all_its_options(name: str) -> None:
+    command = COMMANDS[name]
+    assert command is not None
+    (section,) = (part for part in PAGE.split("\n## ") if part.startswith(f"`{name}`"))
+    assert f"```console\n$ aimd-des {name}" in section
+    assert options(command) - set(OPTION.findall(section)) == set()
+
+
+def test_the_page_shows_no_option_that_is_gone() -> None:
+    known = {word for command in COMMANDS.values() if command is not None for word in options(command)}
+    assert set(OPTION.findall(PAGE)) - known - {"--help", "--version"} == set()
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_fits_the_terminal(name: str) -> None:
+    outcome = invoke(name, "--help")
+    assert outcome.exit_code == 0
+    assert max(map(len, outcome.stdout.splitlines())) <= 80
+
+
 # -- in a process of its own -----------------------------------------------------------------------------
 
 
-def test_help_starts_without_what_is_slow_to_import() -> None:
+def test_help_and_completion_start_without_what_is_slow_to_import() -> None:
     program = (
         "import sys, click.testing, aimd_des.cli as cli\n"
-        "outcome = click.testing.CliRunner().invoke(cli.main, ['run', '--help'])\n"
-        "assert outcome.exit_code == 0\n"
+        "for arguments in [[], *([name] for name in cli.main.list_commands(None))]:\n"
+        "    outcome = click.testing.CliRunner().invoke(cli.main, [*arguments, '--help'])\n"
+        "    assert outcome.exit_code == 0\n"
+        "words = {'_AIMD_DES_COMPLETE': 'zsh_complete', 'COMP_WORDS': 'aimd-des ', 'COMP_CWORD': '1'}\n"
+        "click.testing.CliRunner().invoke(cli.main, [], prog_name='aimd-des', env=words)\n"
         "heavy = {'numpy', 'scipy', 'numba', 'pandas', 'matplotlib', 'pyarrow', 'simpy', 'networkx'}\n"
         "heavy |= {'pydantic', 'rich'}\n"
         "print(sorted(heavy & set(sys.modules)))\n"

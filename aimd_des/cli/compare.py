@@ -8,7 +8,7 @@ from aimd_des.cli.refusals import refusing
 
 __all__ = ["command"]
 
-_FOLDER = click.Path(path_type=Path, file_okay=False)
+_FOLDER = click.Path(path_type=Path, exists=True, file_okay=False)
 
 
 @click.command("compare")

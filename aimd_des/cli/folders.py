@@ -65,9 +65,10 @@ def load_run(folder: Path) -> StoredRun:
         name = "scenario.toml"
         scenario = tomllib.loads(text[name])
         name = "summary.csv"
-        rows = list(csv.DictReader(text[name].splitlines(), strict=True))
+        head, *rows = csv.reader(text[name].splitlines(), strict=True)
+        place = head.index("resource")
         measures = {
-            row["resource"]: {key: _number(word) for key, word in row.items() if key != "resource"}
+            row[place]: {key: _number(word) for key, word in zip(head, row, strict=True) if key != "resource"}
             for row in rows
         }
     except (ValueError, KeyError, TypeError, csv.Error, RecursionError) as damage:
@@ -80,7 +81,10 @@ def _read(path: Path) -> str:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise InputError.of(
-            "folder", str(path.parent), "one that aimd-des run or a study wrote", f"it has no {path.name}"
+            "folder",
+            str(path.parent),
+            "one that aimd-des run or aimd-des sweep wrote",
+            f"it has no {path.name}",
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read ({error})") from None

@@ -1,6 +1,9 @@
 """The command itself, which finds its subcommands by their names."""
 
+import sys
 from importlib import import_module
+from io import TextIOWrapper
+from typing import Any
 
 import click
 
@@ -23,6 +26,12 @@ that cannot go on ends with exit code 1.
 
 class _Lazy(click.Group):
     """A group that imports the module of a subcommand when it is asked for it."""
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        """Run the command; what a terminal cannot show is written as a number, and is no reason to stop."""
+        if isinstance(sys.stdout, TextIOWrapper):
+            sys.stdout.reconfigure(errors="backslashreplace")
+        return super().main(*args, **kwargs)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Name the subcommands in the order of their use."""

@@ -12,10 +12,13 @@ __all__ = ["command"]
 
 
 @click.command("list")
-@click.argument("topic", required=False, type=click.Choice(list(TOPICS)))
+@click.argument("topic", metavar="[TOPIC]", required=False, type=click.Choice(list(TOPICS)))
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, for other programs.")
 def command(topic: str | None, as_json: bool) -> None:
     """List what there is of one TOPIC, or the names of everything.
+
+    TOPIC is one of models, scenarios, control_units, latency, loss, networks, averaging, compensation
+    and interventions.
 
     Models are those of the package `models` on the Python path or in the working directory, scenarios
     those of its folder `scenarios` and the scenario files beside them.  The other topics are kinds that

@@ -1,11 +1,11 @@
 """`aimd-des run`: one scenario, and a folder with what came out."""
 
 from pathlib import Path
-from typing import Any
 
 import click
 
 from aimd_des.cli.refusals import refusing, writing
+from aimd_des.cli.settings import changes
 
 __all__ = ["command"]
 
@@ -21,6 +21,14 @@ __all__ = ["command"]
     help="Replaces the word of the file: a SimPy process each, or all in compiled code; same results.",
 )
 @click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Replaces a value of the file, by its dotted key, such as channel.latency=0.5 or"
+    " resources.0.capacity=10; may be repeated.",
+)
+@click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=True),
     help="Folder for the results, new or empty.  [default: results/NAME of the file]",
@@ -28,7 +36,13 @@ __all__ = ["command"]
 @click.option("--overwrite", is_flag=True, help="Replace a folder that an earlier run wrote.")
 @click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures, too.")
 def command(
-    scenario: Path, seed: int | None, agents: str | None, out: Path | None, overwrite: bool, figures: bool
+    scenario: Path,
+    seed: int | None,
+    agents: str | None,
+    settings: tuple[str, ...],
+    out: Path | None,
+    overwrite: bool,
+    figures: bool,
 ) -> None:
     """Run the system that the file SCENARIO describes, and write what came out.
 
@@ -44,11 +58,9 @@ def command(
     from aimd_des.scenario import load_scenario
 
     folder = Path("results") / scenario.stem if out is None else out
-    given: dict[str, Any] = {"seed": seed, "agents": agents}
     with refusing():
-        loaded = load_scenario(
-            scenario, **{name: value for name, value in given.items() if value is not None}
-        )
+        loaded = load_scenario(scenario, **changes(settings, seed=seed, agents=agents))
+    with writing(folder), refusing():
         check_folder(folder, overwrite=overwrite)
     with writing(folder), refusing(scenario):
         with RunProgress(loaded.until) as progress:

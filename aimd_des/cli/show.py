@@ -10,7 +10,7 @@ __all__ = ["command"]
 
 
 @click.command("show")
-@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path, file_okay=False))
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option("--measure", "measures", multiple=True, help="Show this measure only; may be repeated.")
 def command(folder: Path, measures: tuple[str, ...]) -> None:
     """Show what was run in the folder DIR, and what came out."""
