@@ -11,8 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from aimd_des.errors import InputError
-from aimd_des.scenario import Scenario
-from aimd_des.scenario.keys import validate_scenario
+from aimd_des.scenario import Scenario, validate_scenario
 from aimd_des.study.columns import known_frame
 from aimd_des.study.design import Axis, Study
 from aimd_des.study.measure import SCENARIO, run_schema

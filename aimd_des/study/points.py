@@ -11,8 +11,8 @@ import numpy as np
 
 import aimd_des
 from aimd_des.errors import InputError
-from aimd_des.scenario import Scenario
-from aimd_des.scenario.keys import validate_scenario, with_settings
+from aimd_des.scenario import Scenario, validate_scenario
+from aimd_des.scenario.keys import with_settings
 from aimd_des.study.design import Setting, Study, Value
 from aimd_des.study.where import Condition
 
