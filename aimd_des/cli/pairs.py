@@ -62,7 +62,7 @@ def _shared_axes(one: "StudyResults", other: "StudyResults") -> list[str]:
         for name, count in own.items():
             if name not in its and count > 1:
                 raise InputError(
-                    f"axis {name!r}: only {results.folder} has it, with {count} values, so that its points match"
+                    f"axis {name!r}: only {results.folder} has it, with {count} values, so that points match"
                     f" none of the other's, whose axes are {list(its)}"
                 )
     return [name for name in axes[0] if name in axes[1]]
