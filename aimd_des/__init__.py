@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-#: Raised whenever a scenario gives other results than before, as lines of the changelog tagged **Results** say.
+#: Raised when a scenario gives other results than before: see lines of the changelog tagged **Results**.
 RESULT_VERSION = 1
 
 # Where each public name lives.

@@ -156,7 +156,10 @@ def test_a_condition_names_axes_that_there_are() -> None:
         ({"axes": [{"cases": {"a": {"lag": 1}}}]}, "name = '': must be given"),
         ({"axes": [{"key": "lag", "values": []}]}, "one value or more"),
         ({"axes": [{"key": "lag", "values": [1, 1.0]}]}, "different from each other"),
-        ({"axes": [{"key": "lag", "values": [1, "a"]}]}, "of one kind; give values of several kinds as cases"),
+        (
+            {"axes": [{"key": "lag", "values": [1, "a"]}]},
+            "of one kind; give values of several kinds as cases",
+        ),
         ({"axes": [{"key": "lag", "values": [float("nan")]}]}, "finite numbers"),
         ({"axes": [{"key": "lag", "values": [2**53 + 1]}]}, "at most 2**53"),
         ({"axes": [{"key": "seed", "values": [1]}]}, "seeds come from the study"),
@@ -174,7 +177,10 @@ def test_a_condition_names_axes_that_there_are() -> None:
         ({"replications": 0}, "replications = 0: must be an integer of at least 1"),
         ({"seed": -1}, "seed = -1"),
         ({"scenario": {**BASE, "seed": 1}}, "scenario.seed: has no meaning in a study"),
-        ({"precision": {"measure": "utilisation", "half_width": 0.1, "at_most": 9}}, "replications = 1: must be from 2"),
+        (
+            {"precision": {"measure": "utilisation", "half_width": 0.1, "at_most": 9}},
+            "replications = 1: must be from 2",
+        ),
         (
             {
                 "precision": {"measure": "signals", "half_width": 0.1, "at_most": 9},
@@ -199,13 +205,19 @@ def test_a_mistake_in_a_study_is_refused(changes: dict[str, Any], sentence: str)
 @pytest.mark.parametrize(
     ("axis", "sentence"),
     [
-        ({"key": "channel.latancy", "values": [1]}, "at channel.latancy = 1: channel.latancy: unknown key 'latancy'; did"),
+        (
+            {"key": "channel.latancy", "values": [1]},
+            "at channel.latancy = 1: channel.latancy: unknown key 'latancy'; did",
+        ),
         ({"key": "chanel.latency", "values": [1]}, "did you mean 'channel'?"),
         ({"key": "channel.loss", "values": [0.5, 1.5]}, "at channel.loss = 1.5: "),
         ({"key": "until.x", "values": [1]}, "until.x"),
         ({"name": "kind", "cases": {"a": {"model": "nowhere"}}}, "at kind = a: "),
         ({"key": "resources.2.capacity", "values": [1.0]}, "resources.2.capacity"),
-        ({"name": "x", "cases": {"a": {"channel.loss": [0.1, 0.2]}}}, "at x = a: "),
+        (
+            {"name": "x", "cases": {"a": {"compensation": {"kind": "known_loss", "loss": [0.1]}}}},
+            "at x = a: ",
+        ),
     ],
 )
 def test_a_scenario_that_is_refused_names_its_point(axis: dict[str, Any], sentence: str) -> None:
@@ -214,7 +226,9 @@ def test_a_scenario_that_is_refused_names_its_point(axis: dict[str, Any], senten
 
 def test_two_points_with_the_same_scenario_are_refused() -> None:
     cases = {"a": {"channel.loss": 0.0}, "b": {"channel.loss": 0}, "c": {"channel.loss": 0.1}}
-    assert "points kind = a and kind = b are the same scenario" in refusal(axes=[{"name": "kind", "cases": cases}])
+    assert "points kind = a and kind = b are the same scenario" in refusal(
+        axes=[{"name": "kind", "cases": cases}]
+    )
     cases = {"a": {"channel.loss": 0.0}, "b": {"channel.latency": 0.0}}
     assert "are the same scenario" in refusal(axes=[{"name": "kind", "cases": cases}], paired=True)
 
@@ -285,7 +299,9 @@ def test_what_is_recorded_and_how_agents_are_made_changes_no_result() -> None:
 
 def test_measures_and_frames_are_those_of_a_result() -> None:
     result = quietly(aimd_des.run_discrete, quadratic_problem([1.0, 2.0]), steps=5, seed=0)
-    kinds = {name: "integer" if column.dtype.kind == "i" else "number" for name, column in result.summary().items()}
+    kinds = {
+        name: "integer" if column.dtype.kind == "i" else "number" for name, column in result.summary().items()
+    }
     assert kinds == MEASURES
     assert all(hasattr(Result, name) for name in FRAMES)
 
@@ -313,7 +329,9 @@ def test_replications_are_added_until_a_mean_is_known() -> None:
             failed = run.point.labels["latency"] == 2 and run.replication
             schedule.record(run, () if failed else [("memory", 100 * value), ("disk", value)])
         assert len(schedule) == len(schedule.runs)
-        return {str(point.labels["latency"]): sum(run.point is point for run in schedule.runs) for point in points}
+        return {
+            str(point.labels["latency"]): sum(run.point is point for run in schedule.runs) for point in points
+        }
 
     counts = carried_out(0)
     assert counts["0"] == 5 < counts["0.5"] < 40
@@ -364,16 +382,25 @@ def test_a_file_is_put_together_from_others(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ("replications", "replication", "study.toml:3: unknown key 'replication'; did you mean 'replications'?"),
+        (
+            "replications",
+            "replication",
+            "study.toml:3: replication: unknown key 'replication'; did you mean",
+        ),
         ("values", "value", "value"),
         ("base.toml", "bse.toml", "bse.toml: there is no such file"),
-        ("base = ", "extends = ", "base.toml"),
         ("base = ", 'extends = "study.toml"\nbase = ', "extends"),
-        ("replications = 4", "replications = 'four'", "study.toml:3: replications = 'four': must be a valid integer"),
+        (
+            "replications = 4",
+            "replications = 'four'",
+            "study.toml:3: replications = 'four': must be a valid integer",
+        ),
         ("[scenario]", "[scenario", "is not valid TOML"),
     ],
 )
-def test_a_mistake_in_a_file_is_told_with_its_place(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+def test_a_mistake_in_a_file_is_told_with_its_place(
+    tmp_path: Path, old: str, new: str, sentence: str
+) -> None:
     (tmp_path / "base.toml").write_text(INLINE)
     (tmp_path / "study.toml").write_text(FILE.replace(old, new, 1))
     with pytest.raises(InputError) as caught:

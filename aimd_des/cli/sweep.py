@@ -44,11 +44,17 @@ _INTERRUPTED = 130
     metavar="KEY=VALUE",
     help="Replaces a value of the file, such as replications=50 or scenario.until=1000; may be repeated.",
 )
-@click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler to run on, such as tcp://10.0.0.1:8786.")
 @click.option(
-    "--dask-workers", type=click.IntRange(min=1), help="Run on a Dask cluster of so many processes, started here."
+    "--scheduler", metavar="ADDRESS", help="A Dask scheduler to run on, such as tcp://10.0.0.1:8786."
 )
-@click.option("--dry-run", is_flag=True, help="List the points and how many of their runs are there; run nothing.")
+@click.option(
+    "--dask-workers",
+    type=click.IntRange(min=1),
+    help="Run on a Dask cluster of so many processes, started here.",
+)
+@click.option(
+    "--dry-run", is_flag=True, help="List the points and how many of their runs are there; run nothing."
+)
 @click.option("--retry-failed", is_flag=True, help="Try runs again that have failed.")
 @click.option("--overwrite", is_flag=True, help="Remove the study that is in the folder first.")
 def command(
@@ -86,7 +92,11 @@ def command(
     where = [part for setting in settings for part in ("--set", setting)]
     again = shlex.join(["aimd-des", "sweep", str(study), "--out", str(folder), *where])
     try:
-        with refusing(study), _executor(scheduler, dask_workers) as (executor, many), StudyProgress() as progress:
+        with (
+            refusing(study),
+            _executor(scheduler, dask_workers) as (executor, many),
+            StudyProgress() as progress,
+        ):
             run_study(
                 design,
                 folder,
@@ -106,7 +116,9 @@ def command(
 
 
 @contextmanager
-def _executor(scheduler: str | None, dask_workers: int | None) -> Iterator[tuple[Executor | None, int | None]]:
+def _executor(
+    scheduler: str | None, dask_workers: int | None
+) -> Iterator[tuple[Executor | None, int | None]]:
     """Give Dask's executor where one is asked for."""
     if scheduler is None and dask_workers is None:
         yield None, None
@@ -141,6 +153,6 @@ def _tell(folder: Path, again: str) -> None:
     if len(failed):
         first = failed["message"].iloc[0]
         raise click.ClickException(
-            f"{len(failed):,} runs failed, the first with: {first}; all are described in {folder / 'failed'}; to try"
-            f" them again: {again} --retry-failed"
+            f"{len(failed):,} runs failed, the first with: {first}; all are described in"
+            f" {folder / 'failed'}; to try them again: {again} --retry-failed"
         )

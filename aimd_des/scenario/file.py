@@ -10,7 +10,7 @@ from aimd_des.scenario.keys import with_settings
 from aimd_des.scenario.one_run import Scenario
 from aimd_des.scenario.refusals import Place, validate_scenario
 
-__all__ = ["load_scenario"]
+__all__ = ["load_scenario", "read_toml"]
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?")
 _KEY = re.compile(r"^\s*([A-Za-z0-9_.\-\"' ]+?)\s*=")
@@ -37,6 +37,30 @@ def load_scenario(path: Path, /, **changes: Any) -> Scenario:
     InputError
         One line for each error: file, line, key, what is wrong, and the nearest known word.
     """
+    data, lines = read_toml(path)
+    return validate_scenario(with_settings(data, changes), str(path), lines)
+
+
+def read_toml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
+    """Read a TOML file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    dict
+        What it says.
+    dict
+        The line of each key and table, as far as they are found.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or is no TOML.
+    """
     try:
         text = path.read_text(encoding="utf-8")
         data = tomllib.loads(text)
@@ -46,7 +70,7 @@ def load_scenario(path: Path, /, **changes: Any) -> Scenario:
         raise InputError(f"{path}: cannot be read ({error})") from None
     except (ValueError, RecursionError) as error:  # integers of thousands of digits, too
         raise InputError(f"{path}: is not valid TOML: {error}") from None
-    return validate_scenario(with_settings(data, changes), str(path), _key_lines(text))
+    return data, _key_lines(text)
 
 
 def _key_lines(text: str) -> dict[Place, int]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -11,7 +11,9 @@ from aimd_des.errors import InputError
 from aimd_des.scenario.generated import UNKNOWN_KIND, KindTable
 from aimd_des.scenario.one_run import Scenario
 
-__all__ = ["Place", "validate_scenario"]
+__all__ = ["Place", "checked", "validate_scenario"]
+
+_Form = TypeVar("_Form", bound=BaseModel)
 
 #: A key of the scenario, part by part.
 Place = tuple[str | int, ...]
@@ -50,8 +52,37 @@ def validate_scenario(
     Traceback (most recent call last):
     aimd_des.errors.InputError: mine: sede: unknown key 'sede'; did you mean 'seed'?
     """
+    return checked(Scenario, data, source, lines)
+
+
+def checked(
+    form: type[_Form], data: Mapping[str, Any], source: str, lines: Mapping[Place, int] | None = None
+) -> _Form:
+    """Make a table of data, as `validate_scenario` makes a scenario.
+
+    Parameters
+    ----------
+    form : type
+        The table, such as `Scenario`.
+    data : mapping
+        Tables and lists, as read from TOML or JSON.
+    source : str
+        Where they come from, to begin each sentence with.
+    lines : mapping, optional
+        The line of each key and table there, as far as it is known.
+
+    Returns
+    -------
+    instance of form
+        Checked.
+
+    Raises
+    ------
+    InputError
+        One line for each error: source, line, key, what is wrong, and the nearest known word.
+    """
     try:
-        return Scenario.model_validate(dict(data))
+        return form.model_validate(dict(data))
     except ValidationError as refusal:
         errors = refusal.errors(include_url=False)
     found = list(_by_place(errors, data))
@@ -60,7 +91,7 @@ def validate_scenario(
         known = {} if lines is None else lines
         line = next((known[place[:end]] for end in range(len(place), 0, -1) if place[:end] in known), None)
         where = source if line is None else f"{source}:{line}"
-        sentences.append(f"{where}: {_sentence(place, details)}")
+        sentences.append(f"{where}: {_sentence(form, place, details)}")
     raise InputError("\n".join(dict.fromkeys(sentences)))
 
 
@@ -96,12 +127,12 @@ def _place(error: ErrorDetails, data: Any) -> Place:
     return tuple(place)
 
 
-def _sentence(place: Place, details: Sequence[ErrorDetails]) -> str:
+def _sentence(form: type[BaseModel], place: Place, details: Sequence[ErrorDetails]) -> str:
     """Turn pydantic's errors at one key into a sentence of ours."""
     error, key = details[0], ".".join(map(str, place))
     prefix = f"{key}: " if key else ""
     if error["type"] == "extra_forbidden":
-        known = _known_keys(error["loc"][:-1])
+        known = _known_keys(form, error["loc"][:-1])
         near = get_close_matches(str(place[-1]), known, n=1)
         hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
         return f"{prefix}unknown key {place[-1]!r}; {hint}"
@@ -129,9 +160,9 @@ def _about_kind(key: str, given: Any, context: Mapping[str, Any]) -> str:
     )
 
 
-def _known_keys(location: Sequence[str | int]) -> list[str]:
+def _known_keys(form: type[BaseModel], location: Sequence[str | int]) -> list[str]:
     """List the keys that a table may have."""
-    tables: list[type[BaseModel]] = [Scenario]
+    tables: list[type[BaseModel]] = [form]
     for part in location:
         inner = [
             found

@@ -1,4 +1,4 @@
-"""Many runs: a study as data, carried out on one machine or many, its folder read back, and statistics of it."""
+"""Many runs: a study as data, carried out on one machine or many, read back, and its statistics."""
 
 from aimd_des.study.design import Axis, Precision, Study
 from aimd_des.study.file import read_study

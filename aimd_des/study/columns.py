@@ -73,4 +73,6 @@ def known_frame(field: str, name: str) -> None:
 def _known(field: str, name: str, names: tuple[str, ...]) -> None:
     if name not in names:
         near = get_close_matches(name, names, n=1)
-        raise InputError.of(field, name, f"one of {', '.join(names)}", f"did you mean {near[0]!r}?" if near else "")
+        raise InputError.of(
+            field, name, f"one of {', '.join(names)}", f"did you mean {near[0]!r}?" if near else ""
+        )

@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from aimd_des import checks
 from aimd_des.errors import InputError
+from aimd_des.scenario.keys import split_key
 from aimd_des.study.columns import LABELS, MEASURES, known_frame, known_measure
 from aimd_des.study.where import Condition
 
@@ -75,22 +76,29 @@ class Axis(_Table):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        forms = [word for word in ("values", "linspace", "logspace", "cases") if getattr(self, word) is not None]
+        forms = [
+            word for word in ("values", "linspace", "logspace", "cases") if getattr(self, word) is not None
+        ]
         if len(forms) != 1:
             raise InputError.of(
                 f"axis {self.name!r} has", forms, "exactly one of values, linspace, logspace and cases"
             )
         if (self.key is None) == (self.cases is None):
-            reason = "given with values, linspace and logspace, and left out with cases, which name their keys"
+            reason = (
+                "given with values, linspace and logspace, and left out with cases, which name their keys"
+            )
             raise InputError.of("key", self.key, reason)
         if not self.name:
             raise InputError.of("name", self.name, "given: it is the column of the cases")
-        if self.name in (*LABELS, *MEASURES):
-            raise InputError.of("name", self.name, "another word: it is a column of every study")
         if self.key == "seed" or any("seed" in case for case in (self.cases or {}).values()):
             raise InputError.of(
-                "key", "seed", "another key", "seeds come from the study: see its seed, replications and paired"
+                "key",
+                "seed",
+                "another key",
+                "seeds come from the study: see its seed, replications and paired",
             )
+        if self.name in (*LABELS, *MEASURES):
+            raise InputError.of("name", self.name, "another word: it is a column of every study")
         for word in ("linspace", "logspace"):
             if (given := getattr(self, word)) is not None:
                 checks.integer(f"number of {word}", given[2], low=1)
@@ -105,7 +113,9 @@ class Axis(_Table):
         if len(kinds) > 1:
             remedy = "give values of several kinds as cases"
             raise InputError.of(f"values of axis {self.name!r}", values, "of one kind", remedy)
-        if "number" in kinds and not all(abs(value) <= _LARGEST for value in values if not isinstance(value, str)):
+        if "number" in kinds and not all(
+            abs(value) <= _LARGEST for value in values if not isinstance(value, str)
+        ):
             raise InputError.of(f"values of axis {self.name!r}", values, "finite numbers, at most 2**53")
         if len(set(values)) < len(values):
             raise InputError.of(f"values of axis {self.name!r}", values, "different from each other")
@@ -263,22 +273,23 @@ class Study(_Table):
             allowed = f"from 2 to precision.at_most = {self.precision.at_most}"
             raise InputError.of("replications", self.replications, allowed)
         if self.precision.measure not in self.columns():
-            raise InputError.of("precision.measure", self.precision.measure, "one of the measures that are kept")
+            raise InputError.of(
+                "precision.measure", self.precision.measure, "one of the measures that are kept"
+            )
 
     def _check_axes(self) -> None:
         names = [axis.name for axis in self.axes]
         if len(set(names)) < len(names):
             raise InputError.of("names of the axes", names, "different from each other")
-        keys = [
-            (axis.name, key)
-            for axis in self.axes
-            for key in dict.fromkeys(key for _, setting in axis.settings() for key in setting)
-        ]
-        for place, (axis, key) in enumerate(keys):
-            for other, earlier in keys[:place]:
-                if axis != other and f"{key}.".startswith(f"{earlier}.") | f"{earlier}.".startswith(f"{key}."):
-                    allowed = f"set by one axis only; {other!r} sets {earlier!r}"
-                    raise InputError.of(f"key of axis {axis!r}", key, allowed)
+        set_by: list[tuple[str, tuple[str, ...]]] = []
+        for axis in self.axes:
+            keys = dict.fromkeys(key for _, setting in axis.settings() for key in setting)
+            for parts in map(split_key, keys):
+                for other, earlier in set_by:
+                    if other != axis.name and parts[: len(earlier)] == earlier[: len(parts)]:
+                        allowed = f"set by one axis only; {other!r} sets {'.'.join(earlier)!r}"
+                        raise InputError.of(f"key of axis {axis.name!r}", ".".join(parts), allowed)
+                set_by.append((axis.name, parts))
         if self.where is not None:
             Condition(self.where, names)
         for word in {axis.zip for axis in self.axes if axis.zip is not None}:
@@ -307,4 +318,3 @@ class Study(_Table):
             An equal study can be made of it.
         """
         return self.model_dump(exclude_none=True)
-

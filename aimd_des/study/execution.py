@@ -13,12 +13,12 @@ from aimd_des.study.worker import Outcome, Task, perform
 __all__ = ["execute"]
 
 _DIED = (
-    "the worker process died while it ran this, also when nothing else ran, twice: it ran out of memory, was killed"
-    " from outside, or crashed in compiled code"
+    "the worker process died while it ran this, and twice again when nothing else ran: it ran out of memory,"
+    " was killed from outside, or crashed in compiled code"
 )
 _NO_WORKERS = (
-    "no worker can be started; a script that starts a study must do so below if __name__ == '__main__':, and the"
-    " model must be importable by workers"
+    "no worker can be started; a script that carries out a study must do so below if __name__ == '__main__':,"
+    " and the workers of an executor must have this package"
 )
 _ATTEMPTS = 2
 

@@ -4,11 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from aimd_des.errors import InputError
-from aimd_des.scenario.file import read_toml, sentences
+from aimd_des.scenario.file import read_toml
 from aimd_des.scenario.keys import with_settings
+from aimd_des.scenario.refusals import checked
 from aimd_des.study.design import Study
 
 __all__ = ["read_study"]
@@ -35,15 +34,12 @@ def read_study(path: str | Path, settings: Mapping[str, Any] | None = None) -> S
         One line for each error: file, line, key, what is wrong, and the nearest known word.
     """
     file = Path(path)
-    text, data = read_toml(file)
+    data, lines = read_toml(file)
     try:
         changed = with_settings(_with_base(_extended(file, data, (file.resolve(),))), settings or {})
     except InputError as refusal:
         raise InputError(f"{file}: {refusal}") from None
-    try:
-        return Study.model_validate(changed)
-    except ValidationError as refusal:
-        raise InputError("\n".join(sentences(refusal, Study, str(file), text))) from None
+    return checked(Study, changed, str(file), lines)
 
 
 def _extended(file: Path, data: dict[str, Any], chain: tuple[Path, ...]) -> dict[str, Any]:
@@ -56,7 +52,7 @@ def _extended(file: Path, data: dict[str, Any], chain: tuple[Path, ...]) -> dict
     above = _beside(file, "extends", own.pop("extends"))
     if above.resolve() in chain:
         raise InputError.of("extends", str(above), "another file than those that extend it")
-    found = _extended(above, read_toml(above)[1], (*chain, above.resolve()))
+    found = _extended(above, read_toml(above)[0], (*chain, above.resolve()))
     return _merged(found, own)
 
 
@@ -71,7 +67,7 @@ def _with_base(data: dict[str, Any]) -> dict[str, Any]:
     if "base" not in data:
         return data
     rest = {key: value for key, value in data.items() if key != "base"}
-    base = read_toml(data["base"])[1]
+    base = read_toml(data["base"])[0]
     base.pop("seed", None)  # the study's own decides
     own = rest.get("scenario", {})
     return {**rest, "scenario": _merged(base, own) if isinstance(own, dict) else own}
@@ -82,7 +78,9 @@ def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     found = dict(below)
     for key, value in above.items():
         old = found.get(key)
-        both = isinstance(old, dict) and isinstance(value, dict)
-        other_kind = both and value.get("kind", old.get("kind")) != old.get("kind")
-        found[key] = _merged(old, value) if both and not other_kind else value
+        if isinstance(old, dict) and isinstance(value, dict):
+            same_kind = value.get("kind", old.get("kind")) == old.get("kind")
+            found[key] = _merged(old, value) if same_kind else value
+        else:
+            found[key] = value
     return found

@@ -1,4 +1,4 @@
-"""The plan of a study, and what it may become: a folder grows by values and replications, and never shrinks."""
+"""The plan of a study, and what it may become: a folder grows by values and replications."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -79,7 +79,9 @@ def earlier_replications(store: Store, study: Study, points: Sequence[Point]) ->
         raise InputError.of(f"result version of {store.folder}", manifest["result_version"], reason, _REMEDY)
     earlier = Study.model_validate(manifest["study"])
     for name in ("columns", "keep"):
-        old, new = (sorted(getattr(one, name)() if name == "columns" else one.keep) for one in (earlier, study))
+        old, new = (
+            sorted(getattr(one, name)() if name == "columns" else one.keep) for one in (earlier, study)
+        )
         if old != new:
             word = "measures" if name == "columns" else name
             raise InputError.of(f"{word} of the study", new, f"{old}, as its folder has them", _REMEDY)
@@ -101,11 +103,15 @@ def _counts(rows: list[dict[str, Any]], study: Study, points: Sequence[Point]) -
             raise InputError(f"the folder has runs at {shown}, which the study has not: {_REMEDY}")
         # Equal keys of the first replication mean equal scenarios and equal seeds, and so equal keys of all.
         if row["replication"] == 0 and row["key"] != run_of(study, point, 0).key:
-            raise InputError(f"the scenario or the seed at {shown} is not that of the runs in the folder: {_REMEDY}")
+            raise InputError(
+                f"the scenario or the seed at {shown} is not that of the runs in the folder: {_REMEDY}"
+            )
         if any(point.labels[axis.name] != row[axis.name] for axis in study.axes):
             raise InputError(f"the runs at {shown} have other names than in the folder: {_REMEDY}")
         if row["replication"] >= at_most:
-            raise InputError(f"the folder has more replications at {shown} than the study ({at_most}): {_REMEDY}")
+            raise InputError(
+                f"the folder has more replications at {shown} than the study ({at_most}): {_REMEDY}"
+            )
         counts[point.name] = max(counts.get(point.name, 0), row["replication"] + 1)
     return counts
 
@@ -139,4 +145,5 @@ def planned(study: Study, store: Store) -> pd.DataFrame:
     counts = frame.groupby(names, sort=False).agg(
         replications=("key", "count"), done=("done", "sum"), failed=("failed", "sum")
     )
-    return counts.reset_index()
+    found: pd.DataFrame = counts.reset_index()
+    return found

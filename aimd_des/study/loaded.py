@@ -119,13 +119,15 @@ class StudyResults:
         """
         known_frame("name", name)
         if name not in self.study.keep:
-            raise InputError.of("name", name, f"one of what the study keeps: {self.study.keep}", "add it to keep")
+            raise InputError.of(
+                "name", name, f"one of what the study keeps: {self.study.keep}", "add it to keep"
+            )
         there = self._store.keys(name) & self._store.keys("runs")
         rows = self.plan[self.plan["key"].isin(there)]
         tables = [_read(self._store.file(name, key)) for key in rows["key"]]
         if not tables:
             return rows[[*(axis.name for axis in self.study.axes), "replication", "key"]].copy()
-        found = pa.concat_tables(tables).unify_dictionaries().drop_columns("key").to_pandas()
+        found: pd.DataFrame = pa.concat_tables(tables).unify_dictionaries().drop_columns("key").to_pandas()
         lengths = [len(table) for table in tables]
         columns = ["key", "replication", *(axis.name for axis in reversed(self.study.axes))]
         for column in columns:

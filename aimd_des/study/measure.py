@@ -13,6 +13,7 @@ from aimd_des.results import Result
 from aimd_des.scenario import Scenario
 from aimd_des.study.columns import MEASURES
 from aimd_des.study.design import Axis, Study
+from aimd_des.study.points import problem_words
 from aimd_des.tracking import piece_problem
 
 __all__ = ["SCENARIO", "axis_fields", "frame_table", "run_schema", "run_table", "summary_of"]
@@ -98,10 +99,12 @@ def summary_of(scenario: Scenario, result: Result) -> dict[str, list[Any]]:
     """
     # Where interventions have left another problem, the run has one of its own.
     own = piece_problem(result.problem, result.history[-1]) is not result.problem
-    words = repr((scenario.model, scenario.parameters, scenario.resources, scenario.costs))
-    optimum = None if own else _optimum(_Described(words, result.problem))
+    optimum = None if own else _optimum(_Described(problem_words(scenario), result.problem))
     summary = result.summary(optimum)
-    return {"resource": list(summary.index), **{name: column.tolist() for name, column in summary.items()}}
+    return {
+        "resource": list(summary.index),
+        **{str(name): column.tolist() for name, column in summary.items()},
+    }
 
 
 def run_table(

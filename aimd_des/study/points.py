@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from hashlib import sha256
 from itertools import product
 from typing import Any
@@ -16,7 +17,7 @@ from aimd_des.scenario.keys import with_settings
 from aimd_des.study.design import Setting, Study, Value
 from aimd_des.study.where import Condition
 
-__all__ = ["Point", "Run", "expand", "run_of"]
+__all__ = ["Point", "Run", "expand", "problem_words", "run_of"]
 
 # What a seed is for: the first word of its spawn key. They never change.
 _PAIRED, _UNPAIRED = 0, 1
@@ -29,7 +30,7 @@ class Point:
     Attributes
     ----------
     name : str
-        A hash of the settings: the same in a study that has more values, axes in another order or another base.
+        A hash of the settings: the same whatever values there are besides, and in whatever order.
     labels : dict
         The value of each axis by its name.
     scenario : Scenario
@@ -115,10 +116,7 @@ def _positions(study: Study) -> list[tuple[dict[str, Value], dict[str, Any]]]:
         word = f"axis {place}" if axis.zip is None else f"zip {axis.zip}"
         groups.setdefault(word, []).append((axis.name, axis.settings()))
     steps = [
-        [
-            [(name, *settings[place]) for name, settings in group]
-            for place in range(len(group[0][1]))
-        ]
+        [[(name, *settings[place]) for name, settings in group] for place in range(len(group[0][1]))]
         for group in groups.values()
     ]
     found = []
@@ -135,16 +133,41 @@ def _point(study: Study, labels: dict[str, Value], settings: dict[str, Any], pro
     data = _lean(with_settings(study.scenario, settings), study.keep)
     scenario = validate_scenario(data, where)
     try:
-        # With the seed of replication 0, a problem that is not built anew where only the channel changes.
-        tried = scenario.model_copy(update={"seed": 0}).resolved()
-        words = repr((tried.model, tried.parameters, tried.resources, tried.costs))
-        if words not in problems:
-            tried.problem()
-            problems.add(words)
+        _check_problem(study, scenario.model_copy(update={"seed": 0}).resolved(), problems)
     except InputError as refusal:
         raise InputError(f"{where}: {refusal}") from None
     text = json.dumps(_plain(settings), sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     return Point(sha256(text.encode()).hexdigest()[:16], labels, scenario)
+
+
+def _check_problem(study: Study, scenario: Scenario, problems: set[str]) -> None:
+    """Build the problem, and hold against it what refers to it; once where only the channel changes."""
+    words = repr((problem_words(scenario), scenario.compensation, scenario.interventions))
+    if words in problems:
+        return
+    names = scenario.problem().resource_names
+    wanted = "all" if study.precision is None else study.precision.resource
+    if wanted not in ("all", *names):
+        near = get_close_matches(wanted, names, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else ""
+        raise InputError.of("precision.resource", wanted, f"all or one of {', '.join(names)}", hint)
+    problems.add(words)
+
+
+def problem_words(scenario: Scenario) -> str:
+    """Describe the problem of a scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Resolved.
+
+    Returns
+    -------
+    str
+        Equal words mean equal problems.
+    """
+    return repr((scenario.model, scenario.parameters, scenario.resources, scenario.costs))
 
 
 def _lean(data: dict[str, Any], keep: Sequence[str]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
+from importlib import import_module
 from multiprocessing import get_all_start_methods, get_context, parent_process
 from multiprocessing.connection import Connection, wait
 from typing import Any, Protocol
@@ -16,7 +17,13 @@ __all__ = ["Given", "Pool", "Processes", "dask_executor"]
 
 # Workers share the machine run by run: threads of their own would only be in each other's way.
 _ONE_THREAD = dict.fromkeys(
-    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS"),
+    (
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "VECLIB_MAXIMUM_THREADS",
+        "NUMBA_NUM_THREADS",
+    ),
     "1",
 )
 
@@ -39,8 +46,8 @@ class Pool(Protocol):
 class Processes:
     """Processes of this machine, to be used as a context.
 
-    They are never forked from this process, which would copy the locks of threads that it does not copy.  Where
-    the system can, they are forked from a server that has imported what runs need and has no threads.
+    They are never forked from this process, which would copy the locks of threads that it does not
+    copy.  Where the system can, they are forked from a server that has imported what runs need.
 
     Parameters
     ----------
@@ -128,7 +135,7 @@ class Given:
         self.workers = workers
         self._executor = executor
 
-    def start(self, workers: int) -> Executor:  # noqa: ARG002 - it has as many workers as it has
+    def start(self, workers: int) -> Executor:
         """Give the executor.
 
         Parameters
@@ -163,7 +170,7 @@ def dask_executor(address: str | None = None, workers: int | None = None) -> Ite
     Parameters
     ----------
     address : str, optional
-        Of the scheduler, such as "tcp://10.0.0.1:8786"; its workers see the folder of the study under the same path.
+        Of the scheduler, such as "tcp://10.0.0.1:8786".
     workers : int, optional
         In place of it: how many processes to start.
 
@@ -178,21 +185,25 @@ def dask_executor(address: str | None = None, workers: int | None = None) -> Ite
         If Dask is not installed, the scheduler does not answer, or it has no workers.
     """
     try:
-        from distributed import Client, LocalCluster
+        distributed: Any = import_module("distributed")
     except ImportError:
         raise InputError("Dask is not installed: install 'aimd-des[dask]'") from None
     if address is None:
         with (
-            LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
-            Client(cluster) as client,
+            distributed.LocalCluster(
+                n_workers=workers, threads_per_worker=1, dashboard_address=None
+            ) as cluster,
+            distributed.Client(cluster) as client,
         ):
             yield client.get_executor(pure=False), workers or len(cluster.workers)
         return
     try:
-        client = Client(address, timeout=10)
+        client = distributed.Client(address, timeout=10)
     except (OSError, ValueError) as error:
         remedy = "start it with the command dask scheduler, and workers with dask worker"
-        raise InputError.of("scheduler", address, f"the address of a Dask scheduler ({error})", remedy) from None
+        raise InputError.of(
+            "scheduler", address, f"the address of a Dask scheduler ({error})", remedy
+        ) from None
     with client:
         threads = sum(client.nthreads().values())
         if not threads:

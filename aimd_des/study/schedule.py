@@ -86,25 +86,22 @@ class Schedule:
         precision = self._study.precision
         if precision is not None and progress.waiting == 0:
             there = len(progress.runs)
-            wanted = max(there, _wanted(progress, precision, self._study.replications))
+            wanted = _wanted(progress, precision)
             if wanted == there:
                 wanted = max(there, self._earlier.get(run.point.name, 0))
             for replication in range(there, wanted):
                 self._add(progress, replication)
 
 
-def _wanted(progress: _Progress, precision: Precision, at_least: int) -> int:
+def _wanted(progress: _Progress, precision: Precision) -> int:
     """Say how many replications a point should have, by those it has."""
-    wanted = at_least
+    there = wanted = len(progress.runs)
     for resource, found in progress.values.items():
         values = [found[place] for place in sorted(found) if math.isfinite(found[place])]
         if precision.resource in ("all", resource) and len(values) > 1:
             needed = replications_needed(
-                values,
-                half_width=precision.half_width,
-                confidence=precision.confidence,
-                at_least=at_least,
-                at_most=precision.at_most,
+                values, precision.half_width, precision.confidence, at_least=2, at_most=precision.at_most
             )
-            wanted = max(wanted, needed)
-    return wanted
+            # Runs that have failed, or have no such measure, stand for none.
+            wanted = max(wanted, needed + there - len(values))
+    return min(wanted, max(there, precision.at_most))

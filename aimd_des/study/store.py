@@ -205,10 +205,14 @@ class Store:
                 "output folder", str(self.folder), "a folder", "it is a file; choose another name"
             )
         if self.folder.is_dir() and self.manifest() is None:
-            others = [path.name for path in self.folder.iterdir() if path.name != _LOCK and path.suffix != ".tmp"]
+            others = [
+                path.name for path in self.folder.iterdir() if path.name != _LOCK and path.suffix != ".tmp"
+            ]
             if others:
                 reason = f"it has no manifest.json but {sorted(others)[0]!r}; choose another"
-                raise InputError.of("output folder", str(self.folder), "new, empty or that of a study", reason)
+                raise InputError.of(
+                    "output folder", str(self.folder), "new, empty or that of a study", reason
+                )
 
     def _clear(self) -> None:
         # The manifest goes last: until then the folder is known as ours.

@@ -107,7 +107,13 @@ def run_study(
         sweep = _Sweep(study, store, schedule, watch)
         try:
             with _pool(executor, many, store) as pool, _interrupted(pool) as interrupted:
-                execute(pool, sweep.task, sweep.due, sweep.take, lambda: sweep.unwritten is not None or interrupted())
+                execute(
+                    pool,
+                    sweep.task,
+                    sweep.due,
+                    sweep.take,
+                    lambda: sweep.unwritten is not None or interrupted(),
+                )
                 stopped = interrupted()
         finally:
             store.write_study(study, plan_table(study, schedule.runs))

@@ -10,7 +10,8 @@ from aimd_des.errors import InputError
 
 __all__ = ["Condition"]
 
-_COMPARED: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
+# No powers: 9**9**9 would keep a computer busy.
+_OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
     ast.Lt: operator.lt,
@@ -19,20 +20,18 @@ _COMPARED: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.GtE: operator.ge,
     ast.In: lambda one, several: one in several,
     ast.NotIn: lambda one, several: one not in several,
-}
-# No powers: 9**9**9 would keep a computer busy.
-_COMPUTED: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
     ast.Mod: operator.mod,
-}
-_SIGNED: dict[type[ast.unaryop], Callable[[Any], Any]] = {
     ast.Not: operator.not_,
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
+    ast.And: all,
+    ast.Or: any,
 }
+_NODES = (ast.Compare, ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Tuple, ast.List)
 _ALLOWED = (
     "an expression of names of axes, numbers, strings in quotes, comparisons, and, or, not, in, + - * / % and"
     " parentheses"
@@ -68,27 +67,17 @@ class Condition:
         """Refuse every node that is not on the list."""
         if isinstance(node, ast.Name | ast.Attribute):
             self._axis(node)
-            return
-        operators: list[ast.AST] = []
-        if isinstance(node, ast.Compare):
-            operators, known = list(node.ops), set(_COMPARED)
-        elif isinstance(node, ast.BinOp):
-            operators, known = [node.op], set(_COMPUTED)
-        elif isinstance(node, ast.UnaryOp):
-            operators, known = [node.op], set(_SIGNED)
         elif isinstance(node, ast.Constant):
-            operators, known = [], set()
             if not isinstance(node.value, bool | int | float | str):
                 raise self._refused(node)
-        elif isinstance(node, ast.BoolOp | ast.Tuple | ast.List):
-            operators, known = [], set()
+        elif isinstance(node, _NODES):
+            for child in ast.iter_child_nodes(node):
+                if isinstance(child, ast.expr):
+                    self._check(child)
+                elif not isinstance(child, ast.expr_context) and type(child) not in _OPERATORS:
+                    raise self._refused(node)
         else:
             raise self._refused(node)
-        if any(type(one) not in known for one in operators):
-            raise self._refused(node)
-        for child in ast.iter_child_nodes(node):
-            if isinstance(child, ast.expr):
-                self._check(child)
 
     def _axis(self, node: ast.expr) -> str:
         name = ast.unparse(node)
@@ -127,25 +116,19 @@ class Condition:
             raise InputError(f"where = {self.text!r}: cannot be computed at {shown} ({error})") from None
 
     def _value(self, node: ast.expr, labels: Mapping[str, Any]) -> Any:
-        match node:
-            case ast.Constant():
-                return node.value
-            case ast.Name() | ast.Attribute():
-                return labels[self._axis(node)]
-            case ast.BoolOp(op=ast.And()):
-                return all(self._value(part, labels) for part in node.values)
-            case ast.BoolOp():
-                return any(self._value(part, labels) for part in node.values)
-            case ast.UnaryOp():
-                return _SIGNED[type(node.op)](self._value(node.operand, labels))
-            case ast.BinOp():
-                return _COMPUTED[type(node.op)](
-                    self._value(node.left, labels), self._value(node.right, labels)
-                )
-            case ast.Compare():
-                values = [self._value(part, labels) for part in (node.left, *node.comparators)]
-                pairs = zip(node.ops, values, values[1:], strict=False)
-                return all(_COMPARED[type(op)](one, other) for op, one, other in pairs)
-            case ast.Tuple() | ast.List():
-                return [self._value(part, labels) for part in node.elts]
-        raise AssertionError(node)  # _check has seen to it
+        if isinstance(node, ast.Name | ast.Attribute):
+            return labels[self._axis(node)]
+        if isinstance(node, ast.Constant):
+            return node.value
+        if isinstance(node, ast.BoolOp):
+            # Lazily: what stands behind an "or" may be of no meaning where the first part holds.
+            return _OPERATORS[type(node.op)](self._value(part, labels) for part in node.values)
+        parts = [
+            self._value(part, labels) for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr)
+        ]
+        if isinstance(node, ast.BinOp | ast.UnaryOp):
+            return _OPERATORS[type(node.op)](*parts)
+        if isinstance(node, ast.Compare):
+            pairs = zip(node.ops, parts, parts[1:], strict=False)
+            return all(_OPERATORS[type(op)](one, other) for op, one, other in pairs)
+        return parts

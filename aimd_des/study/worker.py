@@ -96,8 +96,12 @@ def perform(task: Task, run: Run) -> Outcome:
         frames = {name: frame_table(run.key, result, name) for name in task.keep}
     except Exception as error:  # noqa: BLE001 - whatever goes wrong in one run must not stop the others
         message = f"{type(error).__name__}: {error}"
-        return _written(lambda: failure(store, run, message, traceback.format_exc()), Outcome("failed", message))
-    values = () if task.measure is None else tuple(zip(summary["resource"], summary[task.measure], strict=True))
+        return _written(
+            lambda: failure(store, run, message, traceback.format_exc()), Outcome("failed", message)
+        )
+    values = (
+        () if task.measure is None else tuple(zip(summary["resource"], summary[task.measure], strict=True))
+    )
 
     def write() -> None:
         for name, frame in frames.items():
@@ -136,7 +140,9 @@ def failure(store: Store, run: Run, message: str, trace: str = "") -> None:
         If it cannot be written.
     """
     record = {**run.labels, "message": message, "traceback": trace, "scenario": run.scenario.to_toml()}
-    write_file(store.file("failed", run.key), f"{json.dumps(record, indent=2, ensure_ascii=False)}\n".encode())
+    write_file(
+        store.file("failed", run.key), f"{json.dumps(record, indent=2, ensure_ascii=False)}\n".encode()
+    )
 
 
 def present(folder: str, key: str) -> bool:
@@ -162,7 +168,7 @@ _COMPILED = Event()
 
 
 def _carry_out(run: Run) -> Result:
-    """Run, the first time one process of this machine after the other, until what is compiled is on the disk."""
+    """Run; the first time one process after the other, until what is compiled is on the disk."""
     if _COMPILED.is_set():
         return run.scenario.run()
     with _turn() as done:
