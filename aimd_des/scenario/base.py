@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, model_validator
 
 from aimd_des.errors import InputError
 from aimd_des.scenario.kinds import describe
@@ -10,7 +10,7 @@ from aimd_des.scenario.kinds import describe
 __all__ = ["Integer", "Table"]
 
 #: What TOML promises to hold.
-Integer = Annotated[int, Field(ge=-(2**63), lt=2**63)]
+Integer = Annotated[int, Field(ge=-(2**63), lt=2**63), WithJsonSchema({"type": "integer"})]
 
 
 def _described(schema: dict[str, Any], table: type[BaseModel]) -> None:
