@@ -19,8 +19,12 @@ if TYPE_CHECKING:
     from aimd_des.results import Result
     from aimd_des.scenario import load_scenario
     from aimd_des.simulation import Simulation
+    from aimd_des.study import Study, load_study, run_study
 
 __version__ = "0.1.0"
+
+#: Raised when a scenario gives other results than before: see lines of the changelog tagged **Results**.
+RESULT_VERSION = 1
 
 # Where each public name lives.
 _HOME = {
@@ -41,10 +45,13 @@ _HOME = {
     "Sampled": "control_unit",
     "Simulation": "simulation",
     "SimulationError": "errors",
+    "Study": "study",
     "load_scenario": "scenario",
+    "load_study": "study",
     "model": "registry",
     "normalization_factors": "optimum",
     "run_discrete": "discrete",
+    "run_study": "study",
     "solve_optimum": "optimum",
 }
 _MODULES = {
@@ -58,6 +65,7 @@ _MODULES = {
 }
 
 __all__ = [
+    "RESULT_VERSION",
     "BroadcastChannel",
     "Camera",
     "Clocks",
@@ -75,15 +83,18 @@ __all__ = [
     "Sampled",
     "Simulation",
     "SimulationError",
+    "Study",
     "averaging",
     "compensation",
     "interventions",
     "latency",
     "load_scenario",
+    "load_study",
     "loss",
     "model",
     "normalization_factors",
     "run_discrete",
+    "run_study",
     "solve_optimum",
     "theory",
     "topology",

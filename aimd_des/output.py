@@ -16,7 +16,7 @@ from aimd_des.optimum import Optimum
 from aimd_des.results import Result
 from aimd_des.scenario import Scenario
 
-__all__ = ["check_folder", "new_folder", "write_run"]
+__all__ = ["check_folder", "library_versions", "new_folder", "write_run"]
 
 #: The file by which a folder is recognised as one that this program wrote.
 PROVENANCE = "run.json"
@@ -111,6 +111,18 @@ def _umask() -> int:
     return mask
 
 
+def library_versions() -> dict[str, str]:
+    """Name what results were made with.
+
+    Returns
+    -------
+    dict of str
+        The version of this package, of Python and of the libraries that results may depend on.
+    """
+    libraries = {library: version(library) for library in _LIBRARIES}
+    return {"aimd_des": aimd_des.__version__, "python": platform.python_version(), **libraries}
+
+
 def write_run(
     folder: Path, scenario: Scenario, result: Result, optimum: Optimum, *, figures: bool = True
 ) -> None:
@@ -142,10 +154,6 @@ def write_run(
         provenance = {
             "digest": result.digest,
             "seed": result.seed,
-            "versions": {
-                "aimd_des": aimd_des.__version__,
-                "python": platform.python_version(),
-                **{library: version(library) for library in _LIBRARIES},
-            },
+            "versions": library_versions(),
         }
         (place / PROVENANCE).write_text(json.dumps(provenance, indent=2) + "\n", encoding="utf-8")

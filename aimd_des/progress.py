@@ -1,15 +1,13 @@
-"""What the command line shows while a run goes on, and when it has ended."""
+"""What the command line shows while a run goes on."""
 
 import time
 from types import TracebackType
 from typing import Self
 
-import pandas as pd
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
-__all__ = ["RunProgress", "show_summary"]
+__all__ = ["RunProgress"]
 
 _PATIENCE = 1.0
 
@@ -61,21 +59,3 @@ class RunProgress:
             self._shown = True
         if self._shown:
             self._bar.update(self._task, completed=now, rate=events / elapsed)
-
-
-def show_summary(summary: pd.DataFrame) -> None:
-    """Print the measures, a column for each resource.
-
-    Parameters
-    ----------
-    summary : DataFrame
-        As `Result.summary` gives it.
-    """
-    table = Table(title="Summary")
-    table.add_column("measure")
-    for resource in summary.index:
-        table.add_column(str(resource), justify="right")
-    for measure, values in summary.items():
-        style = "{:,d}" if values.dtype.kind == "i" else "{:.4f}"
-        table.add_row(str(measure).replace("_", " "), *(style.format(value) for value in values))
-    Console().print(table)

@@ -64,6 +64,13 @@ def pytest_configure(config: pytest.Config) -> None:
     Dispatcher.compile = compile_once
 
 
+@pytest.fixture
+def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work in an empty folder, in which models are still found."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(ROOT))  # and the path is put back, whatever the command adds
+
+
 #: A scenario with its problem written out: two resources, five agents.
 INLINE = """\
 title = "five agents, two resources"

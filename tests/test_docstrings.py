@@ -137,7 +137,9 @@ def gaps(module: ModuleType) -> list[str]:
     """What the docstrings of a module leave out."""
     found = [] if module.__doc__ else [f"{module.__name__}: no docstring"]
     for key, thing in vars(module).items():
-        if key.startswith("_") or getattr(thing, "__module__", None) not in {module.__name__, None}:
+        # A command is an object of click's; what it does is a function of ours.
+        home = getattr(thing.callback if isinstance(thing, click.Command) else thing, "__module__", None)
+        if key.startswith("_") or home not in {module.__name__, None}:
             continue
         name = f"{module.__name__}.{key}"
         function = getattr(thing, "py_func", thing)  # what numba compiled
@@ -228,5 +230,9 @@ def test_what_is_left_out_is_found() -> None:
     ]
     assert list(class_gaps("rule", _Rule)) == []
     assert list(function_gaps("none", lambda: None)) == ["none: no docstring"]
-    bare = click.Command("bare", params=[click.Option(["--seed"])])
-    assert list(command_gaps("bare", bare)) == ["bare: no help", "bare: option --seed has no help"]
+    bare = click.Command("bare", params=[click.Option(["--seed"])], callback=_full)
+    expected = ["bare: no help", "bare: option --seed has no help"]
+    assert list(command_gaps("bare", bare)) == expected
+    module = ModuleType(__name__, "A module.")
+    vars(module)["bare"] = bare
+    assert gaps(module) == [f"{__name__}.{line}" for line in expected]

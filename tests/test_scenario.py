@@ -291,27 +291,27 @@ def test_what_is_no_whole_number_of_steps_is_refused() -> None:
             "[recordings]",
             "recordings: unknown key 'recordings'; did you mean 'rec",
         ),
-        ("seed = 4", "seed = 4.5", "seed", "seed: 4.5: input should be a valid integer"),
-        ("seed = 4", "seed = true", "seed", "seed: True: input should be a valid integer"),
-        ("seed = 4", 'seed = "4"', "seed", "seed: '4': input should be a valid integer"),
-        ("until = 60", 'until = "60"', "until", "until: '60': input should be a valid number"),
-        ("until = 60", "until = true", "until", "until: True: input should be a valid number"),
-        ("until = 60", "until = [60]", "until", "until: [60]: input should be a valid number"),
-        ("tail = 5", "tail = 5.5", "tail", "recording.tail: 5.5: input should be a valid integer"),
+        ("seed = 4", "seed = 4.5", "seed", "seed = 4.5: must be a valid integer"),
+        ("seed = 4", "seed = true", "seed", "seed = True: must be a valid integer"),
+        ("seed = 4", 'seed = "4"', "seed", "seed = '4': must be a valid integer"),
+        ("until = 60", 'until = "60"', "until", "until = '60': must be a valid number"),
+        ("until = 60", "until = true", "until", "until = True: must be a valid number"),
+        ("until = 60", "until = [60]", "until", "until = [60]: must be a valid number"),
+        ("tail = 5", "tail = 5.5", "tail", "recording.tail = 5.5: must be a valid integer"),
         (
             "tail = 5",
             'demand = "often"',
             "demand",
-            "recording.demand: 'often': input should be 'auto' or 'end'",
+            "recording.demand = 'often': must be 'auto' or 'end'",
         ),
-        ("seed = 4", 'dynamics = "static"', "dynamics", "dynamics: 'static': input should be 'discrete'"),
+        ("seed = 4", 'dynamics = "static"', "dynamics", "dynamics = 'static': must be 'discrete'"),
         (
             "exponents = [2]",
             "exponents = [2.5]",
             "exponents",
-            "costs.exponents.0: 2.5: input should be a valid int",
+            "costs.exponents.0 = 2.5: must be a valid int",
         ),
-        ("seed = 4", 'agents = "fleets"', "agents", "agents: 'fleets': input should be "),
+        ("seed = 4", 'agents = "fleets"', "agents", "agents = 'fleets': must be "),
     ],
 )
 def test_an_unknown_key_or_a_wrong_type_is_refused_with_its_line(
@@ -459,8 +459,8 @@ def test_what_has_no_meaning_is_refused_instead_of_ignored(table: str, key: str)
 def test_a_lag_is_zero_or_one(value: str) -> None:
     text = synchronous(f"lag = {value}")
     (sentence,) = refusals(text)
-    assert sentence.startswith(f"{line_of(text, 'lag')}: lag: ")
-    assert re.search(r"input should be (a valid integer|(less|greater) than or equal to [01])$", sentence)
+    assert sentence.startswith(f"{line_of(text, 'lag')}: lag = ")
+    assert re.search(r"must be (a valid integer|(less|greater) than or equal to [01])$", sentence)
 
 
 def test_several_mistakes_are_told_at_once() -> None:
@@ -470,7 +470,7 @@ def test_several_mistakes_are_told_at_once() -> None:
     for word in (
         "did you mean 'until'?",
         "until: is missing",
-        "recording.tail: '5': input should be a valid int",
+        "recording.tail = '5': must be a valid int",
     ):
         assert any(word in sentence for sentence in found), word
 

@@ -1,29 +1,22 @@
-"""Scenario files: TOML in, with errors that name file, line, key and the nearest known word."""
+"""Scenario files: TOML in, with errors that name file and line."""
 
 import re
 import tomllib
-from collections.abc import Sequence
-from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, get_args
-
-from pydantic import BaseModel, ValidationError
-from pydantic_core import ErrorDetails
+from typing import Any
 
 from aimd_des.errors import InputError
+from aimd_des.scenario.keys import with_settings
 from aimd_des.scenario.one_run import Scenario
+from aimd_des.scenario.refusals import Place, validate_scenario
 
-__all__ = ["load_scenario"]
+__all__ = ["load_scenario", "read_toml"]
 
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?")
 _KEY = re.compile(r"^\s*([A-Za-z0-9_.\-\"' ]+?)\s*=")
 
-_BRANCH = re.compile(r"float|int|str|(list|literal|dict)\[.*")
 
-Path_ = tuple[str | int, ...]
-
-
-def load_scenario(path: Path, **changes: Any) -> Scenario:
+def load_scenario(path: Path, /, **changes: Any) -> Scenario:
     """Read a scenario from a TOML file.
 
     Parameters
@@ -31,7 +24,8 @@ def load_scenario(path: Path, **changes: Any) -> Scenario:
     path : Path
         The file.
     **changes
-        Top-level keys that replace those of the file.
+        Values that replace those of the file, by their key; one in a table by its dotted key, which
+        `with_settings` describes: ``load_scenario(path, **{"channel.latency": 0.5})``.
 
     Returns
     -------
@@ -43,6 +37,30 @@ def load_scenario(path: Path, **changes: Any) -> Scenario:
     InputError
         One line for each error: file, line, key, what is wrong, and the nearest known word.
     """
+    data, lines = read_toml(path)
+    return validate_scenario(with_settings(data, changes), str(path), lines)
+
+
+def read_toml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
+    """Read a TOML file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    dict
+        What it says.
+    dict
+        The line of each key and table, as far as they are found.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or is no TOML.
+    """
     try:
         text = path.read_text(encoding="utf-8")
         data = tomllib.loads(text)
@@ -52,22 +70,14 @@ def load_scenario(path: Path, **changes: Any) -> Scenario:
         raise InputError(f"{path}: cannot be read ({error})") from None
     except (ValueError, RecursionError) as error:  # integers of thousands of digits, too
         raise InputError(f"{path}: is not valid TOML: {error}") from None
-    try:
-        return Scenario.model_validate({**data, **changes})
-    except ValidationError as refusal:
-        lines = _key_lines(text)
-        # One sentence a place: where a value may have several forms, each of them complains.
-        sentences: dict[Path_, str] = {}
-        for detail in refusal.errors():
-            sentences.setdefault(_without_branches(detail["loc"]), _sentence(path, lines, detail))
-        raise InputError("\n".join(sentences.values())) from None
+    return data, _key_lines(text)
 
 
-def _key_lines(text: str) -> dict[Path_, int]:
+def _key_lines(text: str) -> dict[Place, int]:
     """Find the line of each key and table; the parser does not tell."""
-    lines: dict[Path_, int] = {}
-    table: Path_ = ()
-    counts: dict[Path_, int] = {}
+    lines: dict[Place, int] = {}
+    table: Place = ()
+    counts: dict[Place, int] = {}
     for number, line in enumerate(text.splitlines(), start=1):
         if header := _HEADER.match(line):
             table = _split(header[2])
@@ -80,56 +90,5 @@ def _key_lines(text: str) -> dict[Path_, int]:
     return lines
 
 
-def _split(dotted: str) -> Path_:
+def _split(dotted: str) -> Place:
     return tuple(part.strip().strip("\"'") for part in dotted.split("."))
-
-
-def _sentence(path: Path, lines: dict[Path_, int], error: ErrorDetails) -> str:
-    """Turn one of pydantic's errors into a sentence of ours."""
-    location = _without_branches(error["loc"])
-    place = next(
-        (lines[location[:end]] for end in range(len(location), 0, -1) if location[:end] in lines), None
-    )
-    where = f"{path}:{place}" if place else f"{path}"
-    key = ".".join(map(str, location))
-    prefix = f"{where}: {key}: " if key else f"{where}: "
-    if error["type"] == "extra_forbidden":
-        near = get_close_matches(str(location[-1]), _known_keys(location[:-1]), n=1)
-        hint = (
-            f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(_known_keys(location[:-1]))}"
-        )
-        return f"{prefix}unknown key {location[-1]!r}{hint}"
-    if error["type"] == "missing":
-        return f"{prefix}is missing"
-    if error["type"] == "value_error":
-        return f"{prefix}{error['ctx']['error']}"
-    return f"{prefix}{error['input']!r}: {error['msg'][0].lower()}{error['msg'][1:]}"
-
-
-def _without_branches(location: Sequence[str | int]) -> Path_:
-    """Drop what pydantic adds for the branches of a union, such as "list[float]"."""
-    known: list[str | int] = []
-    for part in location:
-        if isinstance(part, str) and _BRANCH.fullmatch(part):
-            break
-        known.append(part)
-    return tuple(known)
-
-
-def _known_keys(location: Path_) -> list[str]:
-    """List the keys that a table may have."""
-    table: type[BaseModel] = Scenario
-    for part in location:
-        if isinstance(part, int):
-            continue
-        candidates = _models_in(table.model_fields[part].annotation)
-        if not candidates:
-            return []
-        table = candidates[0]
-    return list(table.model_fields)
-
-
-def _models_in(annotation: Any) -> list[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [found for argument in get_args(annotation) for found in _models_in(argument)]

@@ -1,37 +1,52 @@
 """The scenario: a model or a problem written out, the parts of the system, and what is kept."""
 
-from collections.abc import Callable
-from typing import Any, Literal, Self
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import tomli_w
 from pydantic import Field, model_validator
 
 from aimd_des import checks
 from aimd_des.agents import Camera, Fleet
+from aimd_des.averaging import Averaging
 from aimd_des.discrete import run_discrete
 from aimd_des.errors import InputError
+from aimd_des.interventions import Intervention, check_absences
 from aimd_des.problem import Problem
 from aimd_des.registry import model_parameters, named_model
+from aimd_des.response import CONTINUOUS, DISCRETE
 from aimd_des.results import Result
-from aimd_des.scenario.tables import (
-    ChannelTable,
-    ClocksTable,
-    ControlUnitTable,
-    CostsTable,
-    RecordingTable,
-    ResourceTable,
-    Table,
-)
+from aimd_des.scenario.base import Table
+from aimd_des.scenario.canonical import canonical_form, typed_parameters
+from aimd_des.scenario.generated import KindTable, kind_table, one_of
+from aimd_des.scenario.parameters import as_data, refuse_no_data
+from aimd_des.scenario.prices import RedrawnPrices
+from aimd_des.scenario.tables import ChannelTable, ClocksTable, CostsTable, RecordingTable, ResourceTable
 from aimd_des.simulation import Simulation
 
 __all__ = ["Scenario"]
 
 # Keys that have no meaning with some dynamics.
 _IDLE = {
-    "synchronous": ("agents", "control_unit", "channel", "clocks"),
+    "synchronous": ("agents", "control_unit", "channel", "clocks", "compensation", "interventions"),
     "discrete": ("lag",),
     "continuous": ("lag", "clocks"),
 }
+
+# As large as a seed can be that is drawn from 64 bits.
+_LARGEST_SEED = 2**64 - 1
+
+if TYPE_CHECKING:
+    ControlUnitTable = KindTable
+    AveragingTable = KindTable
+    CompensationTable = KindTable
+    InterventionTable = KindTable
+else:
+    ControlUnitTable = one_of("control_unit", default="sampled")
+    AveragingTable = one_of("averaging")
+    CompensationTable = one_of("compensation")
+    InterventionTable = one_of("intervention")
 
 
 class Scenario(Table):
@@ -48,7 +63,7 @@ class Scenario(Table):
     model : str, optional
         A registered model, such as "models.smart_cameras"; or the problem is written out.
     parameters : dict
-        Of the model; defaults are filled in, ``seed`` with the scenario's own.
+        Of the model; defaults are filled in, `seed` with the scenario's own.
     resources, costs : optional
         The problem written out: a table for each resource, and polynomial costs.
     dynamics : {"discrete", "continuous", "synchronous"}
@@ -61,6 +76,12 @@ class Scenario(Table):
         compiled code.
     control_unit, channel, clocks
         Parts of the event-driven system.
+    averaging : table
+        How agents average their demand: over all of their past unless given.
+    compensation : table, optional
+        What agents do about signals that they lose; nothing unless given.
+    interventions : list of tables
+        What changes from outside while the run goes on.
     recording
         What is kept.
 
@@ -78,9 +99,14 @@ class Scenario(Table):
     agents: Literal["process", "fleet"] = "process"
     model: str | None = None
     parameters: dict[str, Any] = Field(default_factory=dict)
-    control_unit: ControlUnitTable = Field(default_factory=ControlUnitTable)
+    control_unit: ControlUnitTable = Field(
+        default_factory=lambda: kind_table("control_unit", "sampled", default="sampled")
+    )
     channel: ChannelTable = Field(default_factory=ChannelTable)
     clocks: ClocksTable = Field(default_factory=ClocksTable)
+    averaging: AveragingTable = Field(default_factory=lambda: kind_table("averaging", "cumulative"))
+    compensation: CompensationTable | None = None
+    interventions: list[InterventionTable] = Field(default_factory=list)
     recording: RecordingTable = Field(default_factory=RecordingTable)
     costs: CostsTable | None = None
     resources: list[ResourceTable] | None = None
@@ -88,14 +114,26 @@ class Scenario(Table):
     @model_validator(mode="after")
     def _check(self) -> Self:
         checks.number("until", self.until, low=0.0, low_open=True)
-        checks.integer("seed", self.seed, low=0)
+        checks.integer("seed", self.seed, low=0, high=_LARGEST_SEED)
+        refuse_no_data("parameters", self.parameters)
         inline = [name for name in ("resources", "costs") if getattr(self, name) is not None]
         if (self.model is not None and inline) or (self.model is None and len(inline) < 2):
             given = [*(["model"] if self.model is not None else []), *inline]
             raise InputError.of("the problem", given, "either a model, or resources together with costs")
-        if self.dynamics == "discrete" and self.control_unit.kind == "crossing":
+        if self.dynamics == "discrete" and self.control_unit.of.name == "crossing":
             reason = "'sampled' with discrete dynamics: demand that jumps at ticks crosses nothing"
-            raise InputError.of("control_unit.kind", self.control_unit.kind, reason)
+            raise InputError.of("control_unit.kind", "crossing", reason)
+        with _under("averaging"):
+            averaging: Averaging = self.averaging.build()
+            averaging.memory(CONTINUOUS if self.dynamics == "continuous" else DISCRETE)
+        for number, table in enumerate(self.interventions):
+            if table.of.make is RedrawnPrices and self.model is None:
+                raise InputError.of(
+                    f"interventions.{number}.kind",
+                    "prices",
+                    "left out where the problem is written out",
+                    "prices are drawn by a model",
+                )
         return self
 
     def idle(self) -> tuple[str, ...]:
@@ -118,7 +156,7 @@ class Scenario(Table):
         """
         if self.model is None:
             return self
-        parameters = model_parameters(self.model, self.parameters, self.seed)
+        parameters = as_data(model_parameters(self.model, self.parameters, self.seed))
         return self.model_copy(update={"parameters": parameters})
 
     def to_toml(self) -> str:
@@ -131,8 +169,28 @@ class Scenario(Table):
         """
         return tomli_w.dumps(self.spoken())
 
+    def canonical(self) -> bytes:
+        """Write the scenario in a form for hashing: equal bytes mean equal results.
+
+        Returns
+        -------
+        bytes
+            JSON with sorted keys of the resolved scenario; 1 and 1.0 are the same where a number is meant.
+            Title and `agents`, which change no result, are left out.  Files that tables name, or that a
+            parameter of the model names whose type is a `Path`, stand there by the SHA-256 of what they hold.
+
+        Raises
+        ------
+        InputError
+            If there is no such model, or a file cannot be read.
+        """
+        spoken = self.resolved().spoken()
+        if self.model is not None:
+            spoken["parameters"] = typed_parameters(named_model(self.model), spoken["parameters"])
+        return canonical_form(spoken)
+
     def problem(self) -> Problem:
-        """Build the problem that is shared.
+        """Build the problem that is shared, and hold against it what refers to it.
 
         Returns
         -------
@@ -142,14 +200,34 @@ class Scenario(Table):
         Raises
         ------
         InputError
-            If there is no such model, or its parameters or the costs are refused.
+            If there is no such model, or its parameters or the costs are refused, or there is no agent or
+            resource as an intervention names, or a number of values is not that of the agents.
         """
+        return self._built()[0]
+
+    def _built(self) -> tuple[Problem, list[Intervention]]:
+        """Build the problem and what changes it."""
         if self.model is not None:
             parameters = model_parameters(self.model, self.parameters, self.seed)
-            return named_model(self.model)(**parameters)
-        assert self.resources is not None  # noqa: S101 - _check saw to it
-        assert self.costs is not None  # noqa: S101
-        return Problem([table.build() for table in self.resources], self.costs.build())
+            problem = named_model(self.model)(**parameters)
+        else:
+            assert self.resources is not None  # noqa: S101 - _check saw to it
+            assert self.costs is not None  # noqa: S101
+            problem = Problem([table.build() for table in self.resources], self.costs.build())
+        if self.compensation is not None:
+            with _under("compensation"):
+                self.compensation.build().answering(problem.n_agents)
+        interventions = []
+        for number, table in enumerate(self.interventions):
+            with _under(".".join(["interventions", str(number), *_subject(table)])):
+                made = table.build()
+                if isinstance(made, RedrawnPrices):
+                    made = made.by(str(self.model), self.parameters, self.seed)
+                made.check(problem)
+                interventions.append(made)
+        with _under("interventions"):
+            check_absences(problem, interventions)
+        return problem, interventions
 
     def run(self, watch: Callable[[float, int], None] | None = None) -> Result:
         """Run the scenario.
@@ -169,12 +247,17 @@ class Scenario(Table):
         InputError
             If the problem is refused, or a length does not fit the number of agents.
         """
-        problem, recording = self.problem(), self.recording.build()
+        (problem, interventions), recording = self._built(), self.recording.build()
         if self.dynamics == "synchronous":
             if self.until % 1.0:
                 raise InputError.of("until", self.until, "a whole number of steps")
             return run_discrete(
-                problem, steps=int(self.until), seed=self.seed, lag=self.lag, recording=recording
+                problem,
+                steps=int(self.until),
+                seed=self.seed,
+                lag=self.lag,
+                averaging=self.averaging.build(),
+                recording=recording,
             )
         simulation = Simulation(
             problem,
@@ -183,7 +266,24 @@ class Scenario(Table):
             channel=self.channel.build(),
             agents=Fleet if self.agents == "fleet" else Camera,
             clocks=self.clocks.build() if self.dynamics == "discrete" else None,
+            averaging=self.averaging.build(),
+            compensation=None if self.compensation is None else self.compensation.build(),
+            interventions=interventions,
             seed=self.seed,
             recording=recording,
         )
         return simulation.run(self.until, watch)
+
+
+def _subject(table: KindTable) -> Sequence[str]:
+    """Name the key by which an intervention refers to the problem."""
+    return [name for name in ("agents", "resource", "parameter") if name in type(table).model_fields][:1]
+
+
+@contextmanager
+def _under(key: str) -> Iterator[None]:
+    """Say under which key of the scenario something was refused."""
+    try:
+        yield
+    except InputError as refusal:
+        raise InputError(f"{key}: {refusal}") from None

@@ -1,72 +1,30 @@
-"""The tables of a scenario file: each checks itself by making the object that it describes."""
+"""The tables of a scenario without a kind: each checks itself by making the object that it describes."""
 
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import model_validator
 
-from aimd_des.channel import BroadcastChannel
+from aimd_des.channel import BroadcastChannel, Channel
 from aimd_des.channel.loss import Combined, Loss
-from aimd_des.channel.named import named_latency, named_loss
 from aimd_des.clock import Clocks
-from aimd_des.control_unit import ControlUnit, Crossing, Sampled
 from aimd_des.costs import PolynomialCosts
-from aimd_des.errors import InputError
 from aimd_des.problem import Resource
 from aimd_des.recording import Recording
+from aimd_des.scenario.base import Table
+from aimd_des.scenario.generated import KindTable, one_of
 
-__all__ = [
-    "ChannelTable",
-    "ClocksTable",
-    "ControlUnitTable",
-    "CostsTable",
-    "RecordingTable",
-    "ResourceTable",
-    "Table",
-]
+__all__ = ["ChannelTable", "ClocksTable", "CostsTable", "RecordingTable", "ResourceTable"]
 
 Times = Literal["auto", "end"] | float | list[float]
 
-
-class Table(BaseModel):
-    """A table of the file: every key is known, every value has its type, nothing is ignored."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-    def idle(self) -> tuple[str, ...]:
-        """Name the keys that have no meaning beside the others.
-
-        Returns
-        -------
-        tuple of str
-            None of them may be given.
-        """
-        return ()
-
-    @model_validator(mode="after")
-    def _nothing_ignored(self) -> Self:
-        for name in self.idle():
-            if name in self.model_fields_set:
-                raise InputError(f"{name}: has no meaning beside the other settings; leave it out")
-        return self
-
-    def spoken(self) -> dict[str, Any]:
-        """Spell out every key that has a meaning.
-
-        Returns
-        -------
-        dict
-            Ready to be written as TOML.
-        """
-        idle = self.idle()
-        return {name: _spoken(value) for name, value in self if value is not None and name not in idle}
-
-
-def _spoken(value: Any) -> Any:
-    if isinstance(value, Table):
-        return value.spoken()
-    if isinstance(value, dict):  # TOML has no word for None
-        return {key: _spoken(item) for key, item in value.items() if item is not None}
-    return [_spoken(item) for item in value] if isinstance(value, list) else value
+if TYPE_CHECKING:
+    LatencyTable = float | list[float] | KindTable
+    LossTable = float | list[float] | KindTable | list[KindTable]
+    NetworkTable = KindTable
+else:
+    LatencyTable = one_of("latency", plain=True)
+    LossTable = one_of("loss", plain=True, several=True)
+    NetworkTable = one_of("network")
 
 
 class ResourceTable(Table):
@@ -136,100 +94,69 @@ class CostsTable(Table):
         return PolynomialCosts(self.exponents, self.coefficients)
 
 
-class ControlUnitTable(Table):
-    """``[control_unit]``: see `Sampled` and `Crossing`.
+class ChannelTable(Table):
+    """``[channel]``: see `BroadcastChannel`, or a network.
 
     Attributes
     ----------
-    kind : {"sampled", "crossing"}
-        Which of the two.
-    period, phase : float
-        Of "sampled".
-    refractory : float
-        Of "crossing".
-    sensing_delay : float
-        Of both.
+    latency : float, list of float or table
+        Constant, of all agents or of each, or a kind of latency with its parameters.
+    loss : float, list of float, table or list of tables
+        Probability, of all agents or of each, or a kind of loss with its parameters, or several.
+    duplication : float or list of float
+        Probability that a copy arrives twice, of all agents or of each.
+    fifo : bool
+        Whether links keep the order.
+    network : table, optional
+        A kind of network with its parameters, in place of all of these.
     """
 
-    kind: Literal["sampled", "crossing"] = "sampled"
-    period: float = 1.0
-    phase: float = 0.0
-    refractory: float = 1.0
-    sensing_delay: float = 0.0
+    latency: LatencyTable = 0.0
+    loss: LossTable = 0.0
+    duplication: float | list[float] = 0.0
+    fifo: bool = False
+    network: NetworkTable | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        self.build()
+        if self.network is None:  # which has checked itself
+            self.build()
         return self
 
     def idle(self) -> tuple[str, ...]:
-        """Name the keys that belong to the other kind.
+        """Name the keys that have no meaning over a network.
 
         Returns
         -------
         tuple of str
             None of them may be given.
         """
-        return ("refractory",) if self.kind == "sampled" else ("period", "phase")
+        return () if self.network is None else ("latency", "loss", "duplication", "fifo")
 
-    def build(self) -> ControlUnit:
+    def build(self) -> Channel:
         """Make the object that the table describes.
 
         Returns
         -------
-        ControlUnit
+        Channel
             Checked.
         """
-        if self.kind == "sampled":
-            return Sampled(self.period, self.phase, self.sensing_delay)
-        return Crossing(self.refractory, self.sensing_delay)
-
-
-class ChannelTable(Table):
-    """``[channel]``: see `BroadcastChannel`.
-
-    Attributes
-    ----------
-    latency : float, list of float or table
-        Constant, of all agents or of each; or a kind of latency with its parameters.
-    loss : float, list of float, table or list of tables
-        Probability, of all agents or of each; or a kind of loss with its parameters, or several.
-    duplication : float or list of float
-        Of all agents or of each.
-    fifo : bool
-        Whether links keep the order.
-    """
-
-    latency: float | list[float] | dict[str, Any] = 0.0
-    loss: float | list[float] | dict[str, Any] | list[dict[str, Any]] = 0.0
-    duplication: float | list[float] = 0.0
-    fifo: bool = False
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        self.build()
-        return self
-
-    def build(self) -> BroadcastChannel:
-        """Make the object that the table describes.
-
-        Returns
-        -------
-        BroadcastChannel
-            Checked.
-        """
-        latency = named_latency(self.latency) if isinstance(self.latency, dict) else self.latency
+        if self.network is not None:
+            made: Channel = self.network.build()
+            return made
+        latency = self.latency.build() if isinstance(self.latency, KindTable) else self.latency
         return BroadcastChannel(latency, self._losses(), self.duplication, self.fifo)
 
     def _losses(self) -> Loss | float | list[float]:
         """Tell numbers, one table and several tables apart."""
         given = self.loss
-        if isinstance(given, dict):
-            return named_loss(given)
+        if isinstance(given, KindTable):
+            made: Loss = given.build()
+            return made
         if isinstance(given, list):
-            tables = [part for part in given if isinstance(part, dict)]
-            numbers = [part for part in given if not isinstance(part, dict)]
-            return Combined(*map(named_loss, tables)) if tables else numbers
+            tables = [part for part in given if isinstance(part, KindTable)]
+            numbers = [part for part in given if not isinstance(part, KindTable)]
+            return Combined(*(table.build() for table in tables)) if tables else numbers
         return given
 
 

@@ -1,0 +1,144 @@
+"""What there is: kinds that a scenario can name, models, and what can be run in the working directory."""
+
+import ast
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from aimd_des.scenario.kinds import Kind
+
+__all__ = ["TOPICS", "Entry", "Key", "Topic", "entries"]
+
+
+@dataclass(frozen=True)
+class Topic:
+    """Something that can be listed.
+
+    Attributes
+    ----------
+    title : str
+        What it is, and how a name of it is used.
+    group : str
+        The group of kinds; scenarios are none.
+    """
+
+    title: str
+    group: str = ""
+
+
+#: What is listed, by the word for it.
+TOPICS = {
+    "models": Topic('Models, as in model = "NAME"; keys stand in [parameters]', "model"),
+    "scenarios": Topic("Scenarios, as in python -m NAME or aimd-des run FILE"),
+    "control_units": Topic('Control units, as in [control_unit] kind = "NAME"', "control_unit"),
+    "latency": Topic('Latency, as in channel.latency = { kind = "NAME", ... }', "latency"),
+    "loss": Topic('Loss, as in channel.loss = { kind = "NAME", ... }', "loss"),
+    "networks": Topic('Networks, as in [channel.network] kind = "NAME"', "network"),
+    "averaging": Topic('Averaging, as in [averaging] kind = "NAME"', "averaging"),
+    "compensation": Topic('Compensation of losses, as in [compensation] kind = "NAME"', "compensation"),
+    "interventions": Topic('Interventions, as in [[interventions]] kind = "NAME"', "intervention"),
+}
+
+# Where files of scenarios and studies are looked for.
+_FOLDERS = (".", "scenarios")
+
+
+@dataclass(frozen=True)
+class Key:
+    """A parameter, as it stands in a scenario file.
+
+    Attributes
+    ----------
+    name : str
+        How it is called.
+    required : bool
+        Whether it must be given.
+    default : str
+        What holds unless it is given, as TOML has it.
+    meaning : str
+        In a line or more.
+    """
+
+    name: str
+    required: bool
+    default: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Something that has a name.
+
+    Attributes
+    ----------
+    name : str
+        As it is used.
+    meaning : str
+        In one line.
+    parameters : tuple of Key
+        What it takes.
+    """
+
+    name: str
+    meaning: str
+    parameters: tuple[Key, ...] = ()
+
+
+def entries(topic: str) -> list[Entry]:
+    """List what there is of one topic.
+
+    Parameters
+    ----------
+    topic : str
+        One of `TOPICS`.
+
+    Returns
+    -------
+    list of Entry
+        In the order in which it is shown.
+
+    Raises
+    ------
+    InputError
+        If a module of the user's models cannot be imported.
+    """
+    if topic == "scenarios":
+        return [*_scripts(), *_files()]
+    from aimd_des.scenario.kinds import kinds, kinds_of
+
+    group = TOPICS[topic].group
+    found = [kind for kind in kinds() if kind.group == group] if topic == "models" else kinds_of(group)
+    return [_entry(kind) for kind in found]
+
+
+def _entry(kind: "Kind") -> Entry:
+    keys = tuple(Key(key.name, key.required, key.default, key.meaning) for key in kind.parameters)
+    return Entry(kind.name, kind.meaning, keys)
+
+
+def _scripts() -> Iterator[Entry]:
+    """Find the scripts of the folder `scenarios`; nothing is run."""
+    for path in sorted(Path("scenarios").glob("[!_.]*.py")):
+        try:
+            text = ast.get_docstring(ast.parse(path.read_bytes())) or ""
+        except (OSError, SyntaxError, ValueError, RecursionError):
+            continue  # no module of Python
+        yield Entry(f"scenarios.{path.stem}", text.partition("\n")[0])
+
+
+def _files() -> Iterator[Entry]:
+    """Find files of scenarios and studies in the working directory and in its folder `scenarios`."""
+    for path in sorted(path for folder in _FOLDERS for path in Path(folder).glob("*.toml")):
+        data = _toml(path)
+        if "until" in data or "axes" in data:
+            yield Entry(str(path), str(data.get("title", "")))
+
+
+def _toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}

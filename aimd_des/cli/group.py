@@ -1,0 +1,56 @@
+"""The command itself, which finds its subcommands by their names."""
+
+import sys
+from importlib import import_module
+from io import TextIOWrapper
+from typing import Any
+
+import click
+
+import aimd_des
+
+__all__ = ["main"]
+
+# In the order in which help shows them; each is `command` in the module of its name.
+_COMMANDS = ("run", "sweep", "list", "show", "compare", "completion")
+
+_EPILOG = """\b
+Examples:
+  aimd-des run scenarios/paper.toml --seed 0 --out results/run
+  aimd-des run my_system.toml --out results/mine --overwrite
+
+A mistake in a file or an option ends with one sentence and exit code 2; a run
+that cannot go on ends with exit code 1.
+"""
+
+
+class _Lazy(click.Group):
+    """A group that imports the module of a subcommand when it is asked for it."""
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        """Run the command; what a terminal cannot show is written as a number, and is no reason to stop."""
+        if isinstance(sys.stdout, TextIOWrapper):
+            sys.stdout.reconfigure(errors="backslashreplace")
+        return super().main(*args, **kwargs)
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Name the subcommands in the order of their use."""
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a subcommand."""
+        if cmd_name not in _COMMANDS:
+            return None
+        found: click.Command = import_module(f"aimd_des.cli.{cmd_name}").command
+        return found
+
+
+@click.group(cls=_Lazy, epilog=_EPILOG, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(aimd_des.__version__, prog_name="aimd-des")
+def main() -> None:
+    """Simulate asynchronous AIMD resource allocation with one-bit capacity signals.
+
+    Many agents share a few resources.  Each raises its demand steadily; when the total passes a
+    capacity, a control unit broadcasts one bit, and each agent cuts its demand with a probability
+    that comes from its own private cost.  The averages settle at the optimum of the whole.
+    """

@@ -1,0 +1,72 @@
+"""`aimd-des run`: one scenario, and a folder with what came out."""
+
+from pathlib import Path
+
+import click
+
+from aimd_des.cli.refusals import refusing, writing
+from aimd_des.cli.settings import changes
+
+__all__ = ["command"]
+
+
+@click.command(
+    "run", epilog="What a scenario file may say is described in docs/scenario_files.md of the project."
+)
+@click.argument("scenario", type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--seed", type=int, help="Replaces the seed of the file; decides everything random.")
+@click.option(
+    "--agents",
+    type=click.Choice(["process", "fleet"]),
+    help="Replaces the word of the file: a SimPy process each, or all in compiled code; same results.",
+)
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Replaces a value of the file, by its dotted key, such as channel.latency=0.5 or"
+    " resources.0.capacity=10; may be repeated.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=True),
+    help="Folder for the results, new or empty.  [default: results/NAME of the file]",
+)
+@click.option("--overwrite", is_flag=True, help="Replace a folder that an earlier run wrote.")
+@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures, too.")
+def command(
+    scenario: Path,
+    seed: int | None,
+    agents: str | None,
+    settings: tuple[str, ...],
+    out: Path | None,
+    overwrite: bool,
+    figures: bool,
+) -> None:
+    """Run the system that the file SCENARIO describes, and write what came out.
+
+    The folder receives scenario.toml (the run, every value spelled out), summary.csv (a row for
+    each resource), signals.parquet, demand.parquet and allocations.parquet (tidy frames), figures
+    as PNG, and run.json (digest, seed, versions).  The same scenario and seed give the same digest.
+    """
+    from aimd_des.cli.folders import load_run
+    from aimd_des.cli.runs import print_measures
+    from aimd_des.optimum import solve_optimum
+    from aimd_des.output import check_folder, write_run
+    from aimd_des.progress import RunProgress
+    from aimd_des.scenario import load_scenario
+
+    folder = Path("results") / scenario.stem if out is None else out
+    with refusing():
+        loaded = load_scenario(scenario, **changes(settings, seed=seed, agents=agents))
+    with writing(folder), refusing():
+        check_folder(folder, overwrite=overwrite)
+    with writing(folder), refusing(scenario):
+        with RunProgress(loaded.until) as progress:
+            result = loaded.run(progress.update)
+        optimum = solve_optimum(result.problem)
+        write_run(folder, loaded, result, optimum, figures=figures)
+    with refusing():
+        print_measures("Summary", load_run(folder))
+    click.echo(f"Results in {folder}")

@@ -1,0 +1,72 @@
+"""`aimd-des validate`: whether files would run, without running them."""
+
+from pathlib import Path
+
+import click
+
+__all__ = ["command"]
+
+# What a study file has at its top and a scenario file has not.
+_OF_A_STUDY = {"axes", "base", "extends", "scenario"}
+
+
+@click.command("validate")
+@click.argument(
+    "files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path, dir_okay=False)
+)
+@click.pass_context
+def command(context: click.Context, files: tuple[Path, ...]) -> None:
+    """Check files of scenarios and studies; nothing is run, and nothing is written.
+
+    A line for each FILE that would run says what it is.  For the others there is a line for each
+    mistake, with file, line and key, and the exit code is 2.  The problem is built and its costs
+    are checked; of a study that is done at every point.
+    """
+    from aimd_des.errors import InputError
+
+    wrong = 0
+    for path in files:
+        try:
+            click.echo(f"{path}: ok: {_described(path)}")
+        except InputError as refusal:
+            wrong += 1
+            lines = str(refusal).splitlines()
+            click.echo("\n".join(_about(path, line) for line in lines), err=True)
+    if wrong:
+        context.exit(2)
+
+
+def _about(path: Path, sentence: str) -> str:
+    """Name the file, where the sentence does not."""
+    return sentence if sentence.startswith(str(path)) else f"{path}: {sentence}"
+
+
+def _described(path: Path) -> str:
+    """Say what a file holds, once it has been checked."""
+    from aimd_des.scenario.file import read_toml
+
+    if _OF_A_STUDY & set(read_toml(path)[1]):
+        return _study(path)
+    from aimd_des.scenario import load_scenario
+
+    scenario = load_scenario(path)
+    problem = scenario.problem()
+    size = f"{_count(problem.n_agents, 'agent')}, {_count(problem.n_resources, 'resource')}"
+    return f"{size}, {scenario.dynamics}, until {scenario.until:g}"
+
+
+def _study(path: Path) -> str:
+    from aimd_des.study.file import read_study
+    from aimd_des.study.points import expand
+
+    study = read_study(path)
+    points = len(expand(study))
+    least = "" if study.precision is None else f", at most {study.precision.at_most}"
+    return (
+        f"a study of {_count(points, 'point')}, {_count(study.replications, 'replication')} each{least}:"
+        f" {_count(points * study.replications, 'run')}"
+    )
+
+
+def _count(number: int, word: str) -> str:
+    return f"{number:,} {word}{'' if number == 1 else 's'}"

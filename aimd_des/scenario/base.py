@@ -1,0 +1,64 @@
+"""What all tables of a scenario share: every key is known, every value has its type, nothing is ignored."""
+
+from typing import Annotated, Any, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from aimd_des.errors import InputError
+from aimd_des.scenario.kinds import describe
+
+__all__ = ["Integer", "Table"]
+
+#: What TOML promises to hold.
+Integer = Annotated[int, Field(ge=-(2**63), lt=2**63)]
+
+
+def _described(schema: dict[str, Any], table: type[BaseModel]) -> None:
+    """Take descriptions from the docstring: its first paragraph, and what it says about each key."""
+    meanings = describe(table.__doc__)
+    schema["description"] = " ".join((table.__doc__ or "").strip().partition("\n\n")[0].split())
+    for name, part in schema.get("properties", {}).items():
+        if name in meanings:
+            part["description"] = meanings[name]
+
+
+class Table(BaseModel):
+    """A table of a scenario: every key is known, every value has its type, nothing is ignored."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, json_schema_extra=_described)
+
+    def idle(self) -> tuple[str, ...]:
+        """Name the keys that have no meaning beside the others.
+
+        Returns
+        -------
+        tuple of str
+            None of them may be given.
+        """
+        return ()
+
+    @model_validator(mode="after")
+    def _nothing_ignored(self) -> Self:
+        for name in self.idle():
+            if name in self.model_fields_set:
+                raise InputError(f"{name}: has no meaning beside the other settings; leave it out")
+        return self
+
+    def spoken(self) -> dict[str, Any]:
+        """Spell out every key that has a meaning.
+
+        Returns
+        -------
+        dict
+            Ready to be written as TOML.
+        """
+        idle = self.idle()
+        return {name: _spoken(value) for name, value in self if value is not None and name not in idle}
+
+
+def _spoken(value: Any) -> Any:
+    if isinstance(value, Table):
+        return value.spoken()
+    if isinstance(value, dict):  # TOML has no word for None
+        return {key: _spoken(item) for key, item in value.items() if item is not None}
+    return [_spoken(item) for item in value] if isinstance(value, list) else value

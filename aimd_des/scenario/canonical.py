@@ -1,0 +1,112 @@
+"""The canonical form of a scenario: the same bytes for the same run, to be hashed."""
+
+import inspect
+import json
+from collections.abc import Callable, Iterator, Mapping
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+import numpy.typing as npt
+
+from aimd_des.errors import InputError
+
+__all__ = ["canonical_form", "typed_parameters"]
+
+# They change no result.
+_IMMATERIAL = {"title", "agents"}
+
+
+def canonical_form(spoken: Mapping[str, Any]) -> bytes:
+    """Write what decides a result, in one way only.
+
+    Parameters
+    ----------
+    spoken : mapping
+        A resolved scenario, spelled out, with parameters as `typed_parameters` returns them.
+
+    Returns
+    -------
+    bytes
+        JSON with sorted keys, without title and `agents`.  Files that tables name stand there by the
+        SHA-256 of what they hold.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read.
+    """
+    material = {
+        key: value if key == "parameters" else _with_contents(value)
+        for key, value in spoken.items()
+        if key not in _IMMATERIAL
+    }
+    return json.dumps(material, sort_keys=True, separators=(",", ":"), default=repr).encode("ascii")
+
+
+def typed_parameters(function: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Write parameters of a model so that equal ones look alike.
+
+    Parameters
+    ----------
+    function : callable
+        The model.
+    given : mapping
+        Its parameters.
+
+    Returns
+    -------
+    dict
+        With floats where the model's signature says floats, and the contents of files where it says `Path`.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read.
+    """
+    try:
+        hints = get_type_hints(function)
+    except (NameError, TypeError):  # what is annotated with names that are not there
+        hints = {}
+    defaults = inspect.signature(function).parameters
+    typed = {}
+    for name, value in given.items():
+        hint = hints.get(name, type(defaults[name].default))
+        leaves = {float} if hint == npt.ArrayLike else set(_leaves(hint))
+        if Path in leaves and isinstance(value, str) and Path(value).is_file():
+            typed[name] = _content(value)
+        elif int not in leaves and any(issubclass(leaf, float) for leaf in leaves):
+            typed[name] = _as_floats(value)
+        else:
+            typed[name] = value
+    return typed
+
+
+def _leaves(hint: Any) -> Iterator[type]:
+    """Yield the classes that an annotation is made of."""
+    if isinstance(hint, type):
+        yield hint
+    for argument in get_args(hint):
+        yield from _leaves(argument)
+
+
+def _as_floats(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_as_floats(item) for item in value]
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def _with_contents(value: Any) -> Any:
+    """Put the contents of files in the place of their names."""
+    if isinstance(value, list):
+        return [_with_contents(item) for item in value]
+    if isinstance(value, dict):
+        return {key: _content(item) if key == "path" else _with_contents(item) for key, item in value.items()}
+    return value
+
+
+def _content(path: str) -> str:
+    try:
+        return f"sha256:{sha256(Path(path).read_bytes()).hexdigest()}"
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None

@@ -1,0 +1,62 @@
+"""Parameters of models: anything that a file can hold, and nothing else."""
+
+from datetime import date, datetime, time
+from typing import Any
+
+from aimd_des.errors import InputError
+
+__all__ = ["as_data", "refuse_no_data"]
+
+_PLAIN = (str, bool, float, date, datetime, time, type(None))
+
+# Tables and lists in each other; what reads and writes them calls itself for each.
+_DEEPEST = 32
+
+
+def refuse_no_data(field: str, value: Any, depth: int = 0) -> None:
+    """Refuse what cannot be written to a file and read back the same.
+
+    Parameters
+    ----------
+    field : str
+        Its dotted key.
+    value : object
+        What was given.
+    depth : int
+        Of tables and lists around it.
+
+    Raises
+    ------
+    InputError
+        Naming the key.
+    """
+    if depth > _DEEPEST:
+        raise InputError(f"{field}: is nested deeper than {_DEEPEST} tables and lists; make it flatter")
+    if isinstance(value, dict):
+        for key, item in value.items():
+            refuse_no_data(f"{field}.{key}", item, depth + 1)
+    elif isinstance(value, list):
+        for number, item in enumerate(value):
+            refuse_no_data(f"{field}.{number}", item, depth + 1)
+    elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise InputError.of(field, value, "an integer of 64 bits")
+    elif not isinstance(value, (*_PLAIN, int)):
+        raise InputError.of(field, value, "a string, number, truth value, date, time, list or table")
+
+
+def as_data(value: Any) -> Any:
+    """Write defaults of a model as a file has them.
+
+    Parameters
+    ----------
+    value : object
+        With tuples where there are lists in a file.
+
+    Returns
+    -------
+    object
+        With lists.
+    """
+    if isinstance(value, dict):
+        return {key: as_data(item) for key, item in value.items()}
+    return [as_data(item) for item in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,85 @@
+"""Prices as data: private costs that the scenario's own model draws again and again."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from aimd_des import checks
+from aimd_des.costs import Costs
+from aimd_des.interventions import Prices
+from aimd_des.registry import model_parameters, named_model
+
+__all__ = ["RedrawnPrices", "redraw_seed"]
+
+
+def redraw_seed(seed: int, number: int) -> int:
+    """Derive the seed of one redraw.
+
+    Parameters
+    ----------
+    seed : int
+        The scenario's, at least 0.
+    number : int
+        k, at least 1.
+
+    Returns
+    -------
+    int
+        The first 64 bits of ``numpy.random.SeedSequence(seed, spawn_key=(number,))``.
+    """
+    return int(np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(1, np.uint64)[0])
+
+
+@dataclass(frozen=True)
+class RedrawnPrices:
+    """The private costs of all agents are drawn anew by the scenario's model at given intervals.
+
+    Parameters
+    ----------
+    every : float
+        The interval, greater than 0: the k-th costs hold from k * every on.
+    parameter : str
+        The parameter of the model that decides the draw, which gets a seed of its own for each k.
+
+    Raises
+    ------
+    InputError
+        If the interval is not positive.
+    """
+
+    every: float
+    parameter: str = "seed"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "every", checks.number("every", self.every, low=0.0, low_open=True))
+
+    def by(self, model: str, parameters: Mapping[str, Any], seed: int) -> Prices:
+        """Let a model draw them.
+
+        Parameters
+        ----------
+        model : str
+            A registered model.
+        parameters : mapping
+            Of the model; the one that decides the draw is replaced.
+        seed : int
+            The scenario's.
+
+        Returns
+        -------
+        Prices
+            Whose k-th costs are those of the model with `redraw_seed` (seed, k).
+
+        Raises
+        ------
+        InputError
+            If the model has no such parameter, naming the nearest one.
+        """
+        complete = model_parameters(model, {**parameters, self.parameter: seed}, seed)
+
+        def draw(k: int) -> Costs:
+            return named_model(model)(**{**complete, self.parameter: redraw_seed(seed, k)}).costs
+
+        return Prices(self.every, draw)

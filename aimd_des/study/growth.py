@@ -1,0 +1,149 @@
+"""The plan of a study, and what it may become: a folder grows by values and replications."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+
+import aimd_des
+from aimd_des.errors import InputError
+from aimd_des.study.design import Study
+from aimd_des.study.measure import axis_fields
+from aimd_des.study.points import Point, Run, expand, run_of
+from aimd_des.study.schedule import Schedule
+from aimd_des.study.store import Store
+
+__all__ = ["earlier_replications", "plan_table", "planned"]
+
+_REMEDY = "choose another folder, or say --overwrite (overwrite=True)"
+
+
+def plan_table(study: Study, runs: Sequence[Run]) -> pa.Table:
+    """List the runs of a study.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    runs : sequence of Run
+        Its runs.
+
+    Returns
+    -------
+    pyarrow.Table
+        The columns of the axes, point, replication, seed and key; a row for each run.
+    """
+    schema = pa.schema(
+        [
+            *axis_fields(study),
+            pa.field("point", pa.string()),
+            pa.field("replication", pa.int64()),
+            pa.field("seed", pa.int64()),
+            pa.field("key", pa.string()),
+        ]
+    )
+    labels = [run.labels for run in runs]
+    return pa.Table.from_arrays(
+        [pa.array([row[part.name] for row in labels], part.type) for part in schema], schema=schema
+    )
+
+
+def earlier_replications(store: Store, study: Study, points: Sequence[Point]) -> dict[str, int]:
+    """Hold a study against the one whose folder this is.
+
+    Parameters
+    ----------
+    store : Store
+        The folder.
+    study : Study
+        The study that shall go on in it.
+    points : sequence of Point
+        Its points.
+
+    Returns
+    -------
+    dict of int
+        How many replications each point has had, by its name.
+
+    Raises
+    ------
+    InputError
+        If the folder has runs that would be no part of the study, or that lack something.
+    """
+    manifest, plan = store.manifest(), store.plan()
+    if manifest is None or plan is None:
+        return {}
+    if manifest["result_version"] != aimd_des.RESULT_VERSION:
+        reason = f"{aimd_des.RESULT_VERSION}, that of the results of this version of aimd_des"
+        raise InputError.of(f"result version of {store.folder}", manifest["result_version"], reason, _REMEDY)
+    earlier = Study.model_validate(manifest["study"])
+    for name in ("columns", "keep"):
+        old, new = (
+            sorted(getattr(one, name)() if name == "columns" else one.keep) for one in (earlier, study)
+        )
+        if old != new:
+            word = "measures" if name == "columns" else name
+            raise InputError.of(f"{word} of the study", new, f"{old}, as its folder has them", _REMEDY)
+    names = [axis.name for axis in study.axes]
+    columns = [part.name for part in axis_fields(earlier)]
+    if columns != names:
+        raise InputError.of("axes of the study", names, f"{columns}, as its folder has them", _REMEDY)
+    return _counts(plan.to_pylist(), study, points)
+
+
+def _counts(rows: list[dict[str, Any]], study: Study, points: Sequence[Point]) -> dict[str, int]:
+    by_name = {point.name: point for point in points}
+    at_most = study.replications if study.precision is None else study.precision.at_most
+    counts: dict[str, int] = {}
+    for row in rows:
+        shown = ", ".join(f"{axis.name} = {row[axis.name]}" for axis in study.axes) or "the scenario"
+        point = by_name.get(row["point"])
+        if point is None:
+            raise InputError(f"the folder has runs at {shown}, which the study has not: {_REMEDY}")
+        # Equal keys of the first replication mean equal scenarios and equal seeds, and so equal keys of all.
+        if row["replication"] == 0 and row["key"] != run_of(study, point, 0).key:
+            raise InputError(
+                f"the scenario or the seed at {shown} is not that of the runs in the folder: {_REMEDY}"
+            )
+        if any(point.labels[axis.name] != row[axis.name] for axis in study.axes):
+            raise InputError(f"the runs at {shown} have other names than in the folder: {_REMEDY}")
+        if row["replication"] >= at_most:
+            raise InputError(
+                f"the folder has more replications at {shown} than the study ({at_most}): {_REMEDY}"
+            )
+        counts[point.name] = max(counts.get(point.name, 0), row["replication"] + 1)
+    return counts
+
+
+def planned(study: Study, store: Store) -> pd.DataFrame:
+    """Say what a sweep would do.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    store : Store
+        The folder, which may not be there yet.
+
+    Returns
+    -------
+    DataFrame
+        A row for each point: the columns of the axes, point, replications (at least), done, failed.
+
+    Raises
+    ------
+    InputError
+        If a sweep would refuse.
+    """
+    store.check()
+    points = expand(study)
+    schedule = Schedule(study, points, earlier_replications(store, study, points))
+    frame = plan_table(study, schedule.runs).to_pandas()
+    frame["done"], frame["failed"] = (frame["key"].isin(store.keys(kind)) for kind in ("runs", "failed"))
+    names = [*(axis.name for axis in study.axes), "point"]
+    counts = frame.groupby(names, sort=False).agg(
+        replications=("key", "count"), done=("done", "sum"), failed=("failed", "sum")
+    )
+    found: pd.DataFrame = counts.reset_index()
+    return found

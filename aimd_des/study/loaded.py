@@ -1,0 +1,185 @@
+"""A study's folder read back: tidy frames, and the scenario of every run."""
+
+import json
+import tomllib
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from aimd_des.errors import InputError
+from aimd_des.scenario import Scenario, validate_scenario
+from aimd_des.study.columns import known_frame
+from aimd_des.study.design import Axis, Study
+from aimd_des.study.measure import SCENARIO, run_schema
+from aimd_des.study.store import Store
+
+__all__ = ["StudyResults", "load_study"]
+
+
+def load_study(folder: str | Path) -> "StudyResults":
+    """Open the folder of a study, whether or not all of its runs are there.
+
+    Parameters
+    ----------
+    folder : str or Path
+        As `run_study` or ``aimd-des sweep`` has written it.
+
+    Returns
+    -------
+    StudyResults
+        Frames are read when they are asked for.
+
+    Raises
+    ------
+    InputError
+        If it is no such folder.
+    """
+    store = Store(Path(folder))
+    manifest, plan = store.manifest(), store.plan()
+    if manifest is None or plan is None:
+        raise InputError.of("folder", str(folder), "that of a study, with its manifest.json and plan.parquet")
+    return StudyResults(store, Study.model_validate(manifest["study"]), plan.to_pandas())
+
+
+class StudyResults:
+    """What a study has given so far.
+
+    Parameters
+    ----------
+    store : Store
+        The folder.
+    study : Study
+        The study.
+    plan : DataFrame
+        Which runs it has.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it is.
+    study : Study
+        What was asked for.
+    plan : DataFrame
+        A row for each run: the columns of the axes, point, replication, seed, key.
+    """
+
+    def __init__(self, store: Store, study: Study, plan: pd.DataFrame) -> None:
+        self._store = store
+        self.folder = store.folder
+        self.study = study
+        self.plan = self._tidy(plan)
+
+    def _tidy(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """Make names categoricals, in the order of the study, and integers of an axis of integers."""
+        for axis in self.study.axes:
+            values = [value for value, _ in axis.settings()]
+            if Axis.kind(values[0]) == "string":
+                frame[axis.name] = pd.Categorical(frame[axis.name], categories=values)
+            elif all(type(value) is int for value in values):
+                frame[axis.name] = frame[axis.name].astype("int64")
+        for name in {"point", "resource"} & set(frame.columns):
+            frame[name] = pd.Categorical(frame[name], categories=frame[name].unique())
+        return frame
+
+    @cached_property
+    def runs(self) -> pd.DataFrame:
+        """The measures: a row for each run and resource, in the order of the plan.
+
+        Columns: those of the axes, point, replication, seed, key, digest, resource, the measures of
+        `Result.summary`, until.
+        """
+        schema = run_schema(self.study)
+        there = self._store.keys("runs")
+        tables = [
+            _read(self._store.file("runs", key)).cast(schema) for key in self.plan["key"] if key in there
+        ]
+        return self._tidy(pa.concat_tables(tables or [schema.empty_table()]).to_pandas())
+
+    def frame(self, name: str) -> pd.DataFrame:
+        """Put a frame of all runs together.
+
+        Parameters
+        ----------
+        name : str
+            One that the study keeps, such as "demand".
+
+        Returns
+        -------
+        DataFrame
+            The columns of the axes, replication and key, then those of the frame.
+
+        Raises
+        ------
+        InputError
+            If the study does not keep it.
+        """
+        known_frame("name", name)
+        if name not in self.study.keep:
+            raise InputError.of(
+                "name", name, f"one of what the study keeps: {self.study.keep}", "add it to keep"
+            )
+        there = self._store.keys(name) & self._store.keys("runs")
+        rows = self.plan[self.plan["key"].isin(there)]
+        tables = [_read(self._store.file(name, key)) for key in rows["key"]]
+        if not tables:
+            return rows[[*(axis.name for axis in self.study.axes), "replication", "key"]].copy()
+        found: pd.DataFrame = pa.concat_tables(tables).unify_dictionaries().drop_columns("key").to_pandas()
+        lengths = [len(table) for table in tables]
+        columns = ["key", "replication", *(axis.name for axis in reversed(self.study.axes))]
+        for column in columns:
+            values = rows[column].repeat(lengths).reset_index(drop=True)
+            found.insert(0, column, values.astype("category") if column == "key" else values)
+        return found
+
+    @property
+    def failed(self) -> pd.DataFrame:
+        """The runs that failed: the columns of the plan, and message; more is in the folder ``failed``."""
+        there = self._store.keys("failed")
+        rows = self.plan[self.plan["key"].isin(there)].reset_index(drop=True)
+        return rows.assign(message=[self._failure(key)["message"] for key in rows["key"]])
+
+    @property
+    def missing(self) -> pd.DataFrame:
+        """The runs that are neither there nor failed: the columns of the plan."""
+        there = self._store.keys("runs") | self._store.keys("failed")
+        return self.plan[~self.plan["key"].isin(there)].reset_index(drop=True)
+
+    def scenario(self, key: str) -> Scenario:
+        """Give the scenario of a run, to be run alone.
+
+        Parameters
+        ----------
+        key : str
+            Of the run.
+
+        Returns
+        -------
+        Scenario
+            Resolved, with the seed of the run: it has the digest in the run's row.
+
+        Raises
+        ------
+        InputError
+            If there is no such run, or not yet.
+        """
+        if key in self._store.keys("runs"):
+            text = pq.read_schema(self._store.file("runs", key)).metadata[SCENARIO].decode()
+        elif key in self._store.keys("failed"):
+            text = self._failure(key)["scenario"]
+        else:
+            raise InputError.of("key", key, f"that of a run in {self.folder}, done or failed")
+        return validate_scenario(tomllib.loads(text), f"run {key}")
+
+    def _failure(self, key: str) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads(self._store.file("failed", key).read_text(encoding="utf-8"))
+        return found
+
+
+def _read(path: Path) -> pa.Table:
+    # One small file after the other: threads would take longer to begin than to read.
+    with pq.ParquetFile(path) as file:
+        return file.read(use_threads=False).replace_schema_metadata(None)

@@ -1,0 +1,232 @@
+"""The points of a study and the runs of each: settings, seeds and keys, a function of the study alone."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from hashlib import sha256
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+import aimd_des
+from aimd_des.errors import InputError
+from aimd_des.scenario import Scenario, validate_scenario
+from aimd_des.scenario.keys import with_settings
+from aimd_des.study.design import Setting, Study, Value
+from aimd_des.study.where import Condition
+
+__all__ = ["Point", "Run", "expand", "problem_words", "run_of"]
+
+# What a seed is for: the first word of its spawn key. They never change.
+_PAIRED, _UNPAIRED = 0, 1
+
+
+@dataclass(frozen=True)
+class Point:
+    """A position along each axis.
+
+    Attributes
+    ----------
+    name : str
+        A hash of the settings: the same whatever values there are besides, and in whatever order.
+    labels : dict
+        The value of each axis by its name.
+    scenario : Scenario
+        The run at this point, without its seed.
+    """
+
+    name: str
+    labels: dict[str, Value]
+    scenario: Scenario
+
+
+@dataclass(frozen=True)
+class Run:
+    """One replication of a point.
+
+    Attributes
+    ----------
+    point : Point
+        Where.
+    replication : int
+        Which, from 0.
+    scenario : Scenario
+        Resolved, with the seed of the run.
+    key : str
+        A hash of the scenario and of the version of results: the name of the files.
+    """
+
+    point: Point
+    replication: int
+    scenario: Scenario
+    key: str
+
+    @property
+    def labels(self) -> dict[str, Any]:
+        """What the columns hold that say which run it is."""
+        own = {"point": self.point.name, "replication": self.replication, "key": self.key}
+        return {**self.point.labels, **own, "seed": self.scenario.seed, "until": self.scenario.until}
+
+    def __str__(self) -> str:
+        return f"{_shown(self.point.labels)} (replication {self.replication})".lstrip()
+
+
+def expand(study: Study) -> list[Point]:
+    """List the points of a study, each with its scenario checked.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+
+    Returns
+    -------
+    list of Point
+        In the order of the axes, the last one fastest.
+
+    Raises
+    ------
+    InputError
+        If a scenario is refused, no point fulfils the condition, or two points are one.
+    """
+    condition = None if study.where is None else Condition(study.where, [axis.name for axis in study.axes])
+    points: list[Point] = []
+    problems: set[str] = set()
+    first: dict[str, Point] = {}
+    for labels, settings in _positions(study):
+        if condition is not None and not condition(labels):
+            continue
+        point = _point(study, labels, settings, problems)
+        same = first.setdefault(run_of(study, point, 0).key, point)
+        if same is not point:
+            pair = f"{_shown(same.labels)} and {_shown(labels)}"
+            raise InputError(f"axes: the points {pair} are the same scenario; leave one out")
+        points.append(point)
+    if not points:
+        raise InputError.of("where", study.where, "fulfilled by one point or more")
+    return points
+
+
+def _positions(study: Study) -> list[tuple[dict[str, Value], dict[str, Any]]]:
+    """Combine the axes: those that are zipped as one, all others as a product."""
+    groups: dict[str, list[tuple[str, list[Setting]]]] = {}
+    for place, axis in enumerate(study.axes):
+        word = f"axis {place}" if axis.zip is None else f"zip {axis.zip}"
+        groups.setdefault(word, []).append((axis.name, axis.settings()))
+    steps = [
+        [[(name, *settings[place]) for name, settings in group] for place in range(len(group[0][1]))]
+        for group in groups.values()
+    ]
+    found = []
+    for chosen in product(*steps):
+        parts = [part for step in chosen for part in step]
+        by_name = {name: value for name, value, _ in parts}
+        labels = {axis.name: by_name[axis.name] for axis in study.axes}
+        found.append((labels, {key: value for _, _, setting in parts for key, value in setting.items()}))
+    return found
+
+
+def _point(study: Study, labels: dict[str, Value], settings: dict[str, Any], problems: set[str]) -> Point:
+    where = f"at {_shown(labels)}" if labels else "scenario"
+    data = _lean(with_settings(study.scenario, settings), study.keep)
+    scenario = validate_scenario(data, where)
+    try:
+        _check_problem(study, scenario.model_copy(update={"seed": 0}).resolved(), problems)
+    except InputError as refusal:
+        raise InputError(f"{where}: {refusal}") from None
+    text = json.dumps(_plain(settings), sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+    return Point(sha256(text.encode()).hexdigest()[:16], labels, scenario)
+
+
+def _check_problem(study: Study, scenario: Scenario, problems: set[str]) -> None:
+    """Build the problem, and hold against it what refers to it; once where only the channel changes."""
+    words = repr((problem_words(scenario), scenario.compensation, scenario.interventions))
+    if words in problems:
+        return
+    names = scenario.problem().resource_names
+    wanted = "all" if study.precision is None else study.precision.resource
+    if wanted not in ("all", *names):
+        near = get_close_matches(wanted, names, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else ""
+        raise InputError.of("precision.resource", wanted, f"all or one of {', '.join(names)}", hint)
+    problems.add(words)
+
+
+def problem_words(scenario: Scenario) -> str:
+    """Describe the problem of a scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Resolved.
+
+    Returns
+    -------
+    str
+        Equal words mean equal problems.
+    """
+    return repr((scenario.model, scenario.parameters, scenario.resources, scenario.costs))
+
+
+def _lean(data: dict[str, Any], keep: Sequence[str]) -> dict[str, Any]:
+    """Add what holds in a study unless the scenario says otherwise: no result depends on it."""
+    wanted = set(keep)
+    recording: dict[str, Any] = {}
+    if not wanted & {"demand"}:
+        recording["demand"] = "end"
+    if not wanted & {"allocations", "tracking"}:
+        recording["allocations"] = "end"
+    if len(recording) == 2:
+        recording["tail"] = 0
+    if "events" in wanted:
+        recording["events"] = True
+    given = data.get("recording", {})
+    agents = {} if data.get("dynamics") == "synchronous" else {"agents": "fleet"}
+    # What is no table is left for the scenario to refuse.
+    return {**agents, **data, "recording": {**recording, **given} if isinstance(given, dict) else given}
+
+
+def _plain(value: Any) -> Any:
+    """Write whole numbers in one way, so that 1 and 1.0 are the same setting."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def _shown(labels: Mapping[str, Value]) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in labels.items())
+
+
+def run_of(study: Study, point: Point, replication: int) -> Run:
+    """Make one run.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    point : Point
+        One of its points.
+    replication : int
+        Which, from 0.
+
+    Returns
+    -------
+    Run
+        With its seed: the first 63 bits of a `numpy.random.SeedSequence` of the study's seed whose spawn key
+        is 0 and the replication where seeds are paired, and otherwise 1, two words of the point's name and
+        the replication.
+    """
+    if study.paired:
+        spawn_key: tuple[int, ...] = (_PAIRED, replication)
+    else:
+        words = (int(point.name[:8], 16), int(point.name[8:], 16))
+        spawn_key = (_UNPAIRED, *words, replication)
+    state = np.random.SeedSequence(study.seed, spawn_key=spawn_key).generate_state(1, np.uint64)
+    scenario = point.scenario.model_copy(update={"seed": int(state[0] >> np.uint64(1))}).resolved()
+    digest = sha256(b"%d\n" % aimd_des.RESULT_VERSION)
+    digest.update(scenario.canonical())
+    return Run(point, replication, scenario, digest.hexdigest()[:32])

@@ -1,0 +1,61 @@
+"""When to stop repeating: replications until an interval is as narrow as it was asked for."""
+
+import math
+
+import numpy.typing as npt
+
+from aimd_des import checks
+from aimd_des.study.intervals import mean_interval
+
+__all__ = ["replications_needed"]
+
+# No more than so many times as many in one step: a half-width from few values is itself uncertain.
+_MOST_GROWTH = 2.0
+
+
+def replications_needed(
+    values: npt.ArrayLike, half_width: float, confidence: float, at_least: int, at_most: int
+) -> int:
+    """Say how many replications to have next, from those that there are.
+
+    Parameters
+    ----------
+    values : array_like, shape (k,)
+        One number for each of the replications 0 to k - 1, in this order.
+    half_width : float
+        Of the interval that is asked for, greater than 0, in the unit of the values.
+    confidence : float
+        Between 0 and 1.
+    at_least, at_most : int
+        Bounds, 2 or more, whatever the values.
+
+    Returns
+    -------
+    int
+        k where the interval is narrow enough or there may be no more; else more than k, as many as the
+        scatter so far makes necessary, but at most twice as many.
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range.
+
+    Notes
+    -----
+    The answer depends on nothing but the values up to here, so that neither the number of workers nor the
+    order in which they end changes what is run.  Stopping when an interval happens to be narrow makes it
+    hold the truth a little less often than it says; with ten replications to begin with hardly (Law,
+    Simulation Modeling and Analysis, section 9.4.1).
+    """
+    wanted = checks.number("half_width", half_width, low=0.0, low_open=True)
+    first = checks.integer("at_least", at_least, low=2)
+    last = checks.integer("at_most", at_most, low=first)
+    sample = checks.array("values", values, ("n_replications",))
+    count = len(sample)
+    if count < first:
+        return first
+    reached = mean_interval(sample, confidence).half_width
+    if count >= last or reached <= wanted:
+        return count
+    growth = min((reached / wanted) ** 2, _MOST_GROWTH)
+    return min(max(count + 1, math.ceil(count * growth)), last)

@@ -1,0 +1,185 @@
+"""One run in a worker: it writes the files itself, and tells only what the sweep has to know."""
+
+import json
+import os
+import tempfile
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Event
+from typing import Any, Literal
+
+import pyarrow as pa
+
+from aimd_des.results import Result
+from aimd_des.study.locks import exclusive
+from aimd_des.study.measure import frame_table, run_table, summary_of
+from aimd_des.study.points import Run
+from aimd_des.study.store import Store, parquet, write_file
+
+__all__ = ["Outcome", "Task", "failure", "perform", "present"]
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is the same for all runs of a study.
+
+    Attributes
+    ----------
+    folder : str
+        Of the study.
+    schema : pyarrow.Schema
+        Of a run's rows.
+    keep : tuple of str
+        Frames to keep.
+    measure : str, optional
+        What the sweep wants to know of each run, for all resources.
+    """
+
+    folder: str
+    schema: pa.Schema
+    keep: tuple[str, ...]
+    measure: str | None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a run.
+
+    Attributes
+    ----------
+    kind : {"done", "failed", "died", "unwritten"}
+        "died": its worker did, and wrote nothing; "unwritten": the disk is full, or refuses.
+    message : str
+        Why, unless it is done.
+    values : tuple of (str, float)
+        The measure the sweep wanted, of each resource.
+    saturated : bool
+        Whether response probabilities were above 1.
+    errno : int
+        Of the system's refusal, if it is unwritten.
+    """
+
+    kind: Literal["done", "failed", "died", "unwritten"]
+    message: str = ""
+    values: tuple[tuple[str, float], ...] = ()
+    saturated: bool = False
+    errno: int = 0
+
+
+def perform(task: Task, run: Run) -> Outcome:
+    """Carry out a run and write what came out.
+
+    Parameters
+    ----------
+    task : Task
+        What is the same for all.
+    run : Run
+        The run.
+
+    Returns
+    -------
+    Outcome
+        Whatever happens: exceptions become records, since not all of them can be sent to another process.
+    """
+    store = Store(Path(task.folder))
+    try:
+        with warnings.catch_warnings():
+            # Their number is a column; the sweep says it once for all runs.
+            warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
+            result = _carry_out(run)
+        summary = summary_of(run.scenario, result)
+        rows = run_table(task.schema, {**run.labels, "digest": result.digest}, summary, run.scenario)
+        frames = {name: frame_table(run.key, result, name) for name in task.keep}
+    except Exception as error:  # noqa: BLE001 - whatever goes wrong in one run must not stop the others
+        message = f"{type(error).__name__}: {error}"
+        return _written(
+            lambda: failure(store, run, message, traceback.format_exc()), Outcome("failed", message)
+        )
+    values = (
+        () if task.measure is None else tuple(zip(summary["resource"], summary[task.measure], strict=True))
+    )
+
+    def write() -> None:
+        for name, frame in frames.items():
+            write_file(store.file(name, run.key), parquet(frame))
+        # The rows come last: where they are, everything is.
+        write_file(store.file("runs", run.key), parquet(rows, small=True))
+
+    return _written(write, Outcome("done", values=values, saturated=any(summary["saturated"])))
+
+
+def _written(write: Callable[[], None], outcome: Outcome) -> Outcome:
+    try:
+        write()
+    except OSError as error:
+        return Outcome("unwritten", error.strerror or str(error), errno=error.errno or 0)
+    return outcome
+
+
+def failure(store: Store, run: Run, message: str, trace: str = "") -> None:
+    """Record a run that failed.
+
+    Parameters
+    ----------
+    store : Store
+        The folder.
+    run : Run
+        The run.
+    message : str
+        What went wrong.
+    trace : str
+        Where.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    record = {**run.labels, "message": message, "traceback": trace, "scenario": run.scenario.to_toml()}
+    write_file(
+        store.file("failed", run.key), f"{json.dumps(record, indent=2, ensure_ascii=False)}\n".encode()
+    )
+
+
+def present(folder: str, key: str) -> bool:
+    """Tell whether a worker sees the folder of a study.
+
+    Parameters
+    ----------
+    folder : str
+        Its path.
+    key : str
+        The name of a file in it.
+
+    Returns
+    -------
+    bool
+        Whether the file is there.
+    """
+    return Path(folder, key).is_file()
+
+
+#: Set once this process has compiled, or loaded, what runs need.
+_COMPILED = Event()
+
+
+def _carry_out(run: Run) -> Result:
+    """Run; the first time one process after the other, until what is compiled is on the disk."""
+    if _COMPILED.is_set():
+        return run.scenario.run()
+    with _turn() as done:
+        return run.scenario.run(lambda now, events: done())
+
+
+@contextmanager
+def _turn() -> Iterator[Callable[[], None]]:
+    """Wait for the others; gives what ends the turn before the block does."""
+    user: Any = os.getuid() if hasattr(os, "getuid") else "all"
+    with ExitStack() as lock:
+        lock.enter_context(exclusive(Path(tempfile.gettempdir()) / f"aimd_des-{user}.compiling", wait=True))
+        lock.callback(_COMPILED.set)
+        yield lock.close

@@ -1,0 +1,104 @@
+"""`aimd-des show`: what was run and what came out, of a run."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from aimd_des.cli.tables import shown
+from tests.command_line import refusal, run, said, words, write
+
+pytestmark = pytest.mark.usefixtures("own_folder")
+
+
+def a_run() -> None:
+    assert run(str(write()), "--out", "out").exit_code == 0
+
+
+def test_a_run_is_shown_with_all_its_measures() -> None:
+    a_run()
+    out = said("show", "out")
+    rows = words(out)
+    provenance = json.loads(Path("out/run.json").read_text(encoding="utf-8"))
+    assert ["title", "five", "agents,", "two", "resources"] in rows
+    assert ["until", "60"] in rows
+    assert ["problem", "written", "out:", "5", "agents,", "2", "resources"] in rows
+    assert ["digest", provenance["digest"]] in rows
+    for library, version in provenance["versions"].items():
+        assert f"{library} {version}" in " ".join(out.split())
+    summary = pd.read_csv("out/summary.csv", index_col="resource")
+    assert ["measure", "memory", "disk"] in rows
+    for name, column in summary.items():
+        assert [*str(name).split("_"), *map(shown, column.tolist())] in rows
+
+
+def test_a_model_is_shown_with_its_parameters() -> None:
+    text = 'until = 30\nmodel = "models.smart_cameras"\n[parameters]\nn_cameras = 4\n'
+    assert run(str(write(text)), "--out", "out").exit_code == 0
+    rows = words(said("show", "out"))
+    assert ["model", "models.smart_cameras"] in rows
+    assert any(row[:1] == ["parameters"] and "n_cameras" in row and "4," in row for row in rows)
+
+
+def test_measures_are_chosen() -> None:
+    a_run()
+    rows = words(said("show", "out", "--measure", "utilisation", "--measure", "signals"))
+    table = rows[rows.index(["measure", "memory", "disk"]) + 2 :]
+    assert [row[0] for row in table] == ["utilisation", "signals"]
+
+
+def test_a_value_that_is_missing_is_not_a_number() -> None:
+    a_run()
+    summary = pd.read_csv("out/summary.csv", index_col="resource")
+    summary["misallocation"] = float("nan")
+    summary.to_csv("out/summary.csv")
+    assert ["misallocation", "nan", "nan"] in words(said("show", "out"))
+
+
+def test_an_unknown_measure_is_refused() -> None:
+    a_run()
+    found = refusal("show", "out", "--measure", "utilization")
+    assert found.startswith("measure = 'utilization': must be one of signals, bits, ")
+    assert found.endswith("; did you mean 'utilisation'?")
+
+
+def test_another_folder_is_refused() -> None:
+    Path("empty").mkdir()
+    expected = "folder = 'empty': must be one that aimd-des run or aimd-des sweep wrote; it has no run.json"
+    assert refusal("show", "empty").startswith(expected)
+    assert refusal("show", "nowhere") == "Invalid value for 'DIR': Directory 'nowhere' does not exist."
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("run.json", "{"),
+        ("run.json", "{}"),
+        ("run.json", "[1]"),
+        ("run.json", "[" * 100_000),
+        ("scenario.toml", "until = "),
+        ("summary.csv", "a,b\n1,2\n"),
+        ("summary.csv", "resource,signals\nmemory,many\n"),
+        ("summary.csv", "resource,signals\nmemory\n"),
+        ("summary.csv", "resource,signals\nmemory,1,2\n"),
+    ],
+)
+def test_a_damaged_folder_is_refused(name: str, content: str) -> None:
+    a_run()
+    Path("out", name).write_text(content, encoding="utf-8")
+    found = refusal("show", "out")
+    assert found.startswith(f"out/{name}: is damaged (")
+    assert found.endswith("; run the scenario again")
+
+
+@pytest.mark.parametrize("name", ["scenario.toml", "summary.csv"])
+def test_a_folder_that_lacks_a_file_is_refused(name: str) -> None:
+    a_run()
+    Path("out", name).unlink()
+    assert f"it has no {name}" in refusal("show", "out")
+    Path("out", name).mkdir()
+    assert refusal("show", "out").startswith(f"out/{name}: cannot be read (")
+    Path("out", name).rmdir()
+    Path("out", name).write_bytes(b"\xff\xfe")
+    assert refusal("show", "out").startswith(f"out/{name}: cannot be read (")
