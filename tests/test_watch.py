@@ -131,7 +131,9 @@ def test_measuring_takes_a_small_part_of_the_time(monkeypatch: pytest.MonkeyPatc
     """Measuring takes a second, looking at the clock another one: of 40 looks the first and one 20 later."""
     for sparing, expected in ((True, 2), (False, 40)):
         measured: list[int] = []
-        monkeypatch.setattr("aimd_des.watch.looks._misallocation", lambda *_, to=measured: to.append(1))
+        monkeypatch.setattr(
+            "aimd_des.watch.looks._misallocation", lambda *_, to=measured: to.append(1) or PROBLEM.capacity
+        )
         simulated(Looker(lambda _: None, 1.0, sparing=sparing, clock=Clock(tick=1.0)), agents=Fleet)
         assert len(measured) == expected
 

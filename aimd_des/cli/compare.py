@@ -30,10 +30,8 @@ def command(first: Path, second: Path, measures: tuple[str, ...]) -> None:
 
             compare_studies(first, second, measures)
         elif is_study(first) or is_study(second):
-            which = first if is_study(first) else second
-            raise Refusal(
-                f"{which} is the folder of a study, and the other is not; give two runs or two studies"
-            )
+            study = first if is_study(first) else second
+            raise Refusal(f"only {study} is the folder of a study; give those of two runs, or of two studies")
         else:
             from aimd_des.cli.folders import load_run
             from aimd_des.cli.runs import compare_runs

@@ -1,6 +1,6 @@
 """Two studies, point by point: how much means differ, and how well that is known."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,9 +14,11 @@ from aimd_des.errors import InputError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from aimd_des.study import Interval, StudyResults
+    from aimd_des.study import StudyResults
 
 __all__ = ["compare_studies"]
+
+_MOST_POINTS = 5
 
 
 def compare_studies(first: Path, second: Path, measures: Sequence[str] = ()) -> None:
@@ -42,17 +44,21 @@ def compare_studies(first: Path, second: Path, measures: Sequence[str] = ()) -> 
     axes = _shared_axes(one, other)
     points = [*axes, "resource"]
     groups = (_by_point(one.runs, points), _by_point(other.runs, points))
-    rows = list(_rows(*groups, names))
-    if not rows:
-        own = " and ".join(f"{len(group):,} in {folder}" for group, folder in zip(groups, HEADS, strict=True))
-        raise InputError(f"{first} and {second}: no point with runs is in both (points and resources: {own})")
+    shared = [labels for labels in groups[0] if labels in groups[1]]
+    if not shared:
+        raise InputError(f"{first} and {second}: no point at which there are runs is in both")
     print_pairs("Two studies", [(HEADS[0], str(first)), (HEADS[1], str(second))])
     click.echo()
     print_differences(differences(one.study.spoken(), other.study.spoken()), "The studies are the same.")
     click.echo()
-    columns = [*points, "measure", *HEADS, f"difference {plus_minus()} half-width", "interval"]
-    print_table("Second less first, with 95 % confidence intervals", columns, rows, labels=len(points) + 1)
-    _print_unmatched(groups)
+    click.echo(f"Second less first {plus_minus()} half-widths of 95 % confidence intervals")
+    for name in names:
+        rows = [
+            [*map(str, labels), *_difference(*(group[labels][name] for group in groups))] for labels in shared
+        ]
+        click.echo()
+        print_table(name.replace("_", " "), [*points, *HEADS, "difference", "from"], rows, labels=len(points))
+    _print_unmatched(groups, axes)
 
 
 def _shared_axes(one: "StudyResults", other: "StudyResults") -> list[str]:
@@ -73,42 +79,37 @@ def _by_point(runs: "pd.DataFrame", points: list[str]) -> dict[tuple[Any, ...], 
     return {tuple(labels): part.set_index("seed") for labels, part in groups}
 
 
-def _rows(
-    first: dict[tuple[Any, ...], "pd.DataFrame"],
-    second: dict[tuple[Any, ...], "pd.DataFrame"],
-    names: Sequence[str],
-) -> Iterator[list[Any]]:
-    """Compare at each point that both have."""
+def _difference(first: "pd.Series[float]", second: "pd.Series[float]") -> list[Any]:
+    """Give both means, their difference, and what it comes from.
+
+    Runs with equal seeds are paired; without such runs, both samples are taken as independent.
+    """
     import numpy as np
 
-    for labels, one in first.items():
-        if (other := second.get(labels)) is None:
-            continue
-        for name in names:
-            values, others = (part[name][np.isfinite(part[name])] for part in (one, other))
-            found, how = _difference(values, others)
-            means = (float(values.mean()), float(others.mean()))
-            shown = "" if found is None else interval(found.mean, found.half_width)
-            yield [*map(str, labels), name.replace("_", " "), *means, shown, how]
-
-
-def _difference(one: "pd.Series[float]", other: "pd.Series[float]") -> "tuple[Interval | None, str]":
-    """Pair runs with equal seeds; without such runs, take both samples as independent."""
     from aimd_des.study import difference, paired_difference
 
+    one, other = (values[np.isfinite(values)] for values in (first, second))
     shared = one.index.intersection(other.index)
     if len(shared):
-        how = "1 pair" if len(shared) == 1 else f"{len(shared)} pairs"
-        return paired_difference(other[shared], one[shared]), how
-    if len(one) == 0 or len(other) == 0:
-        return None, "no values"
-    return difference(other, one), f"Welch, {len(one)} and {len(other)}"
+        one, other = one[shared], other[shared]
+        found, how = paired_difference(other, one), f"pairs: {len(shared)}"
+    elif len(one) and len(other):
+        found, how = difference(other, one), f"Welch: {len(one)}, {len(other)}"
+    else:
+        found, how = None, "no values"
+    means = [float(one.mean()), float(other.mean())]
+    return [*means, "" if found is None else interval(found.mean, found.half_width), how]
 
 
-def _print_unmatched(groups: Sequence[dict[tuple[Any, ...], "pd.DataFrame"]]) -> None:
-    """Say what is only in one of them."""
+def _print_unmatched(groups: Sequence[Mapping[tuple[Any, ...], "pd.DataFrame"]], axes: list[str]) -> None:
+    """Say which points are only in one of them."""
     for own, its, word in ((groups[0], groups[1], HEADS[0]), (groups[1], groups[0], HEADS[1])):
-        alone = [", ".join(map(str, labels)) for labels in own if labels not in its]
+        alone = list(dict.fromkeys(_point(labels, axes) for labels in own if labels not in its))
         if alone:
-            more = f"; and {len(alone) - 5} more" if len(alone) > 5 else ""
-            click.echo(f"Only in the {word}: {'; '.join(alone[:5])}{more}")
+            more = f"; and {len(alone) - _MOST_POINTS} more" if len(alone) > _MOST_POINTS else ""
+            click.echo(f"\nOnly in the {word}: {'; '.join(alone[:_MOST_POINTS])}{more}")
+
+
+def _point(labels: Sequence[Any], axes: Sequence[str]) -> str:
+    """Name a point by its axes; where there are none, by the resource."""
+    return ", ".join(f"{name} {value}" for name, value in zip(axes or ["resource"], labels, strict=False))

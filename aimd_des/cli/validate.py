@@ -45,7 +45,7 @@ def _described(path: Path) -> str:
     """Say what a file holds, once it has been checked."""
     from aimd_des.scenario.file import read_toml
 
-    if _OF_A_STUDY & set(read_toml(path)[1]):
+    if _OF_A_STUDY & set(read_toml(path)[0]):
         return _study(path)
     from aimd_des.scenario import load_scenario
 
