@@ -10,7 +10,7 @@ from aimd_des.errors import InputError
 from aimd_des.plots import selection, style, units
 from aimd_des.results import Result
 
-__all__ = ["capacity_events", "sum_of_averages", "sum_of_demand"]
+__all__ = ["capacity_at", "capacity_events", "capacity_line", "sum_of_averages", "sum_of_demand"]
 
 _CURVE_POINTS = 400
 _COUNT_POINTS = 200
@@ -19,6 +19,54 @@ _NOT_RECORDED = (
     "Too little of the run was recorded.\nRecord the totals over time to see this panel:\n"
     'Recording(demand="auto", tail=100)'
 )
+
+
+def capacity_at(result: Result, resource: int, times: FloatArray) -> FloatArray:
+    """Look up which capacity was in force.
+
+    Parameters
+    ----------
+    result : Result
+        The run.
+    resource : int
+        j.
+    times : ndarray, shape (q,)
+        When.
+
+    Returns
+    -------
+    ndarray, shape (q,)
+        C, in units of the resource.
+    """
+    starts = [piece.start for piece in result.history]
+    levels = np.array([piece.capacity[resource] for piece in result.history])
+    return np.asarray(levels[np.searchsorted(starts, times, side="right") - 1])
+
+
+def capacity_line(
+    axes: Axes, result: Result, resource: int, divisor: float, first: float, last: float
+) -> None:
+    """Draw the capacity in force as a dashed line, with a step wherever an intervention changes it.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to draw.
+    result : Result
+        The run.
+    resource : int
+        j.
+    divisor : float
+        What amounts are divided by.
+    first, last : float
+        From when to when.
+    """
+    changes = [piece.start for piece in result.history if first < piece.start < last]
+    times = np.array([first, *changes, last])
+    level = capacity_at(result, resource, times) / divisor
+    axes.plot(
+        times, level, "--", color=style.colour(resource), linewidth=1.0, alpha=0.8, drawstyle="steps-post"
+    )
 
 
 def sum_of_averages(axes: Axes, result: Result) -> Axes:
@@ -85,8 +133,7 @@ def _totals(
     if len(times) < 2:
         return style.note(axes, _NOT_RECORDED)
     for j in range(problem.n_resources):
-        level = problem.capacity[j] / scale.divisor[j]
-        axes.axhline(level, color=style.colour(j), linewidth=1.0, linestyle="--", alpha=0.8)
+        capacity_line(axes, result, j, scale.divisor[j], times[0], times[-1])
         curve = totals[:, j] / scale.divisor[j]
         axes.plot(times, curve, form, color=style.colour(j), linewidth=1.4, markersize=4.0)
     style.name_resources(axes, problem, "capacity")

@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
@@ -15,6 +16,7 @@ __all__ = [
     "REFERENCE",
     "axis_label",
     "colour",
+    "colour_bar",
     "frame",
     "name_resources",
     "note",
@@ -186,6 +188,22 @@ def time_axis(axes: Axes, result: Result, *, log: bool = False) -> None:
         axes.set_xscale("log")
     number_axis(axes.xaxis, whole=steps)
     frame(axes)
+
+
+def colour_bar(axes: Axes, drawn: ScalarMappable, label: str) -> None:
+    """Put a colour bar beside axes, from which it takes some room.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where.
+    drawn : ScalarMappable
+        What has the colours.
+    label : str
+        What they mean, with unit.
+    """
+    bar = axes.figure.colorbar(drawn, ax=axes, label=label)
+    bar.outline.set_visible(False)
 
 
 def frame(axes: Axes) -> None:

@@ -24,6 +24,8 @@ from aimd_des.scenario.parameters import as_data, refuse_no_data
 from aimd_des.scenario.prices import RedrawnPrices
 from aimd_des.scenario.tables import ChannelTable, ClocksTable, CostsTable, RecordingTable, ResourceTable
 from aimd_des.simulation import Simulation
+from aimd_des.system import System
+from aimd_des.transport import ProcessGenerator
 
 __all__ = ["Scenario"]
 
@@ -34,8 +36,7 @@ _IDLE = {
     "continuous": ("lag", "clocks"),
 }
 
-# As large as a seed can be that is drawn from 64 bits.
-_LARGEST_SEED = 2**64 - 1
+_LARGEST_SEED = 2**64 - 1  # as large as one can be that is drawn from 64 bits
 
 if TYPE_CHECKING:
     ControlUnitTable = KindTable
@@ -233,13 +234,19 @@ class Scenario(Table):
             check_absences(problem, interventions)
         return problem, interventions
 
-    def run(self, watch: Callable[[float, int], None] | None = None) -> Result:
+    def run(
+        self,
+        watch: Callable[[float, int], None] | None = None,
+        processes: Sequence[Callable[[System], ProcessGenerator]] = (),
+    ) -> Result:
         """Run the scenario.
 
         Parameters
         ----------
         watch : callable, optional
             Called with (simulated time, events handled) every few thousand events.
+        processes : sequence of callable
+            SimPy processes that take part, as `Simulation` takes them.
 
         Returns
         -------
@@ -253,6 +260,9 @@ class Scenario(Table):
         """
         (problem, interventions), recording = self._built(), self.recording.build()
         if self.dynamics == "synchronous":
+            if processes:
+                allowed = "'discrete' or 'continuous' for processes such as one that watches the run"
+                raise InputError.of("dynamics", self.dynamics, allowed)
             if self.until % 1.0:
                 raise InputError.of("until", self.until, "a whole number of steps")
             return run_discrete(
@@ -275,6 +285,7 @@ class Scenario(Table):
             interventions=interventions,
             seed=self.seed,
             recording=recording,
+            processes=processes,
         )
         return simulation.run(self.until, watch)
 

@@ -1,0 +1,199 @@
+"""Whether a run comes to its optimum: shares agent by agent, agreement of derivatives, speed."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from aimd_des import checks, metrics
+from aimd_des.checks import FloatArray
+from aimd_des.errors import InputError
+from aimd_des.optimum import Optimum, solve_optimum
+from aimd_des.plots import selection, style
+from aimd_des.plots.allocations import NOT_RECORDED
+from aimd_des.results import Result
+
+__all__ = ["averages_against_optimum", "consensus", "error_decay"]
+
+_BAND_LOOKS = 60
+_DECAY_LOOKS = 30
+_MEASURES = {"misallocation": "misallocation", "relative_error": "relative error"}
+
+
+def averages_against_optimum(axes: Axes, result: Result, optimum: Optimum, resource: int) -> Axes:
+    """Draw what each agent holds on average at the end against what it should hold.
+
+    On the line, an agent holds its optimal allocation; above it, more.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to draw.
+    result : Result
+        The run.
+    optimum : Optimum
+        The centralised solution, for those who are here at the end.
+    resource : int
+        j, counted from 0.
+
+    Returns
+    -------
+    Axes
+        The same axes.
+
+    Raises
+    ------
+    InputError
+        If there is no such resource, or the optimum is for another number of agents.
+    """
+    checks.integer("resource", resource, low=0, high=result.problem.n_resources - 1)
+    shared = result.problem.resources[resource]
+    axes.set_xlabel(style.axis_label("optimal allocation", shared.unit))
+    axes.set_ylabel(style.axis_label("average", shared.unit))
+    average = result.average_at_end[result.history[-1].present, resource]
+    if not average.size:
+        return style.note(axes, "Nobody is here at the end of the run.")
+    best = optimum.allocation[:, resource]
+    if best.shape != average.shape:
+        allowed = f"{average.shape}, for those who are here at the end"
+        raise InputError.of("shape of the optimum", best.shape, allowed)
+    size = float(np.clip(2000.0 / len(best), 4.0, 30.0))
+    axes.scatter(best, average, size, style.colour(resource), alpha=0.8, linewidths=0.0)
+    low, high = float(min(best.min(), average.min())), float(max(best.max(), average.max()))
+    margin = 0.05 * (high - low) or 0.05 * high or 1.0
+    ends = (low - margin, high + margin)
+    axes.plot(ends, ends, "--", color=style.REFERENCE, linewidth=1.2, label="optimum")
+    axes.plot([], [], "o", color=style.colour(resource), markersize=4.5, label=f"an agent's {shared.name}")
+    axes.set_xlim(ends)
+    axes.set_ylim(ends)
+    axes.set_aspect("equal", adjustable="box")
+    for axis in (axes.xaxis, axes.yaxis):
+        style.number_axis(axis)
+    style.frame(axes)
+    return axes
+
+
+def consensus(axes: Axes, result: Result, optimum: Optimum) -> Axes:
+    """Draw how the derivatives of the private costs come to agree.
+
+    For each resource the median over all agents as a line, with a band that holds nine tenths of them, in
+    multiples of the optimal multiplier.  At the optimum, all are 1.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to draw.
+    result : Result
+        The run, with allocations recorded over time.
+    optimum : Optimum
+        The centralised solution of its problem.
+
+    Returns
+    -------
+    Axes
+        The same axes.
+    """
+    problem, seen = result.problem, result.observations
+    axes.set_ylabel("derivative of cost\n(multiples of the optimal multiplier)")
+    shown = selection.looks(seen.allocation_times, _BAND_LOOKS, log=True)
+    if len(shown) < 2:
+        return style.note(axes, NOT_RECORDED)
+    times = seen.allocation_times[shown]
+    quantiles = np.array(
+        [
+            np.quantile(problem.costs.gradient(seen.average[look].T), (0.05, 0.5, 0.95), axis=0)
+            for look in shown
+        ]
+    )
+    low, middle, high = np.moveaxis(quantiles / optimum.multipliers, 1, 0)
+    for j in range(problem.n_resources):
+        axes.fill_between(times, low[:, j], high[:, j], color=style.colour(j), alpha=0.2, linewidth=0.0)
+        axes.plot(times, middle[:, j], color=style.colour(j), linewidth=1.6)
+    axes.axhline(1.0, color=style.REFERENCE, linewidth=1.2, linestyle="--")
+    style.name_resources(axes, problem, "optimum")
+    meaning = "5 to 95 % of the agents"
+    axes.fill_between([], [], [], color=style.REFERENCE, alpha=0.25, linewidth=0.0, label=meaning)
+    axes.set_xlim(times[0], times[-1])
+    axes.set_ylim(bottom=0.0)
+    style.number_axis(axes.yaxis)
+    style.time_axis(axes, result, log=True)
+    return axes
+
+
+def error_decay(
+    axes: Axes,
+    results: Result | Sequence[Result],
+    *,
+    measure: Literal["misallocation", "relative_error"] = "misallocation",
+    slope: float = -0.5,
+) -> Axes:
+    """Draw how fast the error falls, on logarithmic axes, beside a line of a given slope.
+
+    An average over independent pieces of time scatters like time to the power -1/2.  The misallocation falls
+    so for long; the relative error ends at what is not used of the capacity.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to draw.
+    results : Result or sequence of Result
+        Runs of one problem, with allocations recorded at the same times; their errors are averaged.
+    measure : {"misallocation", "relative_error"}
+        Against the optimum for what is used, which is solved for at every look that is drawn, or against
+        the one for the capacities.
+    slope : float
+        Of the reference line.
+
+    Returns
+    -------
+    Axes
+        The same axes.
+
+    Raises
+    ------
+    InputError
+        If there is no run, their times differ, or the measure is unknown.
+    """
+    runs = [results] if isinstance(results, Result) else list(results)
+    if measure not in _MEASURES:
+        raise InputError.of("measure", measure, " or ".join(map(repr, _MEASURES)))
+    checks.number("slope", slope)
+    times = [run.observations.allocation_times for run in runs]
+    if not runs or any(not np.array_equal(times[0], other) for other in times):
+        raise InputError.of("results", len(runs), "one or more runs whose allocations were recorded alike")
+    axes.set_ylabel(style.axis_label(_MEASURES[measure], "share of the optimum"))
+    shown = selection.looks(times[0], _DECAY_LOOKS, log=True)
+    if len(shown) < 2:
+        return style.note(axes, NOT_RECORDED)
+    drawn = times[0][shown]
+    error = np.mean([[_error(run, look, measure) for look in shown] for run in runs], axis=0)
+    for j in range(error.shape[1]):
+        axes.plot(drawn, error[:, j], ".-", color=style.colour(j), linewidth=1.4, markersize=4.0)
+    axes.set_yscale("log")
+    style.name_resources(axes, runs[0].problem)
+    reference = 1.6 * float(np.nanmax(error[-1])) * (drawn / drawn[-1]) ** slope
+    axes.plot(
+        drawn,
+        reference,
+        ":",
+        color=style.REFERENCE,
+        linewidth=1.6,
+        label=f"slope {slope:g}".replace("-", "−"),
+    )
+    axes.set_xlim(drawn[0], drawn[-1])
+    top = float(np.nanmax(error))
+    axes.set_ylim(0.6 * float(np.nanmin(error[error > 0.0], initial=top)), 1.6 * top)
+    style.number_axis(axes.yaxis, percent=True)
+    style.time_axis(axes, runs[0], log=True)
+    return axes
+
+
+def _error(run: Result, look: np.intp, measure: str) -> FloatArray:
+    """Measure one look of a run, shape (m,)."""
+    average = run.observations.average[look].T
+    used = average.sum(axis=0)
+    if (used <= 0.0).any():
+        return np.full(len(used), np.nan)
+    best = solve_optimum(run.problem, capacity=used if measure == "misallocation" else None)
+    return metrics.relative_error(average, best.allocation)

@@ -1,0 +1,183 @@
+"""What the control unit does: demand against capacity with the signals, and what becomes of each signal."""
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+
+from aimd_des import checks
+from aimd_des.checks import FloatArray
+from aimd_des.errors import InputError
+from aimd_des.log import Entry, EventLog
+from aimd_des.plots import capacity, style, units
+from aimd_des.results import Result
+
+__all__ = ["demand_and_signals", "signal_raster"]
+
+_MOST_NAMES = 25
+_MOST_ROWS = 100
+
+_NO_LOOKS = (
+    "Fewer than two looks at total demand lie here.\nRecord them more densely to see this panel:\n"
+    "Recording(demand=0.1)"
+)
+_NO_LOG = "The run kept no log of its events.\nKeep it to see this panel:\nRecording(events=True)"
+_LOST_COLOUR = "#D55E00"
+_HEARD_COLOUR = "0.72"
+
+
+def demand_and_signals(axes: Axes, result: Result, *, start: float = 0.0, end: float | None = None) -> Axes:
+    """Draw total demand against the capacities over a window of time, with every signal marked.
+
+    A triangle stands for a signal, at the time of the look or the crossing that caused it and on the
+    threshold that was passed.  Capacities, dashed, follow interventions.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to draw.
+    result : Result
+        The run, with totals recorded densely: ``Recording(demand=0.1)`` for continuous agents, every
+        step for discrete ones.
+    start : float
+        Where the window begins, in units of time.
+    end : float, optional
+        Where it ends; the end of the run unless given.
+
+    Returns
+    -------
+    Axes
+        The same axes.
+
+    Raises
+    ------
+    InputError
+        If the window is empty or lies outside the run.
+    """
+    first, last = _window(result, start, end)
+    problem, seen, scale = result.problem, result.observations, units.scale_for_totals(result.problem)
+    axes.set_ylabel(style.axis_label("sum of demands", scale.unit))
+    shown = np.flatnonzero((seen.demand_times >= first) & (seen.demand_times <= last))
+    if len(shown) < 2:
+        return style.note(axes, _NO_LOOKS)
+    times, sent = seen.demand_times[shown], result.signals_sent
+    # Discrete demand stands still between ticks and jumps at them.
+    steps = "steps-post" if result.dynamics == "discrete" else "default"
+    for j, resource in enumerate(problem.resources):
+        curve = seen.total_demand[shown, j] / scale.divisor[j]
+        axes.plot(times, curve, color=style.colour(j), linewidth=1.3, drawstyle=steps)
+        capacity.capacity_line(axes, result, j, scale.divisor[j], first, last)
+        due = sent.time[(sent.resource == j) & (sent.time >= first) & (sent.time <= last)]
+        level = resource.threshold * capacity.capacity_at(result, j, due) / scale.divisor[j]
+        axes.plot(due, level, "v", color=style.colour(j), markersize=5.5, markeredgecolor="white")
+    style.name_resources(axes, problem, "capacity")
+    axes.plot([], [], "v", color=style.REFERENCE, markersize=5.5, label="signal")
+    axes.set_xlim(first, last)
+    style.number_axis(axes.yaxis)
+    style.time_axis(axes, result)
+    return axes
+
+
+def signal_raster(
+    axes: Axes,
+    result: Result,
+    resource: int,
+    *,
+    start: float = 0.0,
+    end: float | None = None,
+    agents: npt.ArrayLike | None = None,
+) -> Axes:
+    """Draw when each agent heard the signals of a resource, lost them, and responded.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to draw.
+    result : Result
+        The run, with its log kept: ``Recording(events=True)``.
+    resource : int
+        j, counted from 0.
+    start : float
+        Where the window begins, in units of time.
+    end : float, optional
+        Where it ends; the end of the run unless given.
+    agents : array_like of int, shape (q,), optional
+        Which agents, from the bottom to the top; all unless given, or a hundred spread evenly over them.
+
+    Returns
+    -------
+    Axes
+        The same axes.
+
+    Raises
+    ------
+    InputError
+        If the window is empty or lies outside the run, or there is no such resource or agent.
+
+    Notes
+    -----
+    A vertical line is a broadcast.  A copy that is lost is marked at the time of the broadcast, one that
+    is heard when it arrives, and a response when the agent acts.
+    """
+    first, last = _window(result, start, end)
+    n, shared = result.problem.n_agents, result.problem.resources
+    checks.integer("resource", resource, low=0, high=len(shared) - 1)
+    rows = _rows(n, agents)
+    axes.set_ylabel("agent")
+    if result.log is None:
+        return style.note(axes, _NO_LOG)
+    time, kind, agent = _entries(result.log, resource, first, last)
+    broadcasts = time[kind == Entry.SIGNAL]
+    if not broadcasts.size and not time.size:
+        return style.note(axes, f"No signal of {shared[resource].name} was sent or heard here.")
+    axes.vlines(broadcasts, -0.8, len(rows) - 0.2, color="0.6", linewidth=0.8, zorder=1, label="broadcast")
+    place = np.full(n, -1)
+    place[rows] = np.arange(len(rows))
+    size = float(np.clip(400.0 / len(rows), 6.0, 26.0))
+    own = style.colour(resource)
+    for entry, mark, of, word in (
+        (Entry.DELIVER, "o", _HEARD_COLOUR, "heard"),
+        (Entry.RESPOND, "o", own, "responded"),
+        (Entry.LOST, "x", _LOST_COLOUR if own != _LOST_COLOUR else "black", "lost"),
+    ):
+        those = (kind == entry) & (agent >= 0)
+        those[those] = place[agent[those]] >= 0
+        axes.scatter(
+            time[those], place[agent[those]], size, c=of, marker=mark, linewidths=1.0, zorder=2, label=word
+        )
+    axes.set_ylim(-0.8, len(rows) - 0.2)
+    axes.set_xlim(first, last)
+    style.time_axis(axes, result)
+    axes.grid(visible=False)
+    shown = np.arange(0, len(rows), -(-len(rows) // _MOST_NAMES))
+    axes.set_yticks(shown, [result.problem.agent_names[i] for i in rows[shown]], fontsize="small")
+    return axes
+
+
+def _window(result: Result, start: float, end: float | None) -> tuple[float, float]:
+    """Check a window of time."""
+    first = checks.number("start", start, low=0.0, high=result.until, high_open=True)
+    if end is None:
+        return first, result.until
+    last = checks.number("end", end, low=first, low_open=True)
+    if last > result.until:
+        raise InputError.of("end", last, f"at most {result.until:g}, the end of the run")
+    return first, last
+
+
+def _rows(n_agents: int, agents: npt.ArrayLike | None) -> npt.NDArray[np.intp]:
+    """Say which agents are drawn, from the bottom to the top."""
+    if agents is None:
+        return np.unique(np.linspace(0, n_agents - 1, min(n_agents, _MOST_ROWS)).astype(np.intp))
+    wanted = np.atleast_1d(np.asarray(agents))
+    for agent in wanted.tolist():
+        checks.integer("agents", agent, low=0, high=n_agents - 1)
+    return wanted.astype(np.intp)
+
+
+def _entries(
+    log: EventLog, resource: int, first: float, last: float
+) -> tuple[FloatArray, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Pick time, kind and agent of the entries about one resource in a window."""
+    time, entry, _ = log.columns()
+    here = (entry[:, 1] == resource) & (time >= first) & (time <= last) & (entry[:, 0] <= Entry.RESPOND)
+    return time[here], entry[here, 0], entry[here, 2]
