@@ -3,7 +3,7 @@
 import json
 import platform
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -100,7 +100,9 @@ class _Refusal(click.ClickException):
     exit_code = 2
 
 
-def command(name: str, run: Callable[[bool, int], Study], question: str) -> click.Command:
+def command(
+    name: str, run: Callable[..., Study], question: str, more: Sequence[click.Option] = ()
+) -> click.Command:
     """Make the command of a study.
 
     Parameters
@@ -108,9 +110,11 @@ def command(name: str, run: Callable[[bool, int], Study], question: str) -> clic
     name : str
         Of the scenario.
     run : callable
-        Takes whether to be quick, and the seed.
+        Takes whether to be quick, the seed, and what further options give.
     question : str
         For the help.
+    more : sequence of click.Option
+        Options that only this study has.
 
     Returns
     -------
@@ -118,13 +122,13 @@ def command(name: str, run: Callable[[bool, int], Study], question: str) -> clic
         With the options that all studies have.
     """
 
-    def call(quick: bool, seed: int, out: Path, overwrite: bool) -> None:
+    def call(quick: bool, seed: int, out: Path, overwrite: bool, **given: Any) -> None:
         console = Console(width=None if sys.stdout.isatty() else 118, highlight=False)
         try:
             seed = checks.integer("seed", seed, low=0)
             check_folder(out, overwrite=overwrite, mark=f"{name}.json")
             with console.status(question):
-                study = run(quick, seed)
+                study = run(quick, seed, **given)
             write(study, out, overwrite=overwrite)
         except InputError as refusal:
             raise _Refusal(str(refusal)) from None
@@ -142,6 +146,7 @@ def command(name: str, run: Callable[[bool, int], Study], question: str) -> clic
             help="Folder for figure and table, new or empty.",
         ),
         click.Option(["--overwrite"], is_flag=True, help="Replace a folder that this scenario wrote."),
+        *more,
     ]
     settings = {"help_option_names": ["-h", "--help"]}
     return click.Command(name, callback=call, params=list(options), help=question, context_settings=settings)

@@ -1,0 +1,125 @@
+"""Maps of `delay_loss`: every measure over latency and loss, with the loss that theory says is survived."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import LogNorm, Normalize, TwoSlopeNorm
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import FuncFormatter
+
+from aimd_des.checks import FloatArray
+
+__all__ = ["MAPS", "Map", "draw", "edges"]
+
+
+class Map(NamedTuple):
+    """A measure and how it is shown.
+
+    Attributes
+    ----------
+    measure : str
+        Column of the means.
+    label : str
+        Beside the colours, with the unit.
+    message : str
+        What the map shows at a glance.
+    scale : {"around 1", "log", "linear"}
+        How values become colours.
+    """
+
+    measure: str
+    label: str
+    message: str
+    scale: str
+
+
+MAPS = (
+    Map("utilisation", "mean demand over capacity", "above the line demand runs away", "around 1"),
+    Map("misallocation", "misallocation (%)", "shares stay right", "log"),
+    Map("overshoot_mean", "mean excess over capacity (%)", "what latency costs", "log"),
+    Map("signals", "signals per control period", "loss is paid in signals", "linear"),
+    Map("saturated", "responses cut off at 1 (%)", "only where demand runs away", "linear"),
+)
+_COLOURS = {"around 1": "RdBu_r", "log": "viridis", "linear": "viridis"}
+# Legible on the darkest colour, too.
+_HALO = [withStroke(linewidth=3.2, foreground="white")]
+_LEAST = 0.1  # percent: what is smaller has one colour
+
+
+def draw(means: pd.DataFrame, critical: Mapping[str, float], resource: str) -> Figure:
+    """Draw the maps of one resource, a column for each dynamics.
+
+    Parameters
+    ----------
+    means : DataFrame
+        A row for each point of the resource: dynamics, latency, loss and the measures.
+    critical : mapping of str to float
+        For each dynamics, the loss up to which theory says that the capacity is held.
+    resource : str
+        For the title.
+
+    Returns
+    -------
+    Figure
+        Ten maps.
+    """
+    figure = Figure(figsize=(10.4, 14.0), layout="constrained")
+    figure.suptitle(
+        f"{resource} of the paper's system; dashed: the loss that is survived, by theory", fontsize="medium"
+    )
+    grid = figure.subplots(len(MAPS), len(critical), sharex=True, sharey=True, squeeze=False)
+    for row, shown in zip(grid, MAPS, strict=True):
+        norm = _norm(means[shown.measure].to_numpy(), shown.scale)
+        for axes, (dynamics, loss) in zip(row, critical.items(), strict=True):
+            mesh = _draw_map(axes, means[means["dynamics"] == dynamics], shown, norm)
+            axes.axhline(loss, color="black", linestyle="--", linewidth=1.4, path_effects=_HALO)
+            axes.set_title(f"{dynamics}: {shown.message}", loc="left", fontsize="medium")
+        bar = figure.colorbar(
+            mesh, ax=list(row), pad=0.015, extend="min" if shown.scale == "log" else "neither"
+        )
+        bar.set_label(shown.label)
+        if shown.scale == "log":
+            bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    for axes in grid[-1]:
+        axes.set_xlabel("latency (control periods)")
+    for axes in grid[:, 0]:
+        axes.set_ylabel("probability of loss")
+    return figure
+
+
+def edges(centres: FloatArray) -> FloatArray:
+    """Put the borders of cells halfway between their centres.
+
+    Parameters
+    ----------
+    centres : ndarray, shape (k,)
+        Ascending, at least two.
+
+    Returns
+    -------
+    ndarray, shape (k + 1,)
+        The outer ones as far from the centre as the next.
+    """
+    middle = (centres[1:] + centres[:-1]) / 2.0
+    return np.concatenate([[2.0 * centres[0] - middle[0]], middle, [2.0 * centres[-1] - middle[-1]]])
+
+
+def _norm(values: FloatArray, scale: str) -> Normalize:
+    if scale == "log":
+        return LogNorm(_LEAST, max(float(values.max()), 10.0 * _LEAST))
+    if scale == "around 1":
+        return TwoSlopeNorm(1.0, min(float(values.min()), 0.9), max(float(values.max()), 1.1))
+    return Normalize(0.0, max(float(values.max()), 1e-9))
+
+
+def _draw_map(axes: Axes, rows: pd.DataFrame, shown: Map, norm: Normalize) -> QuadMesh:
+    """Draw one map, and return what a bar of colours is made from."""
+    cells = rows.pivot_table(shown.measure, "loss", "latency")
+    borders = (edges(cells.columns.to_numpy(dtype=float)), edges(cells.index.to_numpy(dtype=float)))
+    values = np.maximum(cells.to_numpy(), _LEAST) if shown.scale == "log" else cells.to_numpy()
+    return axes.pcolormesh(*borders, values, norm=norm, cmap=_COLOURS[shown.scale])
