@@ -118,6 +118,8 @@ class Scenario(Table):
     @model_validator(mode="after")
     def _check(self) -> Self:
         checks.number("until", self.until, low=0.0, low_open=True)
+        if self.dynamics == "synchronous" and self.until % 1.0:
+            raise InputError.of("until", self.until, "a whole number of steps")
         checks.integer("seed", self.seed, low=0, high=_LARGEST_SEED)
         refuse_no_data("parameters", self.parameters)
         inline = [name for name in ("resources", "costs") if getattr(self, name) is not None]
@@ -253,8 +255,6 @@ class Scenario(Table):
         """
         (problem, interventions), recording = self._built(), self.recording.build()
         if self.dynamics == "synchronous":
-            if self.until % 1.0:
-                raise InputError.of("until", self.until, "a whole number of steps")
             return run_discrete(
                 problem,
                 steps=int(self.until),
