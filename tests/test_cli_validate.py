@@ -85,7 +85,7 @@ OF_BASE = STUDY.replace("five.toml", "base.toml")
         (SYNCHRONOUS.replace("tail = 5", "demand = 1.5"), ": demand = 1.5: must be whole numbers"),
         ("[scenario]\n", ": scenario: until: is missing"),
         (STUDY.replace("five.toml", "nowhere.toml"), ": nowhere.toml: there is no such file"),
-        (OF_BASE.replace("replications = 3", "replications = 0"), ":2: replications = 0: must be an integer"),
+        (OF_BASE.replace("replications = 3", "replications = 0"), ": replications = 0: must be an integer"),
         (
             OF_BASE.replace("channel.loss", "channel.los"),
             ": at channel.los = 0.0, channel.latency = 0.0: channel.",
@@ -96,7 +96,7 @@ OF_BASE = STUDY.replace("five.toml", "base.toml")
         ),
         (
             OF_BASE + "[scenario.clocks]\nperiod = [1.0, 2.0]\n",
-            ": at channel.loss = 0.0, channel.latency = 0.0 (replication 0): shape of period = (2,): must be (5,)",
+            ": at channel.loss = 0.0, channel.latency = 0.0 (replication 0): shape of period = (2,)",
         ),
     ],
 )
