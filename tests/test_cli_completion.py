@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from aimd_des.cli import main
-from tests.command_line import refusal, said
+from tests.command_line import refusal, said, write
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 
@@ -22,7 +22,7 @@ def completed(line: str) -> list[str]:
     }
     outcome = CliRunner().invoke(main, [], prog_name="aimd-des", env=environment)
     assert outcome.exit_code == 0, outcome.output
-    lines = outcome.stdout.splitlines()
+    lines = outcome.stdout.strip().splitlines()
     return [value for kind, value in zip(lines[::3], lines[1::3], strict=True) if kind == "plain"]
 
 

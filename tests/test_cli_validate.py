@@ -20,8 +20,8 @@ key = "channel.loss"
 values = [0.0, 0.1]
 
 [[axes]]
-key = "until"
-values = [10, 20]
+key = "channel.latency"
+values = [0.0, 0.5]
 """
 
 
@@ -57,24 +57,46 @@ def test_the_other_files_are_checked_where_one_is_wrong() -> None:
     ]
 
 
+SYNCHRONOUS = INLINE.replace("seed = 4", 'dynamics = "synchronous"')
+OF_BASE = STUDY.replace("five.toml", "base.toml")
+
+
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        (INLINE.replace("[[1.0], [2.0]]", "[[-1.0], [2.0]]"), "five.toml: "),
-        (INLINE.replace('"disk"', '"memory"'), "five.toml: names of the resources = ['memory', 'memory']"),
-        (INLINE + "[channel]\nlatency = [1.0, 2.0]\n", "five.toml: "),
-        ('until = 5\nmodel = "nowhere"\n', "five.toml: model = 'nowhere': must be a module"),
-        ("", "five.toml: until: is missing"),
-        ("[scenario]\n", "five.toml: "),
-        (STUDY.replace("channel.loss", "channel.los").replace("five.toml", "base.toml"), "five.toml: "),
-        (STUDY.replace("five.toml", "nowhere.toml"), "five.toml: "),
         (
-            STUDY.replace("replications = 3", "replications = 0").replace("five.toml", "base.toml"),
-            "five.toml:",
+            INLINE.replace("[[1.0], [2.0]]", "[[-1.0], [2.0]]"),
+            ": derivative of the cost of agent 0 by resource 0",
+        ),
+        (INLINE.replace('"disk"', '"memory"'), ": names of the resources = ['memory', 'memory']: must be"),
+        ('until = 5\nmodel = "nowhere"\n', ": model = 'nowhere': must be a module"),
+        ("", ": until: is missing"),
+        ("until = [", ": is not valid TOML"),
+        # What a run would find out only when it begins.
+        (INLINE + "[channel]\nlatency = [1.0, 2.0]\n", ": shape of latency = (2,): must be (5,)"),
+        (INLINE + "[channel]\nduplication = [0.1, 0.2]\n", ": shape of duplication = (2,): must be (5,)"),
+        (INLINE + "[clocks]\nperiod = [1.0, 2.0]\n", ": shape of period = (2,): must be (5,)"),
+        (INLINE.replace("tail = 5", "demand = [1.0, 99.0]"), ": demand = 99.0: must be times of at most 60"),
+        (
+            SYNCHRONOUS.replace("until = 60", "until = 60.5"),
+            ": until = 60.5: must be a whole number of steps",
+        ),
+        (SYNCHRONOUS.replace("tail = 5", "events = true"), ": recording.events = True: must be false"),
+        (SYNCHRONOUS.replace("tail = 5", "demand = 1.5"), ": demand = 1.5: must be whole numbers"),
+        ("[scenario]\n", ": scenario: until: is missing"),
+        (STUDY.replace("five.toml", "nowhere.toml"), ": nowhere.toml: there is no such file"),
+        (OF_BASE.replace("replications = 3", "replications = 0"), ": replications = 0: must be an integer"),
+        (
+            OF_BASE.replace("channel.loss", "channel.los"),
+            ": at channel.los = 0.0, channel.latency = 0.0: channel.",
         ),
         (
-            INLINE.replace("until = 60", "until = 60.5\ndynamics = 'synchronous'"),
-            "five.toml: until = 60.5: must be",
+            OF_BASE.replace("[0.0, 0.1]", "[0.0, 1.1]"),
+            ": at channel.loss = 1.1, channel.latency = 0.0: channel",
+        ),
+        (
+            OF_BASE + "[scenario.clocks]\nperiod = [1.0, 2.0]\n",
+            ": at channel.loss = 0.0, channel.latency = 0.0 (replication 0): shape of period = (2,)",
         ),
     ],
 )
@@ -83,7 +105,7 @@ def test_what_would_not_run_is_told(text: str, sentence: str) -> None:
     write(text)
     outcome = invoke("validate", "five.toml")
     assert (outcome.exit_code, outcome.stdout) == (2, "")
-    assert outcome.stderr.startswith(sentence)
+    assert outcome.stderr.startswith(f"five.toml{sentence}")
     assert "Traceback" not in outcome.output
 
 

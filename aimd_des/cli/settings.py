@@ -71,7 +71,8 @@ def _complete(context: click.Context, _: click.Parameter, incomplete: str) -> li
     """Offer the keys that begin so; a value is the user's own affair."""
     from aimd_des.cli.schema import schema_of
 
-    kind = "study" if "study" in context.params else "scenario"
+    # The first argument is the file, and called by what it holds.
+    kind = next(str(part.name) for part in context.command.params if isinstance(part, click.Argument))
     schema = schema_of(kind)
     found: dict[str, str] = {}
     # The option that is being typed lacks its value: click then gives arguments as they are.

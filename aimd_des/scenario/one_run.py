@@ -1,7 +1,6 @@
 """The scenario: a model or a problem written out, the parts of the system, and what is kept."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import tomli_w
@@ -12,13 +11,14 @@ from aimd_des.agents import Camera, Fleet
 from aimd_des.averaging import Averaging
 from aimd_des.discrete import run_discrete
 from aimd_des.errors import InputError
-from aimd_des.interventions import Intervention, check_absences
+from aimd_des.interventions import Intervention
 from aimd_des.problem import Problem
 from aimd_des.registry import model_parameters, named_model
 from aimd_des.response import CONTINUOUS, DISCRETE
 from aimd_des.results import Result
 from aimd_des.scenario.base import Table
 from aimd_des.scenario.canonical import canonical_form, typed_parameters
+from aimd_des.scenario.changes import made_interventions, under
 from aimd_des.scenario.generated import KindTable, kind_table, one_of
 from aimd_des.scenario.parameters import as_data, refuse_no_data
 from aimd_des.scenario.prices import RedrawnPrices
@@ -119,6 +119,8 @@ class Scenario(Table):
     @model_validator(mode="after")
     def _check(self) -> Self:
         checks.number("until", self.until, low=0.0, low_open=True)
+        if self.dynamics == "synchronous" and self.until % 1.0:
+            raise InputError.of("until", self.until, "a whole number of steps")
         checks.integer("seed", self.seed, low=0, high=_LARGEST_SEED)
         refuse_no_data("parameters", self.parameters)
         inline = [name for name in ("resources", "costs") if getattr(self, name) is not None]
@@ -220,19 +222,10 @@ class Scenario(Table):
             assert self.costs is not None  # noqa: S101
             problem = Problem([table.build() for table in self.resources], self.costs.build())
         if self.compensation is not None:
-            with _under("compensation"):
+            with under("compensation"):
                 self.compensation.build().answering(problem.n_agents)
-        interventions = []
-        for number, table in enumerate(self.interventions):
-            with _under(".".join(["interventions", str(number), *_subject(table)])):
-                made = table.build()
-                if isinstance(made, RedrawnPrices):
-                    made = made.by(str(self.model), self.parameters, self.seed)
-                made.check(problem)
-                interventions.append(made)
-        with _under("interventions"):
-            check_absences(problem, interventions)
-        return problem, interventions
+        words = (str(self.model), self.parameters, self.seed)
+        return problem, made_interventions(self.interventions, problem, *words)
 
     def run(
         self,
@@ -263,8 +256,6 @@ class Scenario(Table):
             if processes:
                 allowed = "'discrete' or 'continuous' for processes such as one that watches the run"
                 raise InputError.of("dynamics", self.dynamics, allowed)
-            if self.until % 1.0:
-                raise InputError.of("until", self.until, "a whole number of steps")
             return run_discrete(
                 problem,
                 steps=int(self.until),
@@ -288,17 +279,3 @@ class Scenario(Table):
             processes=processes,
         )
         return simulation.run(self.until, watch)
-
-
-def _subject(table: KindTable) -> Sequence[str]:
-    """Name the key by which an intervention refers to the problem."""
-    return [name for name in ("agents", "resource", "parameter") if name in type(table).model_fields][:1]
-
-
-@contextmanager
-def _under(key: str) -> Iterator[None]:
-    """Say under which key of the scenario something was refused."""
-    try:
-        yield
-    except InputError as refusal:
-        raise InputError(f"{key}: {refusal}") from None

@@ -1,10 +1,12 @@
-"""The JSON Schema of a scenario: editors complete keys with it, and show what they mean."""
+"""The JSON Schema of files: editors complete keys with it, and show what they mean."""
 
 from typing import Any
 
+from pydantic import BaseModel
+
 from aimd_des.scenario.one_run import Scenario
 
-__all__ = ["scenario_schema"]
+__all__ = ["file_schema", "scenario_schema"]
 
 # What editors of TOML understand.
 _DIALECT = "http://json-schema.org/draft-07/schema#"
@@ -18,10 +20,28 @@ def scenario_schema() -> dict[str, Any]:
     dict
         A JSON Schema of draft 7, with a description of every key.
     """
-    made = Scenario.model_json_schema(ref_template="#/definitions/{model}")
+    return file_schema(Scenario, "Scenario of aimd-des")
+
+
+def file_schema(form: type[BaseModel], title: str) -> dict[str, Any]:
+    """Describe a form that files may have.
+
+    Parameters
+    ----------
+    form : class
+        For which pydantic makes a schema.
+    title : str
+        What editors call it.
+
+    Returns
+    -------
+    dict
+        A JSON Schema of draft 7, in which nothing refers to what TOML does not have.
+    """
+    made = form.model_json_schema(ref_template="#/definitions/{model}")
     definitions = made.pop("$defs")
     schema = _in_dialect({**made, "definitions": definitions})
-    return {"$schema": _DIALECT, "title": "Scenario of aimd-des", **schema}
+    return {"$schema": _DIALECT, "title": title, **schema}
 
 
 def _in_dialect(part: Any) -> Any:
