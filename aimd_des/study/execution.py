@@ -101,7 +101,7 @@ class _Window:
             if run is None:
                 break
             try:
-                future = self._running(self.pool.workers).submit(perform, self.task, run)
+                future = self._running(self.pool.workers).submit(perform, self.task, run.job())
             except BrokenExecutor:
                 return [run]
             self.pending[future] = run
@@ -122,7 +122,7 @@ class _Window:
         """Run one with nothing beside it, so that it is known who kills workers."""
         for _ in range(_ATTEMPTS):
             self._ask_for_a_worker()
-            future = self._running(1).submit(perform, self.task, run)
+            future = self._running(1).submit(perform, self.task, run.job())
             wait([future])
             if not future.cancelled() and future.exception() is None:
                 self.take(run, future.result())

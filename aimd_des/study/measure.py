@@ -108,7 +108,7 @@ def summary_of(scenario: Scenario, result: Result) -> dict[str, list[Any]]:
 
 
 def run_table(
-    schema: pa.Schema, labels: Mapping[str, Any], summary: Mapping[str, list[Any]], scenario: Scenario
+    schema: pa.Schema, labels: Mapping[str, Any], summary: Mapping[str, list[Any]], scenario: str
 ) -> pa.Table:
     """Put the rows of a run together.
 
@@ -120,8 +120,8 @@ def run_table(
         A value for each column that says which run it is.
     summary : mapping
         A column for the resource and each measure, as from `summary_of`.
-    scenario : Scenario
-        What was run, for the metadata.
+    scenario : str
+        What was run, as TOML, for the metadata.
 
     Returns
     -------
@@ -131,7 +131,7 @@ def run_table(
     count = len(summary["resource"])
     every = {**{name: [value] * count for name, value in labels.items()}, **summary}
     arrays = [pa.array(every[part.name], part.type) for part in schema]
-    return pa.Table.from_arrays(arrays, schema=schema.with_metadata({SCENARIO: scenario.to_toml()}))
+    return pa.Table.from_arrays(arrays, schema=schema.with_metadata({SCENARIO: scenario}))
 
 
 def frame_table(key: str, result: Result, name: str) -> pa.Table:

@@ -17,7 +17,7 @@ from aimd_des.scenario.keys import with_settings
 from aimd_des.study.design import Setting, Study, Value
 from aimd_des.study.where import Condition
 
-__all__ = ["Point", "Run", "expand", "problem_words", "run_of"]
+__all__ = ["Job", "Point", "Run", "expand", "problem_words", "run_of"]
 
 # What a seed is for: the first word of its spawn key. They never change.
 _PAIRED, _UNPAIRED = 0, 1
@@ -43,6 +43,25 @@ class Point:
 
 
 @dataclass(frozen=True)
+class Job:
+    """A run as it is sent to a worker: tables of scenarios are made by each process for itself.
+
+    Attributes
+    ----------
+    key : str
+        Of the run.
+    labels : dict
+        What the columns hold that say which run it is.
+    scenario : dict
+        Every value spelled out.
+    """
+
+    key: str
+    labels: dict[str, Any]
+    scenario: dict[str, Any]
+
+
+@dataclass(frozen=True)
 class Run:
     """One replication of a point.
 
@@ -62,6 +81,16 @@ class Run:
     replication: int
     scenario: Scenario
     key: str
+
+    def job(self) -> Job:
+        """Say what a worker has to know.
+
+        Returns
+        -------
+        Job
+            Plain data.
+        """
+        return Job(self.key, self.labels, self.scenario.spoken())
 
     @property
     def labels(self) -> dict[str, Any]:

@@ -161,7 +161,7 @@ class _Sweep:
         """Take note of what became of a run."""
         if outcome.kind == "died":
             try:
-                failure(self._store, run, outcome.message)
+                failure(self._store, run.job(), outcome.message)
             except OSError as error:
                 outcome = Outcome("unwritten", error.strerror or str(error), errno=error.errno or 0)
         if outcome.kind == "unwritten":

@@ -13,11 +13,13 @@ from threading import Event
 from typing import Any, Literal
 
 import pyarrow as pa
+import tomli_w
 
 from aimd_des.results import Result
+from aimd_des.scenario import Scenario
 from aimd_des.study.locks import exclusive
 from aimd_des.study.measure import frame_table, run_table, summary_of
-from aimd_des.study.points import Run
+from aimd_des.study.points import Job
 from aimd_des.study.store import Store, parquet, write_file
 
 __all__ = ["Outcome", "Task", "failure", "perform", "present"]
@@ -70,14 +72,14 @@ class Outcome:
     errno: int = 0
 
 
-def perform(task: Task, run: Run) -> Outcome:
+def perform(task: Task, job: Job) -> Outcome:
     """Carry out a run and write what came out.
 
     Parameters
     ----------
     task : Task
         What is the same for all.
-    run : Run
+    job : Job
         The run.
 
     Returns
@@ -90,14 +92,16 @@ def perform(task: Task, run: Run) -> Outcome:
         with warnings.catch_warnings():
             # Their number is a column; the sweep says it once for all runs.
             warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
-            result = _carry_out(run)
-        summary = summary_of(run.scenario, result)
-        rows = run_table(task.schema, {**run.labels, "digest": result.digest}, summary, run.scenario)
-        frames = {name: frame_table(run.key, result, name) for name in task.keep}
+            scenario = Scenario.model_validate(job.scenario)
+            result = _carry_out(scenario)
+        summary = summary_of(scenario, result)
+        labels = {**job.labels, "digest": result.digest}
+        rows = run_table(task.schema, labels, summary, tomli_w.dumps(job.scenario))
+        frames = {name: frame_table(job.key, result, name) for name in task.keep}
     except Exception as error:  # noqa: BLE001 - whatever goes wrong in one run must not stop the others
         message = f"{type(error).__name__}: {error}"
         return _written(
-            lambda: failure(store, run, message, traceback.format_exc()), Outcome("failed", message)
+            lambda: failure(store, job, message, traceback.format_exc()), Outcome("failed", message)
         )
     values = (
         () if task.measure is None else tuple(zip(summary["resource"], summary[task.measure], strict=True))
@@ -105,9 +109,9 @@ def perform(task: Task, run: Run) -> Outcome:
 
     def write() -> None:
         for name, frame in frames.items():
-            write_file(store.file(name, run.key), parquet(frame))
+            write_file(store.file(name, job.key), parquet(frame))
         # The rows come last: where they are, everything is.
-        write_file(store.file("runs", run.key), parquet(rows, small=True))
+        write_file(store.file("runs", job.key), parquet(rows, small=True))
 
     return _written(write, Outcome("done", values=values, saturated=any(summary["saturated"])))
 
@@ -120,14 +124,14 @@ def _written(write: Callable[[], None], outcome: Outcome) -> Outcome:
     return outcome
 
 
-def failure(store: Store, run: Run, message: str, trace: str = "") -> None:
+def failure(store: Store, job: Job, message: str, trace: str = "") -> None:
     """Record a run that failed.
 
     Parameters
     ----------
     store : Store
         The folder.
-    run : Run
+    job : Job
         The run.
     message : str
         What went wrong.
@@ -139,9 +143,9 @@ def failure(store: Store, run: Run, message: str, trace: str = "") -> None:
     OSError
         If it cannot be written.
     """
-    record = {**run.labels, "message": message, "traceback": trace, "scenario": run.scenario.to_toml()}
+    record = {**job.labels, "message": message, "traceback": trace, "scenario": tomli_w.dumps(job.scenario)}
     write_file(
-        store.file("failed", run.key), f"{json.dumps(record, indent=2, ensure_ascii=False)}\n".encode()
+        store.file("failed", job.key), f"{json.dumps(record, indent=2, ensure_ascii=False)}\n".encode()
     )
 
 
@@ -167,12 +171,12 @@ def present(folder: str, key: str) -> bool:
 _COMPILED = Event()
 
 
-def _carry_out(run: Run) -> Result:
+def _carry_out(scenario: Scenario) -> Result:
     """Run; the first time one process after the other, until what is compiled is on the disk."""
     if _COMPILED.is_set():
-        return run.scenario.run()
+        return scenario.run()
     with _turn() as done:
-        return run.scenario.run(lambda now, events: done())
+        return scenario.run(lambda now, events: done())
 
 
 @contextmanager
