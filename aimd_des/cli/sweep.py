@@ -40,7 +40,9 @@ _INTERRUPTED = 130
 @click.option("--workers", type=click.IntRange(min=1), help="Processes.  [default: one for each processor]")
 @set_option("replications=50 or scenario.until=1000")
 @click.option(
-    "--scheduler", metavar="ADDRESS", help="A Dask scheduler to run on, such as tcp://10.0.0.1:8786."
+    "--scheduler",
+    metavar="ADDRESS",
+    help="A Dask scheduler to run on, by the address that it prints when it starts.",
 )
 @click.option(
     "--dask-workers",

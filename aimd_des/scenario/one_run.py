@@ -130,7 +130,7 @@ class Scenario(Table):
         if self.dynamics == "discrete" and self.control_unit.of.name == "crossing":
             reason = "'sampled' with discrete dynamics: demand that jumps at ticks crosses nothing"
             raise InputError.of("control_unit.kind", "crossing", reason)
-        with _under("averaging"):
+        with under("averaging"):
             averaging: Averaging = self.averaging.build()
             averaging.memory(CONTINUOUS if self.dynamics == "continuous" else DISCRETE)
         for number, table in enumerate(self.interventions):
