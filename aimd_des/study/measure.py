@@ -11,8 +11,9 @@ from aimd_des.optimum import Optimum, solve_optimum
 from aimd_des.problem import Problem
 from aimd_des.results import Result
 from aimd_des.scenario import Scenario
+from aimd_des.study.axes import Axis
 from aimd_des.study.columns import MEASURES
-from aimd_des.study.design import Axis, Study
+from aimd_des.study.design import Study
 from aimd_des.study.points import problem_words
 from aimd_des.tracking import piece_problem
 
