@@ -11,7 +11,7 @@ LINT_READY = .venv/ready-to-lint
 
 .DEFAULT_GOAL = help
 .DELETE_ON_ERROR:
-.PHONY: help paper test lint format clean
+.PHONY: help paper test lint docs format clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*## /\1  /p' Makefile | awk '{ printf "  make %-8s", $$1; $$1 = ""; print }'
@@ -27,12 +27,16 @@ lint: $(LINT_READY)  ## style, format and types
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
 
+docs: $(READY)  ## the documentation as pages for a browser, in docs/_build/html
+	@$(BIN)/python -m sphinx -q -W --keep-going docs docs/_build/html
+	@echo "The documentation is in docs/_build/html/index.html"
+
 format: $(LINT_READY)  ## put the code into the one format
 	@$(BIN)/ruff check --fix-only --quiet
 	@$(BIN)/ruff format
 
-clean:  ## remove the environment, results/paper and caches
-	@rm -rf .venv build dist results/paper .coverage htmlcov .pytest_cache .mypy_cache .ruff_cache .hypothesis
+clean:  ## remove the environment, results/paper, the built documentation and caches
+	@rm -rf .venv build dist results/paper docs/_build docs/_examples docs/gallery .coverage htmlcov .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Exit code 3: too old; 4: no venv. A candidate that does not start at all counts as too old.

@@ -1,10 +1,16 @@
-"""Every example is run: those in docstrings, and the Python blocks of the README and of the pages in docs."""
+"""Every example is run: those in docstrings, and the Python blocks of the README and of the pages in docs.
+
+A block ```` ```text output ```` right after a Python block is what that block prints.
+"""
 
 import doctest
 import importlib
+import io
 import pkgutil
 import re
+from contextlib import redirect_stdout
 from pathlib import Path
+from typing import NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -23,35 +29,51 @@ MODULES = sorted(
 PAGES = [Path("README.md"), *sorted(path.relative_to(ROOT) for path in (ROOT / "docs").rglob("*.md"))]
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 BLOCK = re.compile(
-    r"^(?P<indent> *)```(?P<language>\w*)[^\n]*\n(?P<body>.*?)^(?P=indent)```\s*$", re.MULTILINE | re.DOTALL
+    r"^(?P<indent> *)```(?P<language>[^\n]*)\n(?P<body>.*?)^(?P=indent)```\s*?$", re.MULTILINE | re.DOTALL
 )
 
 
-def python_blocks(page: str) -> list[tuple[int, str]]:
-    """First line and source of every Python block of a page."""
-    return [
-        (
-            page.count("\n", 0, match.start("body")) + 1,
-            re.sub(f"^{match['indent']}", "", match["body"], flags=re.MULTILINE),
-        )
-        for match in BLOCK.finditer(page)
-        if match["language"] in {"python", "pycon"}
-    ]
+class Block(NamedTuple):
+    """Source, its first line, and what it is said to print: nothing is said if that is None."""
+
+    line: int
+    source: str
+    output: str | None
+
+
+def python_blocks(page: str) -> list[Block]:
+    """Every Python block of a page."""
+    blocks: list[Block] = []
+    end = -1
+    for match in BLOCK.finditer(page):
+        body = re.sub(f"^{match['indent']}", "", match["body"], flags=re.MULTILINE)
+        if match["language"] == "text output":
+            assert blocks, "an output before any Python block"
+            assert not page[end : match.start()].strip(), f"what stands before the output {body!r}?"
+            blocks[-1] = blocks[-1]._replace(output=body)
+        elif match["language"] in {"python", "pycon"}:
+            blocks.append(Block(page.count("\n", 0, match.start("body")) + 1, body, None))
+        end = match.end()
+    return blocks
 
 
 def run_page(page: str, name: str) -> int:
     """Run the blocks of a page in order, in one fresh namespace; return how many there were."""
     namespace: dict[str, object] = {"__name__": "__page__"}
     blocks = python_blocks(page)
-    for line, source in blocks:
+    for line, source, output in blocks:
         if source.lstrip().startswith(">>>"):
             example = doctest.DocTestParser().get_doctest(source, namespace, name, name, line - 1)
             outcome = doctest.DocTestRunner(optionflags=OPTIONS).run(example, clear_globs=False)
             assert outcome.failed == 0, f"{name}:{line}"
             namespace = example.globs
         else:
-            # The empty lines let a traceback name the line of the page.
-            exec(compile("\n" * (line - 1) + source, name, "exec"), namespace)
+            with redirect_stdout(io.StringIO()) as printed:
+                # The empty lines let a traceback name the line of the page.
+                exec(compile("\n" * (line - 1) + source, name, "exec"), namespace)
+            if output is not None:
+                same = doctest.OutputChecker().check_output(output, printed.getvalue(), OPTIONS)
+                assert same, f"{name}:{line} prints\n{printed.getvalue()}"
     return len(blocks)
 
 
@@ -74,6 +96,15 @@ def test_examples_in_pages(page: Path) -> None:
 
 def test_the_readme_shows_python() -> None:
     assert python_blocks((ROOT / "README.md").read_text(encoding="utf-8"))
+
+
+def test_what_is_printed_is_compared() -> None:
+    page = "```python\nprint(1 + 1)\n```\n\n```text output\n{}\n```\n"
+    assert run_page(page.format(2), "page") == 1
+    with pytest.raises(AssertionError, match="page:2 prints\n2"):
+        run_page(page.format(3), "page")
+    with pytest.raises(AssertionError, match="what stands before"):
+        run_page(page.replace("```\n\n", "```\n\ntext\n").format(2), "page")
 
 
 def test_blocks_share_a_page_and_a_wrong_one_fails() -> None:

@@ -65,13 +65,13 @@ def recovery_time(
 
     Notes
     -----
-    With w = within C1 / |C0 - C1|, the part of the step that may be left: t0 (1 / w - 1) over all of the
+    With ``w = within C1 / |C0 - C1|``, the part of the step that may be left: t0 (1 / w - 1) over all of the
     run, W (1 - w) for a window, tau log(1 / w) with forgetting.  A run that is younger than its memory has
     less to forget: a window is then an average over all of the run until it is full, and forgetting,
     normalised by the weights there are, takes tau log((1 - q + w q) / w) with q = exp(-t0 / tau).
 
-    Exact for the total of the averages if total demand follows the capacity at once.  It needs the time |C0
-    - C1| / (n alpha) to rise and a few signals to fall; agents find their new shares of it with the rate
+    Exact for the total of the averages if total demand follows the capacity at once.  It needs the time
+    ``|C0 - C1| / (n alpha)`` to rise and a few signals to fall; agents find their new shares of it with the rate
     alpha / x of AIMD; both are neglected, and assumed short in comparison.  Shares follow as the total does
     where costs are quadratic, since response probabilities do not depend on averages then.  For steeper ones
     see `share_rates`.

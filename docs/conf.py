@@ -1,0 +1,75 @@
+"""How the pages are built: `make docs`. Nothing is fetched, neither when they are built nor when they are read."""
+
+import sys
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+DOCS = Path(__file__).parent
+sys.path[:0] = [str(DOCS / "_extensions"), str(DOCS.parent)]
+
+from aimd_des import __version__  # noqa: E402 - found in the checkout
+
+project = "aimd_des"
+author = "The aimd_des authors"
+copyright = author  # noqa: A001 - Sphinx's name
+release = version = __version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "mathml",
+    "scenario_gallery",
+    "sphinx_gallery.gen_gallery",
+]
+exclude_patterns = ["_build", "_examples"]
+
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 3
+html_math_renderer = "mathml"
+
+# Every reference must lead somewhere, but for types: these are words ("array_like, shape (n,)"), or others'.
+nitpicky = True
+nitpick_ignore_regex = [("py:class", ".*"), ("py:exc", "pydantic.*"), ("py:obj", "random_optimum")]
+
+# Docstrings write names in single backticks, and types in words.
+default_role = "code"
+autodoc_typehints = "none"
+autodoc_member_order = "bysource"
+napoleon_google_docstring = False
+napoleon_use_ivar = False
+napoleon_use_rtype = False
+
+sphinx_gallery_conf = {
+    "examples_dirs": "_examples",
+    "gallery_dirs": "gallery",
+    "plot_gallery": False,
+    "within_subsection_order": "FileNameSortKey",
+    "backreferences_dir": "gallery/uses",
+    "doc_module": ("aimd_des",),
+    "thumbnail_size": (800, 420),
+    "remove_config_comments": True,
+    "log_level": {"backreference_missing": "info"},  # no scenario uses it, and that is all right
+    "notebook_extensions": set(),
+    "download_all_examples": False,
+    "show_signature": False,
+    "write_computation_times": False,
+}
+
+html_theme = "furo"
+html_title = f"aimd_des {release}"
+html_static_path = ["_static"]
+html_css_files = ["pages.css"]
+
+
+def _keep_colons(_app: Sphinx, what: str, _name: str, _obj: object, _options: object, lines: list[str]) -> None:
+    """Napoleon takes what stands before a colon in the first line of an attribute for its type: ours are prose."""
+    if what in {"attribute", "property"}:
+        lines.insert(0, "\\ ")  # nothing, in reStructuredText
+
+
+def setup(app: Sphinx) -> None:
+    """Add what no extension does."""
+    app.connect("autodoc-process-docstring", _keep_colons, priority=100)

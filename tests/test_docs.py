@@ -1,0 +1,164 @@
+"""The documentation is whole: pages are in the tree, names in the API, scenarios in the gallery, links lead somewhere.
+
+`make docs` checks all else, as it takes warnings for errors.
+"""
+
+import ast
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from docutils import nodes
+
+import aimd_des
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+MADE = {"_build", "_examples", "gallery"}
+PAGES = sorted(
+    path
+    for path in DOCS.rglob("*")
+    if path.suffix in {".md", ".rst"} and not MADE & set(path.relative_to(DOCS).parts)
+)
+SCENARIOS = sorted((ROOT / "scenarios").glob("[!_]*.py"))
+
+# Public where they live, for the other modules; of no use to those who pass a compensation in.
+INTERNAL = {
+    "compensation": {
+        "Answering",
+        "ESTIMATED",
+        "KNOWN",
+        "NOTHING",
+        "compensation_factor",
+        "estimated_loss",
+        "no_compensation",
+        "read_number",
+    }
+}
+
+
+def extension(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, DOCS / "_extensions" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def entries(page: str) -> list[str]:
+    """What the toctrees of a page name, in Markdown or reStructuredText."""
+    fenced = re.findall(r"^```\{toctree\}\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    indented = re.findall(r"^\.\. toctree::\n((?:   .*\n|\n)*)", page, re.MULTILINE)
+    lines = (line.strip() for block in [*fenced, *indented] for line in block.splitlines())
+    return [line for line in lines if line and not line.startswith(":")]
+
+
+def test_every_page_is_in_the_tree_once() -> None:
+    listed = [
+        (page.parent / entry).relative_to(DOCS).as_posix()
+        for page in PAGES
+        for entry in entries(page.read_text(encoding="utf-8"))
+    ]
+    assert len(listed) == len(set(listed))
+    there = {page.relative_to(DOCS).with_suffix("").as_posix() for page in PAGES}
+    assert there - set(listed) == {"index"}
+    assert set(listed) - there == {"gallery/index"}  # which is made
+
+
+def test_toctrees_are_read() -> None:
+    assert entries("```{toctree}\n:hidden:\n\na\nb/c\n```\n\n```python\nd\n```\n") == ["a", "b/c"]
+    assert entries("A\n=\n\n.. toctree::\n   :maxdepth: 1\n\n   a\n   b\n\nText\n") == ["a", "b"]
+
+
+def public_names() -> set[str]:
+    """Every public name as users write it: of the package, and of the modules that it hands out."""
+    names = {f"aimd_des.{name}" for name in aimd_des.__all__}
+    for module in aimd_des.__all__:
+        thing = getattr(aimd_des, module)
+        if isinstance(thing, ModuleType):
+            names.remove(f"aimd_des.{module}")
+            inner = set(thing.__all__) - INTERNAL.get(module, set())
+            names |= {f"aimd_des.{module}.{name}" for name in inner}
+    return names
+
+
+def test_every_public_name_is_in_the_api() -> None:
+    text = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "api").glob("*.rst"))
+    described = set(re.findall(r"^\.\. auto(?:class|function|exception):: ([\w.]+)$", text, re.MULTILINE))
+    listed = set(re.findall(r"^   ([\w.]+)$", text, re.MULTILINE))
+    assert len(public_names()) > 80
+    assert public_names() - described == set()
+    assert public_names() - listed == set()
+
+
+@pytest.mark.parametrize("source", SCENARIOS, ids=lambda path: path.stem)
+def test_every_scenario_has_a_page_in_the_gallery(source: Path) -> None:
+    script = ast.parse(extension("scenario_gallery").example(source, DOCS))
+    title, line, *rest = (ast.get_docstring(script) or "").splitlines()
+    assert line == "=" * len(title)
+    assert f"python -m scenarios.{source.stem}" in "\n".join(rest)
+    figure = DOCS / "images" / f"{source.stem}.png"
+    assert figure.is_file(), "draw it, and keep the figure of the full size in docs/images"
+    # All of the code is shown, and nothing else: the docstring is the page.
+    whole = ast.parse(source.read_text(encoding="utf-8"))
+    assert [ast.dump(node) for node in script.body[1:]] == [ast.dump(node) for node in whole.body[1:]]
+
+
+def test_a_scenario_without_findings_is_refused(tmp_path: Path) -> None:
+    gallery = extension("scenario_gallery")
+    (tmp_path / "scenarios.md").write_text("# Scenarios\n\n## Why?\n\n`other`: text\n")
+    (tmp_path / "new.py").write_text('"""Why?\n\nBecause.\n"""\n')
+    with pytest.raises(gallery.ExtensionError, match="`new`"):
+        gallery.example(tmp_path / "new.py", tmp_path)
+
+
+def slugs(page: str) -> set[str]:
+    """Anchors of the headings of a Markdown page, as forges and MyST make them."""
+    prose = re.sub(r"^```.*?^```", "", page, flags=re.MULTILINE | re.DOTALL)
+    titles = re.findall(r"^#+ (.*)$", prose, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+def broken_links(path: Path) -> list[str]:
+    """Relative links of a Markdown page, as the forge resolves them, that lead nowhere."""
+    page = re.sub(r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    broken = []
+    for target in re.findall(r"\]\(([^)\s]+)\)", page):
+        if "://" in target:
+            continue
+        file, _, anchor = target.partition("#")
+        there = path.parent / file if file else path
+        if not there.exists():
+            broken.append(target)
+        elif anchor and anchor not in slugs(there.read_text(encoding="utf-8")):
+            broken.append(target)
+    return broken
+
+
+@pytest.mark.parametrize(
+    "page",
+    [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(page for page in PAGES if page.suffix == ".md")],
+    ids=lambda path: str(path.relative_to(ROOT)),
+)
+def test_links_of_the_forge_lead_somewhere(page: Path) -> None:
+    assert broken_links(page) == []
+
+
+def test_a_link_that_leads_nowhere_is_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("# One, two\n[a](#one-two) [b](#three) [c](no.md) [d](page.md#one-two) [e](https://doi.org)\n")
+    assert broken_links(page) == ["#three", "no.md"]
+
+
+@pytest.mark.parametrize("text", [r"\tfrac12\lambda", r"\dot x_i", r"{\dot x}_i", r"\unheardof"])
+def test_formulas_that_would_be_misread_are_refused(text: str) -> None:
+    seen: list[str] = []
+    mathml = extension("mathml")
+    mathml._LOGGER = type("Log", (), {"warning": lambda self, *words, **_: seen.append(words[0])})()
+    assert mathml._formula(nodes.math(text, text)).startswith("<code>")
+    assert len(seen) == 1
+    assert mathml._formula(nodes.math("x", r"\frac{1}{2}\,\dot{x}")).startswith("<math")
+    assert len(seen) == 1
