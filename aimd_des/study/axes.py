@@ -22,6 +22,8 @@ _LARGEST = 2**53
 
 
 class StudyTable(BaseModel):
+    """A table of a study: no key is unknown, and nothing changes."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, json_schema_extra=described)
 
 
