@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from aimd_des.cli.folders import flat
+from aimd_des.cli.differences import flat
 from aimd_des.cli.tables import shown
 from tests.command_line import digest, refusal, run, said, words, write
 from tests.conftest import INLINE

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from aimd_des.cli import main
-from tests.command_line import refusal, said
+from tests.command_line import refusal, said, write
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 
@@ -22,7 +22,7 @@ def completed(line: str) -> list[str]:
     }
     outcome = CliRunner().invoke(main, [], prog_name="aimd-des", env=environment)
     assert outcome.exit_code == 0, outcome.output
-    lines = outcome.stdout.splitlines()
+    lines = outcome.stdout.strip().splitlines()
     return [value for kind, value in zip(lines[::3], lines[1::3], strict=True) if kind == "plain"]
 
 
@@ -51,3 +51,32 @@ def test_words_are_completed() -> None:
     assert completed("aimd-des run a.toml --agents f") == ["fleet"]
     assert completed("aimd-des list l") == ["latency", "loss"]
     assert completed("aimd-des completion z") == ["zsh"]
+
+
+def test_keys_of_the_file_are_completed() -> None:
+    write()
+    keys = completed("aimd-des run five.toml --set resources.1.")
+    assert {"resources.1.capacity=", "resources.1.increase="} <= set(keys)
+    assert completed("aimd-des run five.toml --set resources.2.") == []
+    assert completed("aimd-des run five.toml --seed 3 --set until=5 --set see") == ["seed="]
+    assert {"channel.loss=", "channel.loss.mean_burst="} <= set(completed("aimd-des run --set channel.lo"))
+    assert completed("aimd-des run nowhere.toml --set unt") == ["until="]
+
+
+def test_parameters_of_the_model_are_completed() -> None:
+    write('until = 5\nmodel = "models.smart_cameras"\n', "cameras.toml")
+    assert completed("aimd-des run cameras.toml --set parameters.n") == [
+        "parameters.n_cameras=",
+        "parameters.normalization=",
+    ]
+    write('until = 5\nmodel = "nowhere"\n', "cameras.toml")
+    assert completed("aimd-des run cameras.toml --set parameters.") == []
+
+
+def test_keys_of_studies_are_completed() -> None:
+    write('replications = 3\n[scenario]\nuntil = 5\nmodel = "models.smart_cameras"\n', "study.toml")
+    assert completed("aimd-des sweep study.toml --set repl") == ["replications="]
+    assert completed("aimd-des sweep study.toml --set scenario.parameters.n_") == [
+        "scenario.parameters.n_cameras="
+    ]
+    assert "scenario.channel.latency=" in completed("aimd-des sweep study.toml --set scenario.channel.la")

@@ -323,3 +323,47 @@ def test_a_run_that_cannot_go_on_ends_with_one_sentence_and_exit_code_1(
         == "Error: time 5.0, resource memory: time cannot advance; set refractory greater than 0\n"
     )
     assert everything() == {"five.toml"}
+
+
+# -- settings --------------------------------------------------------------------------------------------
+
+
+def test_settings_replace_values_of_the_file() -> None:
+    path = str(write())
+    settings = ("until=30", "channel.latency=0.5", "resources.1.capacity = 2.5", "agents=fleet", "title=a b")
+    outcome = run(path, "--out", "out", *(word for setting in settings for word in ("--set", setting)))
+    assert outcome.exit_code == 0, outcome.output
+    found = load_scenario(Path("out/scenario.toml"))
+    assert (found.until, found.agents, found.title) == (30, "fleet", "a b")
+    assert found.channel.latency == 0.5
+    assert found.resources is not None
+    assert [table.capacity for table in found.resources] == [3.0, 2.5]
+    changed = INLINE.replace("until = 60", "until = 30").replace("capacity = 2.0", "capacity = 2.5")
+    assert run(str(write(changed + "[channel]\nlatency = 0.5\n")), "--out", "file").exit_code == 0
+    assert digest("file") == digest("out")
+
+
+def test_the_last_setting_holds_and_an_option_goes_before() -> None:
+    path = str(write())
+    assert run(path, "--set", "seed=1", "--set", "seed=2", "--out", "out").exit_code == 0
+    assert load_scenario(Path("out/scenario.toml")).seed == 2
+    assert run(path, "--seed", "3", "--set", "seed=2", "--out", "other").exit_code == 0
+    assert load_scenario(Path("other/scenario.toml")).seed == 3
+
+
+@pytest.mark.parametrize(
+    ("setting", "sentence"),
+    [
+        ("until", "setting = 'until': must be key=value, such as channel.latency=0.5"),
+        ("until=", "setting = 'until=': must be key=value"),
+        ("until=[", "value of until = '[': must be a value of TOML"),
+        ("channel.los=0.1", "five.toml: channel.los: unknown key 'los'; did you mean 'loss'?"),
+        ("channel.loss=1.5", "five.toml: channel: loss = 1.5: must be"),
+        ("resources.2.capacity=1", "resources.2.capacity: element of resources = '2': must be the number of"),
+        ("until.x=1", "until.x: until = 60: must be a table"),
+        ("path=1", "five.toml: path: unknown key 'path'"),
+        ("self=1", "five.toml: self: unknown key 'self'"),
+    ],
+)
+def test_a_setting_that_is_wrong_is_refused_by_its_key(setting: str, sentence: str) -> None:
+    assert run_refusal(str(write()), "--out", "out", "--set", setting).startswith(sentence)

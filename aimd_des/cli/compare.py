@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from aimd_des.cli.refusals import refusing
+from aimd_des.cli.refusals import Refusal, refusing
 
 __all__ = ["command"]
 
@@ -16,9 +16,24 @@ _FOLDER = click.Path(path_type=Path, exists=True, file_okay=False)
 @click.argument("second", metavar="DIR", type=_FOLDER)
 @click.option("--measure", "measures", multiple=True, help="Compare this measure only; may be repeated.")
 def command(first: Path, second: Path, measures: tuple[str, ...]) -> None:
-    """Show in what two runs differ: keys of the scenario, digests and measures."""
-    from aimd_des.cli.folders import load_run
-    from aimd_des.cli.runs import compare_runs
+    """Show in what two runs differ, or two studies.
+
+    Of runs: whether their digests are equal, the keys of the scenario and the versions that differ, and
+    the measures side by side.  Of studies: the keys that differ, and at each point that both have the
+    difference of the means with its 95 % confidence interval, paired where seeds are equal, else by Welch.
+    """
+    from aimd_des.cli.studies import is_study
 
     with refusing():
-        compare_runs(load_run(first), load_run(second), measures)
+        if is_study(first) and is_study(second):
+            from aimd_des.cli.pairs import compare_studies
+
+            compare_studies(first, second, measures)
+        elif is_study(first) or is_study(second):
+            study = first if is_study(first) else second
+            raise Refusal(f"only {study} is the folder of a study; give those of two runs, or of two studies")
+        else:
+            from aimd_des.cli.folders import load_run
+            from aimd_des.cli.runs import compare_runs
+
+            compare_runs(load_run(first), load_run(second), measures)

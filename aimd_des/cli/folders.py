@@ -9,7 +9,7 @@ from typing import Any
 
 from aimd_des.errors import InputError
 
-__all__ = ["StoredRun", "flat", "load_run"]
+__all__ = ["StoredRun", "load_run"]
 
 Number = int | float
 
@@ -98,30 +98,3 @@ def _number(word: str) -> Number:
         return int(word)
     except ValueError:
         return float(word)
-
-
-def flat(table: Any, above: str = "") -> dict[str, Any]:
-    """Name every value of a scenario by its path, such as "channel.latency" or "resources.0.capacity".
-
-    Parameters
-    ----------
-    table : dict or list
-        As TOML has it.
-    above : str
-        The path of the table itself.
-
-    Returns
-    -------
-    dict
-        Path to value; lists of values are values, lists of tables are not.
-    """
-    if isinstance(table, dict) and table:
-        items = list(table.items())
-    elif isinstance(table, list) and table and all(isinstance(part, dict) for part in table):
-        items = list(enumerate(table))
-    else:
-        return {above: table}
-    found = {}
-    for key, value in items:
-        found.update(flat(value, f"{above}.{key}" if above else str(key)))
-    return found

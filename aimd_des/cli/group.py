@@ -12,7 +12,7 @@ import aimd_des
 __all__ = ["main"]
 
 # In the order in which help shows them; each is `command` in the module of its name.
-_COMMANDS = ("run", "sweep", "list", "show", "compare", "completion")
+_COMMANDS = ("run", "sweep", "validate", "show", "compare", "list", "schema", "completion")
 
 _EPILOG = """\b
 Examples:

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from aimd_des.cli.refusals import refusing, writing
-from aimd_des.cli.settings import changes
+from aimd_des.cli.settings import changes, set_option
 
 __all__ = ["command"]
 
@@ -20,14 +20,7 @@ __all__ = ["command"]
     type=click.Choice(["process", "fleet"]),
     help="Replaces the word of the file: a SimPy process each, or all in compiled code; same results.",
 )
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="Replaces a value of the file, by its dotted key, such as channel.latency=0.5 or"
-    " resources.0.capacity=10; may be repeated.",
-)
+@set_option("channel.latency=0.5 or resources.0.capacity=10")
 @click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=True),

@@ -2,19 +2,18 @@
 
 from collections.abc import Sequence
 from difflib import get_close_matches
-from typing import Any
 
 import click
 
-from aimd_des.cli.folders import StoredRun, flat
-from aimd_des.cli.tables import print_pairs, print_table, said
+from aimd_des.cli.differences import HEADS, differences, print_differences
+from aimd_des.cli.folders import StoredRun
+from aimd_des.cli.tables import print_pairs, print_table
 from aimd_des.errors import InputError
 
 __all__ = ["compare_runs", "print_measures", "show_run"]
 
 # What a scenario says of the problem, and how long it is.
 _PROBLEM = ("resources", "costs")
-_HEADS = ("first", "second")
 
 
 def show_run(run: StoredRun, measures: Sequence[str] = ()) -> None:
@@ -107,17 +106,11 @@ def compare_runs(first: StoredRun, second: StoredRun, measures: Sequence[str] = 
     equal = first.digest == second.digest
     print_pairs(
         "The digests are equal: the same events, to the last bit" if equal else "The digests are different",
-        [(name, f"{run.folder}\n{run.digest}") for name, run in zip(_HEADS, (first, second), strict=True)],
+        [(name, f"{run.folder}\n{run.digest}") for name, run in zip(HEADS, (first, second), strict=True)],
     )
     click.echo()
-    differences = [
-        *_differences(first.scenario, second.scenario),
-        *_differences(first.versions, second.versions),
-    ]
-    if differences:
-        print_table("What differs", ["key", *_HEADS], differences)
-    else:
-        click.echo("The scenarios and the versions are the same.")
+    found = differences({**first.scenario, **first.versions}, {**second.scenario, **second.versions})
+    print_differences(found, "The scenarios and the versions are the same.")
     click.echo()
     rows = [
         [_words(name), resource, *pair, pair[1] - pair[0]]
@@ -125,25 +118,4 @@ def compare_runs(first: StoredRun, second: StoredRun, measures: Sequence[str] = 
         for resource in shared
         for pair in [(first.measures[resource][name], second.measures[resource][name])]
     ]
-    print_table("Measures", ["measure", "resource", *_HEADS, "difference"], rows, labels=2)
-
-
-def _differences(first: Any, second: Any) -> list[list[str]]:
-    """Name the keys in which two tables differ, with both values; a dash where a key is missing."""
-    one, other = flat(first), flat(second)
-    found = []
-    for key in dict.fromkeys([*one, *other]):
-        if one.get(key) != other.get(key) or (key in one) != (key in other):
-            words = [said(table[key]) if key in table else "-" for table in (one, other)]
-            if words[0] == words[1]:  # what differs is in digits, or values, that are not shown
-                words = _closer(one[key], other[key])
-            found.append([key, *words])
-    return found
-
-
-def _closer(first: Any, second: Any) -> list[str]:
-    """Write two values that look the same, so that they do not."""
-    if not (isinstance(first, list) and isinstance(second, list)):
-        return [repr(first), repr(second)]
-    differing = sum(one != other for one, other in zip(first, second, strict=False))
-    return [f"{said(first)}", f"{said(second)}, {differing} of them different"]
+    print_table("Measures", ["measure", "resource", *HEADS, "difference"], rows, labels=2)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from aimd_des.cli.refusals import refusing
+from aimd_des.cli.settings import changes, set_option
 
 if TYPE_CHECKING:
     from aimd_des.study.design import Study
@@ -37,13 +38,7 @@ _INTERRUPTED = 130
     help="Folder: new, or that of the same study.  [default: results/NAME of the file]",
 )
 @click.option("--workers", type=click.IntRange(min=1), help="Processes.  [default: one for each processor]")
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="Replaces a value of the file, such as replications=50 or scenario.until=1000; may be repeated.",
-)
+@set_option("replications=50 or scenario.until=1000")
 @click.option(
     "--scheduler", metavar="ADDRESS", help="A Dask scheduler to run on, such as tcp://10.0.0.1:8786."
 )
@@ -74,14 +69,13 @@ def command(
     study keeps them.  Runs that are there already are not run again.  Ctrl-C waits for those that
     are under way; a second Ctrl-C does not.
     """
-    from aimd_des.scenario.keys import parse_setting
     from aimd_des.study.file import read_study
 
     if sum(given is not None for given in (workers, scheduler, dask_workers)) > 1:
         raise click.UsageError("--workers, --scheduler and --dask-workers exclude each other.")
     folder = Path("results") / study.stem if out is None else out
     with refusing():
-        design = read_study(study, dict(map(parse_setting, settings)))
+        design = read_study(study, changes(settings))
     if dry_run:
         with refusing(study):
             _list(design, folder)

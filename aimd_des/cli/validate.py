@@ -19,8 +19,8 @@ def command(context: click.Context, files: tuple[Path, ...]) -> None:
     """Check files of scenarios and studies; nothing is run, and nothing is written.
 
     A line for each FILE that would run says what it is.  For the others there is a line for each
-    mistake, with file, line and key, and the exit code is 2.  The problem is built and its costs
-    are checked; of a study that is done at every point.
+    mistake, with file, line and key, and the exit code is 2.  The problem is built, its costs are
+    checked, and numbers of values are held against the number of agents.
     """
     from aimd_des.errors import InputError
 
@@ -45,26 +45,35 @@ def _described(path: Path) -> str:
     """Say what a file holds, once it has been checked."""
     from aimd_des.scenario.file import read_toml
 
-    if _OF_A_STUDY & set(read_toml(path)[1]):
+    if _OF_A_STUDY & set(read_toml(path)[0]):
         return _study(path)
     from aimd_des.scenario import load_scenario
+    from aimd_des.scenario.feasible import check_to_run
 
     scenario = load_scenario(path)
-    problem = scenario.problem()
+    problem = check_to_run(scenario)
     size = f"{_count(problem.n_agents, 'agent')}, {_count(problem.n_resources, 'resource')}"
     return f"{size}, {scenario.dynamics}, until {scenario.until:g}"
 
 
 def _study(path: Path) -> str:
+    from aimd_des.errors import InputError
+    from aimd_des.scenario.feasible import check_to_run
     from aimd_des.study.file import read_study
-    from aimd_des.study.points import expand
+    from aimd_des.study.points import expand, run_of
 
     study = read_study(path)
-    points = len(expand(study))
-    least = "" if study.precision is None else f", at most {study.precision.at_most}"
+    points = expand(study)
+    for point in points:
+        run = run_of(study, point, 0)
+        try:
+            check_to_run(run.scenario)
+        except InputError as refusal:
+            raise InputError(f"at {run}: {refusal}") from None
+    most = "" if study.precision is None else f", at most {study.precision.at_most}"
     return (
-        f"a study of {_count(points, 'point')}, {_count(study.replications, 'replication')} each{least}:"
-        f" {_count(points * study.replications, 'run')}"
+        f"a study of {_count(len(points), 'point')}, {_count(study.replications, 'replication')} each{most}:"
+        f" {_count(len(points) * study.replications, 'run')}"
     )
 
 

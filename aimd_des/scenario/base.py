@@ -2,19 +2,27 @@
 
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, model_validator
 
 from aimd_des.errors import InputError
 from aimd_des.scenario.kinds import describe
 
-__all__ = ["Integer", "Table"]
+__all__ = ["Integer", "Table", "described"]
 
 #: What TOML promises to hold.
-Integer = Annotated[int, Field(ge=-(2**63), lt=2**63)]
+Integer = Annotated[int, Field(ge=-(2**63), lt=2**63), WithJsonSchema({"type": "integer"})]
 
 
-def _described(schema: dict[str, Any], table: type[BaseModel]) -> None:
-    """Take descriptions from the docstring: its first paragraph, and what it says about each key."""
+def described(schema: dict[str, Any], table: type[BaseModel]) -> None:
+    """Take descriptions from the docstring: its first paragraph, and what it says about each key.
+
+    Parameters
+    ----------
+    schema : dict
+        As pydantic has made it; it is changed.
+    table : class
+        Of which it is the schema.
+    """
     meanings = describe(table.__doc__)
     schema["description"] = " ".join((table.__doc__ or "").strip().partition("\n\n")[0].split())
     for name, part in schema.get("properties", {}).items():
@@ -25,7 +33,7 @@ def _described(schema: dict[str, Any], table: type[BaseModel]) -> None:
 class Table(BaseModel):
     """A table of a scenario: every key is known, every value has its type, nothing is ignored."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, json_schema_extra=_described)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, json_schema_extra=described)
 
     def idle(self) -> tuple[str, ...]:
         """Name the keys that have no meaning beside the others.

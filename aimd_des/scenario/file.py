@@ -12,8 +12,9 @@ from aimd_des.scenario.refusals import Place, validate_scenario
 
 __all__ = ["load_scenario", "read_toml"]
 
-_HEADER = re.compile(r"^\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?")
-_KEY = re.compile(r"^\s*([A-Za-z0-9_.\-\"' ]+?)\s*=")
+# Of a line without the spaces around it.  No two parts match the same, or long lines would take for ever.
+_HEADER = re.compile(r"(\[\[?)([^\[\]]+)\]")
+_KEY = re.compile(r"([A-Za-z0-9_.\-\"' ]+)=")
 
 
 def load_scenario(path: Path, /, **changes: Any) -> Scenario:
@@ -78,7 +79,7 @@ def _key_lines(text: str) -> dict[Place, int]:
     lines: dict[Place, int] = {}
     table: Place = ()
     counts: dict[Place, int] = {}
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(map(str.strip, text.splitlines()), start=1):
         if header := _HEADER.match(line):
             table = _split(header[2])
             if header[1] == "[[":

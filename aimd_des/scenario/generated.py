@@ -107,20 +107,20 @@ def _as_data(hint: Any) -> Any:
 
 def _made(kind: Kind, default: str | None) -> type[KindTable]:
     """Make the class of the tables of one kind."""
-    fields: dict[str, Any] = {
-        "kind": (Literal[kind.name], kind.name if kind.name == default else ...),
-    }
+    saying = Field(kind.name if kind.name == default else ..., description=kind.meaning)
+    fields: dict[str, Any] = {"kind": (Literal[kind.name], saying)}
+    meanings = {parameter.name: parameter.meaning for parameter in kind.parameters}
     for name, parameter in kind.signature.items():
         hint = _OTHER_ARRAYS.get(name) or _as_data(parameter.annotation)
         required = parameter.default is parameter.empty
         standing = list(parameter.default) if isinstance(parameter.default, tuple) else parameter.default
-        fields[name] = (hint, ... if required else standing)
+        fields[name] = (hint, Field(... if required else standing, description=meanings[name]))
     form = f"{kind.name}_file" if "path" in fields else kind.name
     words = f"{form}_{kind.group}".split("_")
     made = create_model(
         "".join(word.capitalize() for word in words),
         __base__=NetworkTable if kind.group == "network" else KindTable,
-        __doc__=kind.make.__doc__,
+        __doc__=kind.meaning,
         __module__=__name__,
         **fields,
     )

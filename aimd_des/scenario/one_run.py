@@ -61,11 +61,11 @@ class Scenario(Table):
     seed : int
         Decides everything random, at least 0.
     model : str, optional
-        A registered model, such as "models.smart_cameras"; or the problem is written out.
+        A registered model, such as "models.smart_cameras", unless the problem is written out.
     parameters : dict
         Of the model; defaults are filled in, `seed` with the scenario's own.
     resources, costs : optional
-        The problem written out: a table for each resource, and polynomial costs.
+        The problem written out, in place of a model: a table for each resource, and polynomial costs.
     dynamics : {"discrete", "continuous", "synchronous"}
         "discrete": event-driven, agents on their clocks behind a channel; "continuous":
         event-driven, agents that grow all the time; "synchronous": Algorithms 1 and 2.
@@ -74,16 +74,20 @@ class Scenario(Table):
     agents : {"process", "fleet"}
         How agents are represented, which changes no result: a SimPy process each, or all of them in
         compiled code.
-    control_unit, channel, clocks
-        Parts of the event-driven system.
+    control_unit : table
+        When capacity signals are broadcast: a look at every unit of time unless given.
+    channel : table
+        How late copies of a signal arrive, and which are lost: at once and none unless given.
+    clocks : table
+        When discrete agents act: at every whole unit of time unless given.
     averaging : table
         How agents average their demand: over all of their past unless given.
     compensation : table, optional
         What agents do about signals that they lose; nothing unless given.
     interventions : list of tables
         What changes from outside while the run goes on.
-    recording
-        What is kept.
+    recording : table
+        What is kept besides signals and end.
 
     Raises
     ------
@@ -114,6 +118,8 @@ class Scenario(Table):
     @model_validator(mode="after")
     def _check(self) -> Self:
         checks.number("until", self.until, low=0.0, low_open=True)
+        if self.dynamics == "synchronous" and self.until % 1.0:
+            raise InputError.of("until", self.until, "a whole number of steps")
         checks.integer("seed", self.seed, low=0, high=_LARGEST_SEED)
         refuse_no_data("parameters", self.parameters)
         inline = [name for name in ("resources", "costs") if getattr(self, name) is not None]
@@ -249,8 +255,6 @@ class Scenario(Table):
         """
         (problem, interventions), recording = self._built(), self.recording.build()
         if self.dynamics == "synchronous":
-            if self.until % 1.0:
-                raise InputError.of("until", self.until, "a whole number of steps")
             return run_discrete(
                 problem,
                 steps=int(self.until),

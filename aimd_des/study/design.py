@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from aimd_des import checks
 from aimd_des.errors import InputError
+from aimd_des.scenario.base import described
 from aimd_des.scenario.keys import split_key
 from aimd_des.study.columns import LABELS, MEASURES, known_frame, known_measure
 from aimd_des.study.where import Condition
@@ -23,7 +24,7 @@ _LARGEST = 2**53
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, json_schema_extra=described)
 
 
 class Axis(_Table):

@@ -4,7 +4,6 @@ import json
 import tomllib
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pyarrow as pa
@@ -12,10 +11,11 @@ import pyarrow.parquet as pq
 
 from aimd_des.errors import InputError
 from aimd_des.scenario import Scenario, validate_scenario
+from aimd_des.scenario.refusals import checked
 from aimd_des.study.columns import known_frame
 from aimd_des.study.design import Axis, Study
 from aimd_des.study.measure import SCENARIO, run_schema
-from aimd_des.study.store import Store
+from aimd_des.study.store import Store, read_parquet
 
 __all__ = ["StudyResults", "load_study"]
 
@@ -42,7 +42,8 @@ def load_study(folder: str | Path) -> "StudyResults":
     manifest, plan = store.manifest(), store.plan()
     if manifest is None or plan is None:
         raise InputError.of("folder", str(folder), "that of a study, with its manifest.json and plan.parquet")
-    return StudyResults(store, Study.model_validate(manifest["study"]), plan.to_pandas())
+    study = checked(Study, manifest["study"], str(store.folder / "manifest.json"))
+    return StudyResults(store, study, plan.to_pandas())
 
 
 class StudyResults:
@@ -95,7 +96,9 @@ class StudyResults:
         schema = run_schema(self.study)
         there = self._store.keys("runs")
         tables = [
-            _read(self._store.file("runs", key)).cast(schema) for key in self.plan["key"] if key in there
+            read_parquet(self._store.file("runs", key)).cast(schema)
+            for key in self.plan["key"]
+            if key in there
         ]
         return self._tidy(pa.concat_tables(tables or [schema.empty_table()]).to_pandas())
 
@@ -124,7 +127,7 @@ class StudyResults:
             )
         there = self._store.keys(name) & self._store.keys("runs")
         rows = self.plan[self.plan["key"].isin(there)]
-        tables = [_read(self._store.file(name, key)) for key in rows["key"]]
+        tables = [read_parquet(self._store.file(name, key)) for key in rows["key"]]
         if not tables:
             return rows[[*(axis.name for axis in self.study.axes), "replication", "key"]].copy()
         found: pd.DataFrame = pa.concat_tables(tables).unify_dictionaries().drop_columns("key").to_pandas()
@@ -174,12 +177,10 @@ class StudyResults:
             raise InputError.of("key", key, f"that of a run in {self.folder}, done or failed")
         return validate_scenario(tomllib.loads(text), f"run {key}")
 
-    def _failure(self, key: str) -> dict[str, Any]:
-        found: dict[str, Any] = json.loads(self._store.file("failed", key).read_text(encoding="utf-8"))
-        return found
-
-
-def _read(path: Path) -> pa.Table:
-    # One small file after the other: threads would take longer to begin than to read.
-    with pq.ParquetFile(path) as file:
-        return file.read(use_threads=False).replace_schema_metadata(None)
+    def _failure(self, key: str) -> dict[str, str]:
+        path = self._store.file("failed", key)
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+            return {word: str(found[word]) for word in ("message", "scenario")}
+        except (OSError, ValueError, TypeError, KeyError) as error:
+            raise InputError(f"{path}: cannot be read ({error}); remove it, and sweep again") from None

@@ -20,10 +20,11 @@ from aimd_des.study.columns import FRAMES
 from aimd_des.study.design import Study
 from aimd_des.study.locks import exclusive
 
-__all__ = ["Store", "parquet", "write_file"]
+__all__ = ["Store", "parquet", "read_parquet", "write_file"]
 
 _FOLDERS = ("runs", "failed", *FRAMES)
 _FILES = ("manifest.json", "study.toml", "plan.parquet")
+_MANIFEST = {"runs", "result_version", "versions", "study"}
 _LOCK = ".lock"
 
 
@@ -75,6 +76,32 @@ def parquet(table: pa.Table, *, small: bool = False) -> pa.Buffer:
     else:
         pq.write_table(table, sink, compression="zstd")
     return sink.getvalue()
+
+
+def read_parquet(path: Path) -> pa.Table:
+    """Read a Parquet file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    pyarrow.Table
+        What it holds, without metadata.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or is damaged.
+    """
+    try:
+        # One small file after the other: threads would take longer to begin than to read.
+        with pq.ParquetFile(path) as file:
+            return file.read(use_threads=False).replace_schema_metadata(None)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"{path}: cannot be read ({error}); remove it, and sweep again") from None
 
 
 class Store:
@@ -134,15 +161,19 @@ class Store:
         Raises
         ------
         InputError
-            If it cannot be read.
+            If it cannot be read, or is damaged.
         """
         path = self.folder / "manifest.json"
         if not path.is_file():
             return None
         try:
-            found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
+            found = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError) as error:
             raise InputError(f"{path}: cannot be read ({error})") from None
+        if not (
+            isinstance(found, dict) and isinstance(found.get("study"), dict) and found.keys() >= _MANIFEST
+        ):
+            raise InputError(f"{path}: is damaged: it must be a table with {', '.join(sorted(_MANIFEST))}")
         return found
 
     def plan(self) -> pa.Table | None:
@@ -152,9 +183,14 @@ class Store:
         -------
         pyarrow.Table or None
             A row for each, with its labels; None where there is none.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read, or is damaged.
         """
         path = self.folder / "plan.parquet"
-        return pq.read_table(path) if path.is_file() else None
+        return read_parquet(path) if path.is_file() else None
 
     @contextmanager
     def taken(self, *, overwrite: bool) -> Iterator[None]:

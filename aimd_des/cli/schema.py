@@ -1,0 +1,59 @@
+"""`aimd-des schema`: what files may say, for editors."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from aimd_des.cli.refusals import writing
+
+__all__ = ["command", "schema_of"]
+
+_EPILOG = """\b
+Editors that use Taplo, such as VS Code with Even Better TOML, find the schema
+by the first line of a file:
+  #:schema scenario.schema.json
+"""
+
+
+@click.command("schema", epilog=_EPILOG)
+@click.argument("kind", type=click.Choice(["scenario", "study"]), default="scenario")
+@click.option(
+    "--out", type=click.Path(path_type=Path, dir_okay=False), help="Write to this file, and print nothing."
+)
+def command(kind: str, out: Path | None) -> None:
+    """Print the JSON Schema of scenario files, or of study files.
+
+    An editor that knows it completes keys, shows what they mean, and marks mistakes.
+    """
+    text = json.dumps(schema_of(kind), indent=2, ensure_ascii=False) + "\n"
+    if out is None:
+        click.echo(text, nl=False)
+        return
+    from aimd_des.study.store import write_file
+
+    with writing(out):
+        write_file(out, text.encode())
+
+
+def schema_of(kind: str) -> dict[str, Any]:
+    """Give the schema of files of a kind.
+
+    Parameters
+    ----------
+    kind : {"scenario", "study"}
+        Which.
+
+    Returns
+    -------
+    dict
+        JSON Schema of draft 7.
+    """
+    if kind == "scenario":
+        from aimd_des.scenario.schema import scenario_schema
+
+        return scenario_schema()
+    from aimd_des.study.schema import study_schema
+
+    return study_schema()
