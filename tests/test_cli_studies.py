@@ -14,6 +14,7 @@ import pytest
 from scipy import stats
 
 from aimd_des.cli.tables import interval, shown
+from aimd_des.cli.tables import said as setting
 from aimd_des.study import Study, load_study, run_study
 from tests.command_line import refusal, run, said, words, write
 from tests.conftest import INLINE, quietly
@@ -75,7 +76,7 @@ def test_means_of_every_point_with_their_half_widths(monkeypatch: pytest.MonkeyP
             for resource in RESOURCES:
                 part = at(runs, latency, loss, resource)
                 cells = [word for name in MAIN for word in t_interval(part[name]).split()]
-                assert [str(latency), str(loss), resource, "3", *cells] in rows
+                assert [setting(latency), setting(loss), resource, "3", *cells] in rows
 
 
 def test_means_over_an_axis_take_one_number_of_each_replication(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -86,7 +87,7 @@ def test_means_over_an_axis_take_one_number_of_each_replication(monkeypatch: pyt
         part = runs[(runs["loss"] == loss) & (runs["resource"] == "disk")]
         values = part.groupby("replication")["signals"].mean()
         assert len(values) == 3
-        assert [str(loss), "disk", "3", *t_interval(values).split()] in rows
+        assert [setting(loss), "disk", "3", *t_interval(values).split()] in rows
     rows = words(said("show", "base", "--by", "resource", "--measure", "signals"))
     assert rows[-2][0] == "memory"
 
@@ -103,11 +104,11 @@ def test_what_failed_and_what_is_missing_is_told() -> None:
     out = said("show", "holes")
     assert "runs 10 of 12 are there, 1 failed, 1 missing" in flat(out)
     assert "Runs that failed: 1" in out
-    assert any(row[:3] == ["0.0", "0.0", "0"] and row[3:] == ["out", "of", "[luck]"] for row in words(out))
+    assert any(row[:3] == ["0", "0", "0"] and row[3:] == ["out", "of", "[luck]"] for row in words(out))
     # At this point one replication is left: a mean, and nothing that it is known to.
-    assert any(row[:4] == ["0.0", "0.0", "memory", "1"] and "±" not in row for row in words(out))
+    assert any(row[:4] == ["0", "0", "memory", "1"] and "±" not in row for row in words(out))
     # Over the axis only the replication counts of which all is there.
-    assert any(row[:3] == ["0.0", "memory", "1"] for row in words(said("show", "holes", "--by", "latency")))
+    assert any(row[:3] == ["0", "memory", "1"] for row in words(said("show", "holes", "--by", "latency")))
 
 
 def test_a_damaged_failure_is_refused() -> None:
@@ -145,7 +146,7 @@ def test_pairs_where_seeds_are_equal() -> None:
         )
         first = first[second.index]
         cells = [shown(float(first.mean())), shown(float(second.mean())), *t_interval(second - first).split()]
-        assert [str(latency), "0.2", "disk", *cells, "pairs:", "2"] in rows
+        assert [setting(latency), "0.2", "disk", *cells, "pairs:", "2"] in rows
 
 
 def test_welch_where_seeds_differ() -> None:
@@ -166,10 +167,8 @@ def test_points_that_only_one_has_are_named() -> None:
     ]
     made("shifted", axes=axes, replications=1)
     out = said("compare", "base", "shifted", "--measure", "signals")
-    assert "Only in the first: latency 0.0, loss 0.0; latency 0.0, loss 0.2; latency 0.5, loss 0.2" in flat(
-        out
-    )
-    assert "Only in the second: latency 1.0, loss 0.0" in flat(out)
+    assert "Only in the first: latency 0, loss 0; latency 0, loss 0.2; latency 0.5, loss 0.2" in flat(out)
+    assert "Only in the second: latency 1, loss 0" in flat(out)
     # One pair: a difference, and nothing that it is known to.
     assert any(row[-2:] == ["pairs:", "1"] and "±" not in row for row in words(out))
 

@@ -71,10 +71,11 @@ TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
 @st.composite
 def scenarios(draw: st.DrawFn) -> Scenario:
     """Any scenario with the problem written out or by a model's name."""
+    dynamics = draw(st.sampled_from(["discrete", "synchronous"]))
     data: dict[str, Any] = {
-        "until": draw(POSITIVE),
+        "until": draw(st.integers(1, 10**9) if dynamics == "synchronous" else POSITIVE),
         "seed": draw(st.integers(0, 2**62)),
-        "dynamics": draw(st.sampled_from(["discrete", "synchronous"])),
+        "dynamics": dynamics,
     }
     optional: dict[str, st.SearchStrategy[Any]] = {
         "title": TEXT,

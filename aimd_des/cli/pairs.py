@@ -8,7 +8,7 @@ import click
 
 from aimd_des.cli.differences import HEADS, differences, print_differences
 from aimd_des.cli.studies import chosen_measures
-from aimd_des.cli.tables import interval, plus_minus, print_pairs, print_table
+from aimd_des.cli.tables import interval, plus_minus, print_pairs, print_table, said
 from aimd_des.errors import InputError
 
 if TYPE_CHECKING:
@@ -53,9 +53,7 @@ def compare_studies(first: Path, second: Path, measures: Sequence[str] = ()) -> 
     click.echo()
     click.echo(f"Second less first {plus_minus()} half-widths of 95 % confidence intervals")
     for name in names:
-        rows = [
-            [*map(str, labels), *_difference(*(group[labels][name] for group in groups))] for labels in shared
-        ]
+        rows = [[*labels, *_difference(*(group[labels][name] for group in groups))] for labels in shared]
         click.echo()
         print_table(name.replace("_", " "), [*points, *HEADS, "difference", "from"], rows, labels=len(points))
     _print_unmatched(groups, axes)
@@ -112,4 +110,6 @@ def _print_unmatched(groups: Sequence[Mapping[tuple[Any, ...], "pd.DataFrame"]],
 
 def _point(labels: Sequence[Any], axes: Sequence[str]) -> str:
     """Name a point by its axes; where there are none, by the resource."""
-    return ", ".join(f"{name} {value}" for name, value in zip(axes or ["resource"], labels, strict=False))
+    return ", ".join(
+        f"{name} {said(value)}" for name, value in zip(axes or ["resource"], labels, strict=False)
+    )

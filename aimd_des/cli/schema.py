@@ -11,8 +11,8 @@ from aimd_des.cli.refusals import writing
 __all__ = ["command", "schema_of"]
 
 _EPILOG = """\b
-For editors that use Taplo, such as VS Code with Even Better TOML, say in the first
-line of a file where the schema is:
+Editors that use Taplo, such as VS Code with Even Better TOML, find the schema
+by the first line of a file:
   #:schema scenario.schema.json
 """
 
@@ -20,7 +20,7 @@ line of a file where the schema is:
 @click.command("schema", epilog=_EPILOG)
 @click.argument("kind", type=click.Choice(["scenario", "study"]), default="scenario")
 @click.option(
-    "--out", type=click.Path(path_type=Path, dir_okay=False), help="Write it to this file, and print nothing."
+    "--out", type=click.Path(path_type=Path, dir_okay=False), help="Write to this file, and print nothing."
 )
 def command(kind: str, out: Path | None) -> None:
     """Print the JSON Schema of scenario files, or of study files.

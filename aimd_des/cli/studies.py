@@ -143,7 +143,7 @@ def _means(runs: "pd.DataFrame", axes: list[str], names: list[str]) -> tuple[lis
         found = part.set_index("measure")
         half_widths = (found["high"] - found["low"]) / 2.0
         cells = [interval(float(found["mean"][name]), float(half_widths[name])) for name in names]
-        rows.append([*map(str, labels), int(found["replications"].max()), *cells])
+        rows.append([*labels, int(found["replications"].max()), *cells])
     return [*points, "replications", *(name.replace("_", " ") for name in names)], rows
 
 
@@ -153,7 +153,7 @@ def _print_failures(results: "StudyResults") -> None:
         return
     axes = [axis.name for axis in results.study.axes]
     columns = [*axes, "replication", "message"]
-    rows = [list(map(str, row)) for row in failed[columns].head(_MOST_FAILURES).itertuples(index=False)]
+    rows = [list(row) for row in failed[columns].head(_MOST_FAILURES).itertuples(index=False)]
     click.echo()
     title = f"Runs that failed: {len(failed):,}"
     if len(failed) > _MOST_FAILURES:

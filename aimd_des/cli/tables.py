@@ -152,13 +152,15 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]
     rows : sequence of sequence
         A value for each column.
     labels : int
-        How many columns, from the left, say what a row is; each part begins with them.
+        How many columns, from the left, say what a row is, as it was set; each part begins with them.
     """
     console = Console()
-    cells = [[shown(value) for value in row] for row in rows]
+    cells = [[*map(said, row[:labels]), *map(shown, row[labels:])] for row in rows]
     right = [_is_numeric([row[place] for row in rows]) for place in range(len(columns))]
     console.print(Text(title, style="bold"))
-    for part in _parts(_least_widths(columns, cells, right), labels, console.width):
+    for number, part in enumerate(_parts(_least_widths(columns, cells, right), labels, console.width)):
+        if number:
+            console.print()
         table = _table()
         for place in part:
             # A text may be broken, a number may not: 12 in one line and 34 in the next are another number.
