@@ -1,18 +1,20 @@
 """The command as a whole: help, progress, exit codes, and how it is in a process of its own."""
 
 import re
+import subprocess
 import sys
 from pathlib import Path
 
 import click
 import pytest
+from click.testing import CliRunner
 
 from aimd_des import __version__
 from aimd_des.cli import main
 from aimd_des.progress import RunProgress
 from aimd_des.scenario import load_scenario
-from tests.command_line import digest, invoke, write
-from tests.conftest import ROOT, python, quietly
+from tests.command_line import digest, invoke, run, words, write
+from tests.conftest import INLINE, ROOT, python, quietly
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 
@@ -63,6 +65,14 @@ def test_progress_is_shown_where_a_run_takes_its_time(
         assert re.search(r"simulated time 2,000 of 8,000 .* [\d,]+ events/s", shown.err)
     else:
         assert shown.err == ""
+
+
+def test_what_a_terminal_cannot_show_is_written_as_a_number() -> None:
+    write(INLINE.replace("five agents, two resources", "Zürich → Genève"))
+    assert run("five.toml", "--out", "out").exit_code == 0
+    outcome = CliRunner(charset="ascii").invoke(main, ["show", "out"])
+    assert outcome.exit_code == 0
+    assert ["title", "|", "Z\\xfcrich", "\\u2192", "Gen\\xe8ve"] in words(outcome.stdout)
 
 
 # -- its page --------------------------------------------------------------------------------------------
@@ -142,6 +152,15 @@ def test_the_command_in_a_process_of_its_own() -> None:
         again.stderr
         == "Error: output folder = 'out': must be new or empty; choose another, or say --overwrite\n"
     )
+
+
+def test_a_reader_who_has_seen_enough_is_no_reason_to_complain() -> None:
+    command = [sys.executable, "-m", "aimd_des", "completion", "zsh"]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.close()
+        assert process.stderr is not None
+        assert process.stderr.read() == b""
 
 
 def test_a_program_without_a_command_says_how_it_is_used() -> None:

@@ -17,7 +17,9 @@ _COMMANDS = ("run", "watch", "sweep", "validate", "show", "compare", "list", "sc
 _EPILOG = """\b
 Examples:
   aimd-des run scenarios/paper.toml --seed 0 --out results/run
-  aimd-des run my_system.toml --out results/mine --overwrite
+  aimd-des run my_system.toml --set channel.loss=0.2 --out results/mine
+  aimd-des compare results/run results/mine
+  aimd-des list latency
 
 A mistake in a file or an option ends with one sentence and exit code 2; a run
 that cannot go on ends with exit code 1.

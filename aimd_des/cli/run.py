@@ -11,7 +11,9 @@ __all__ = ["command"]
 
 
 @click.command(
-    "run", epilog="What a scenario file may say is described in docs/scenario_files.md of the project."
+    "run",
+    short_help="Run one scenario, and write what came out.",
+    epilog="What a scenario file may say is described in docs/scenario_files.md of the project.",
 )
 @click.argument("scenario", type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--seed", type=int, help="Replaces the seed of the file; decides everything random.")

@@ -30,7 +30,7 @@ say, and how to read the folder, is described in docs/studies.md of the project.
 _INTERRUPTED = 130
 
 
-@click.command("sweep", epilog=_EPILOG)
+@click.command("sweep", short_help="Carry out a study: many runs.", epilog=_EPILOG)
 @click.argument("study", type=click.Path(path_type=Path, dir_okay=False))
 @click.option(
     "--out",

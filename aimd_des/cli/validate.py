@@ -10,7 +10,7 @@ __all__ = ["command"]
 _OF_A_STUDY = {"axes", "base", "extends", "scenario"}
 
 
-@click.command("validate")
+@click.command("validate", short_help="Check files, and run nothing.")
 @click.argument(
     "files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path, dir_okay=False)
 )
