@@ -1,4 +1,4 @@
-"""How the pages are built: `make docs`. Nothing is fetched, neither when they are built nor when they are read."""
+"""How the pages are built, by `make docs`: nothing is fetched, neither then nor when they are read."""
 
 import sys
 from pathlib import Path
@@ -64,8 +64,10 @@ html_static_path = ["_static"]
 html_css_files = ["pages.css"]
 
 
-def _keep_colons(_app: Sphinx, what: str, _name: str, _obj: object, _options: object, lines: list[str]) -> None:
-    """Napoleon takes what stands before a colon in the first line of an attribute for its type: ours are prose."""
+def _keep_colons(
+    _app: Sphinx, what: str, _name: str, _obj: object, _options: object, lines: list[str]
+) -> None:
+    """Keep Napoleon from taking what stands before the first colon for a type: these lines are prose."""
     if what in {"attribute", "property"}:
         lines.insert(0, "\\ ")  # nothing, in reStructuredText
 

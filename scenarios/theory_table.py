@@ -10,6 +10,7 @@ import pandas as pd
 from scenarios._command import Study, command
 from scenarios._replicate import replicate
 from scenarios._theory_classics import classics
+from scenarios._theory_figure import deviations
 from scenarios._theory_losses import compensated, critical, heterogeneous, runaway
 from scenarios._theory_page import PAGE
 from scenarios._theory_rows import Size, digest, frame, markdown
@@ -59,7 +60,15 @@ def study(quick: bool = False, seed: int = 0) -> Study:
         table=markdown(table),
         **_lengths(size),
     )
-    return Study("theory_table", settings, table, digest(table), findings, pages={"theory_table.md": page})
+    return Study(
+        "theory_table",
+        settings,
+        table,
+        digest(table),
+        findings,
+        {"theory_table": deviations(table)},
+        pages={"theory_table.md": page},
+    )
 
 
 def _lengths(size: Size) -> dict[str, str]:

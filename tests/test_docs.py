@@ -1,4 +1,4 @@
-"""The documentation is whole: pages are in the tree, names in the API, scenarios in the gallery, links lead somewhere.
+"""The documentation is whole: pages are in the tree, names in the API, scenarios in the gallery.
 
 `make docs` checks all else, as it takes warnings for errors.
 """
@@ -100,6 +100,8 @@ def test_every_scenario_has_a_page_in_the_gallery(source: Path) -> None:
     title, line, *rest = (ast.get_docstring(script) or "").splitlines()
     assert line == "=" * len(title)
     assert f"python -m scenarios.{source.stem}" in "\n".join(rest)
+    for anchor in re.findall(r"scenarios\.html#([\w-]+)", "\n".join(rest)):  # Sphinx takes it as it is
+        assert anchor in slugs((DOCS / "scenarios.md").read_text(encoding="utf-8"))
     figure = DOCS / "images" / f"{source.stem}.png"
     assert figure.is_file(), "draw it, and keep the figure of the full size in docs/images"
     # All of the code is shown, and nothing else: the docstring is the page.
@@ -131,9 +133,7 @@ def broken_links(path: Path) -> list[str]:
             continue
         file, _, anchor = target.partition("#")
         there = path.parent / file if file else path
-        if not there.exists():
-            broken.append(target)
-        elif anchor and anchor not in slugs(there.read_text(encoding="utf-8")):
+        if not there.exists() or (anchor and anchor not in slugs(there.read_text(encoding="utf-8"))):
             broken.append(target)
     return broken
 
@@ -149,7 +149,9 @@ def test_links_of_the_forge_lead_somewhere(page: Path) -> None:
 
 def test_a_link_that_leads_nowhere_is_found(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
-    page.write_text("# One, two\n[a](#one-two) [b](#three) [c](no.md) [d](page.md#one-two) [e](https://doi.org)\n")
+    page.write_text(
+        "# One, two\n[a](#one-two) [b](#three) [c](no.md) [d](page.md#one-two) [e](https://doi.org)\n"
+    )
     assert broken_links(page) == ["#three", "no.md"]
 
 

@@ -28,17 +28,22 @@ HOSTS = {
     "doi.org",
     "github.com",
     "ieeexplore.ieee.org",
+    "inet.omnetpp.org",
     "keepachangelog.com",
     "matplotlib.org",
     "networkx.org",
     "numba.readthedocs.io",
     "numpy.org",
     "numpydoc.readthedocs.io",
+    "omnetpp.org",
     "pandas.pydata.org",
     "scipy.org",
     "semver.org",
     "simpy.readthedocs.io",
     "toml.io",
+    "www.control.lth.se",
+    "www.nsnam.org",
+    "www.salabim.org",
     "www.w3.org",
 }
 
@@ -50,7 +55,17 @@ def files_of_the_project() -> list[Path]:
         listed = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
         paths = [ROOT / name for name in listed.split("\0") if name]
     else:
-        hidden = {".venv", ".git", "__pycache__", "build", "dist", "results"}
+        hidden = {
+            ".venv",
+            ".git",
+            "__pycache__",
+            "build",
+            "dist",
+            "results",
+            "_build",
+            "_examples",
+            "gallery",
+        }
         paths = [path for path in ROOT.rglob("*") if not hidden & set(path.relative_to(ROOT).parts)]
         paths = [path for path in paths if not any(part.endswith("_cache") for part in path.parts)]
     return sorted(path for path in paths if path.is_file())

@@ -71,10 +71,10 @@ def recovery_time(
     normalised by the weights there are, takes tau log((1 - q + w q) / w) with q = exp(-t0 / tau).
 
     Exact for the total of the averages if total demand follows the capacity at once.  It needs the time
-    ``|C0 - C1| / (n alpha)`` to rise and a few signals to fall; agents find their new shares of it with the rate
-    alpha / x of AIMD; both are neglected, and assumed short in comparison.  Shares follow as the total does
-    where costs are quadratic, since response probabilities do not depend on averages then.  For steeper ones
-    see `share_rates`.
+    ``|C0 - C1| / (n alpha)`` to rise and a few signals to fall; agents find their new shares of it with the
+    rate alpha / x of AIMD; both are neglected, and assumed short in comparison.  Shares follow as the total
+    does where costs are quadratic, since response probabilities do not depend on averages then.  For steeper
+    ones see `share_rates`.
 
     Examples
     --------

@@ -19,7 +19,10 @@ _HEADER = '''r"""
 {underline}
 
 {answer}
-{figure}
+
+.. figure:: /images/{name}.png
+   :alt: {title}
+
 .. code-block:: console
 
    $ python -m scenarios.{name}                      # in results/{name}
@@ -28,12 +31,8 @@ _HEADER = '''r"""
 {more}
 """
 
-# sphinx_gallery_thumbnail_path = '{thumbnail}'
+# sphinx_gallery_thumbnail_path = 'images/{name}.png'
 '''
-_FIGURE = """
-.. figure:: /images/{name}.png
-   :alt: {title}
-"""
 
 
 def _details(docs: Path, name: str) -> str:
@@ -43,7 +42,9 @@ def _details(docs: Path, name: str) -> str:
     sections = re.split(r"^## ", (docs / "scenarios.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
     found = [section.partition("\n")[0] for section in sections if f"\n`{name}`" in section]
     if len(found) != 1:
-        raise ExtensionError(f"docs/scenarios.md needs one section with a paragraph that begins with `{name}`")
+        raise ExtensionError(
+            f"docs/scenarios.md needs one section with a paragraph that begins with `{name}`"
+        )
     anchor = re.sub(r"[^\w\- ]", "", found[0].lower()).replace(" ", "-")
     return f"Findings and numbers: `{found[0]} <../scenarios.html#{anchor}>`__"
 
@@ -54,19 +55,10 @@ def example(source: Path, docs: Path) -> str:
     tree = ast.parse(code)
     title, _, answer = (ast.get_docstring(tree) or "").partition("\n\n")
     below = "".join(code.splitlines(keepends=True)[tree.body[0].end_lineno :])
-    has_figure = (docs / "images" / f"{name}.png").is_file()
-    return (
-        _HEADER.format(
-            name=name,
-            title=title,
-            underline="=" * len(title),
-            answer=answer,
-            figure=_FIGURE.format(name=name, title=title) if has_figure else "",
-            more=_details(docs, name),
-            thumbnail=f"images/{name}.png" if has_figure else "_static/table.png",
-        )
-        + below
+    header = _HEADER.format(
+        name=name, title=title, underline="=" * len(title), answer=answer, more=_details(docs, name)
     )
+    return header + below
 
 
 def write_examples(docs: Path, folder: Path) -> None:
