@@ -1,9 +1,9 @@
 """Latency and loss together: which of them is survived, and what does each cost?
 
-Loss decides whether demand is held, latency hardly: below the loss that theory gives for a hold-off of
-one period, demand is held whatever the latency, and above it demand runs away.  Shares stay right to
-within 1 or 2 % far beyond that: who loses as much as the others still answers in the right proportion.
-Latency is paid in excess over the capacity, loss in signals.
+Loss decides whether demand is held, and latency does not: on either side of the loss that theory gives for
+a hold-off of one period, 4 replications agree with it at all latencies from 0 to 10 periods.  Shares stay
+right to within 3 % on both sides, until responses are cut off at probability 1.  Latency is paid in
+excess over the capacity, loss in signals.
 """  # noqa: D400 - a question
 
 from collections.abc import Iterator
@@ -111,14 +111,18 @@ def _table(frame: pd.DataFrame) -> pd.DataFrame:
 def _critical() -> dict[tuple[str, str], float]:
     """Compute the loss that is survived, for each dynamics and resource of the first draw of the costs."""
     problem = smart_cameras(0)
-    mu = solve_optimum(problem).multipliers
-    found = {}
-    for j, resource in enumerate(problem.resources):
-        rho = theory.signal_rate(problem.increase[j], problem.decrease[j], resource.normalization, mu[[j]])
-        for dynamics in ("continuous", "discrete"):
-            loss = theory.critical_loss(rho, dynamics, refractory=1.0)
-            found[dynamics, resource.name] = float(loss[0])
-    return found
+    alpha, beta, gamma = (
+        [getattr(resource, name) for resource in problem.resources]
+        for name in ("increase", "decrease", "normalization")
+    )
+    rho = theory.signal_rate(alpha, beta, gamma, solve_optimum(problem).multipliers)
+    return {
+        (dynamics, name): float(loss)
+        for dynamics in ("continuous", "discrete")
+        for name, loss in zip(
+            problem.resource_names, theory.critical_loss(rho, dynamics, refractory=1.0), strict=True
+        )
+    }
 
 
 def _lines(critical: dict[tuple[str, str], float], resource: str) -> dict[str, float]:
