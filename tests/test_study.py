@@ -371,7 +371,8 @@ def test_a_file_is_put_together_from_others(tmp_path: Path) -> None:
     assert "seed" not in found.scenario
     (tmp_path / "more").mkdir()
     (tmp_path / "more/large.toml").write_text(
-        'extends = "../study.toml"\nreplications = 9\n[scenario]\nchannel.loss = 0.2\n[[axes]]\nkey = "lag"\nvalues = [0]'
+        'extends = "../study.toml"\nreplications = 9\n[scenario]\nchannel.loss = 0.2\n'
+        '[[axes]]\nkey = "lag"\nvalues = [0]'
     )
     large = read_study(tmp_path / "more/large.toml")
     assert (large.title, large.replications, large.scenario["channel"]["loss"]) == ("A study", 9, 0.2)

@@ -14,7 +14,8 @@ import aimd_des
 from aimd_des.errors import InputError
 from aimd_des.scenario import Scenario, validate_scenario
 from aimd_des.scenario.keys import with_settings
-from aimd_des.study.design import Setting, Study, Value
+from aimd_des.study.axis import Setting, Value
+from aimd_des.study.design import Study
 from aimd_des.study.where import Condition
 
 __all__ = ["Job", "Point", "Run", "expand", "problem_words", "run_of"]

@@ -170,7 +170,7 @@ def dask_executor(address: str | None = None, workers: int | None = None) -> Ite
     Parameters
     ----------
     address : str, optional
-        Of the scheduler, such as "tcp://10.0.0.1:8786".
+        Of the scheduler, such as "10.0.0.1:8786".
     workers : int, optional
         In place of it: how many processes to start.
 
