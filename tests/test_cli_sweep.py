@@ -113,7 +113,7 @@ def test_runs_that_fail_are_told_and_tried_again_if_asked(monkeypatch: pytest.Mo
         (["study.toml", "--set", "replication=3"], "did you mean 'replications'?"),
         (
             ["study.toml", "--set", "axes.0.key=channel.latancy"],
-            "study.toml: at channel.latency = 0: channel.latancy",
+            "study.toml: at channel.latancy = 0: channel.latancy",
         ),
         (["study.toml", "--workers", "1", "--dask-workers", "1"], "exclude each other"),
         (["study.toml", "--workers", "0"], "0 is not in the range"),
