@@ -12,9 +12,9 @@ from aimd_des.errors import InputError
 from aimd_des.gradients import cost_table
 from aimd_des.metrics import Stretch, overshoot_of
 from aimd_des.problem import Problem
-from aimd_des.recording import Observations, Recording, Signals
+from aimd_des.recording import Account, Observations, Recording, Signals
 from aimd_des.response import DISCRETE
-from aimd_des.results import Account, Result
+from aimd_des.results import Result
 from aimd_des.state import State, law_of, start
 from aimd_des.steps import Control, Scratch, Watch, close_books, take_custom_steps, take_steps
 from aimd_des.streams import Purpose

@@ -12,10 +12,12 @@ from aimd_des.checks import FloatArray
 from aimd_des.errors import InputError
 from aimd_des.metrics import Overshoot, Stretch
 
-__all__ = ["Observations", "Recording", "Signals", "Times"]
+__all__ = ["Account", "Observations", "Recording", "Signals", "Times"]
 
 #: When to look: "end", "auto" (a thousand times and the end), a period, or the times themselves.
 Times = Literal["auto", "end"] | float | Sequence[float] | FloatArray
+
+IntArray = npt.NDArray[np.int64]
 
 _AUTO_LOOKS = 1000
 _MOST_LOOKS = 10_000_000
@@ -143,6 +145,28 @@ class Signals:
             The bits that were broadcast.
         """
         return np.bincount(self.resource, minlength=n_resources)
+
+
+@dataclass(frozen=True, eq=False)
+class Account:
+    """What was communicated and how it was answered.
+
+    Attributes
+    ----------
+    delivered, lost, in_flight : ndarray of int, shape (m, n)
+        Copies of the signals by what became of them: each broadcast makes one for each agent.
+    duplicated : ndarray of int, shape (m, n)
+        Duplicates that arrived besides.
+    responses, saturated : ndarray of int, shape (m, n)
+        Decreases of each agent, and those of them that had a response probability above 1.
+    """
+
+    delivered: IntArray
+    lost: IntArray
+    in_flight: IntArray
+    duplicated: IntArray
+    responses: IntArray
+    saturated: IntArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,10 +5,10 @@ average are in the units of the resource, times in steps or units of time.
 """
 
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from functools import cache, cached_property
 from hashlib import sha256
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,34 +22,10 @@ from aimd_des.frames import categorical
 from aimd_des.log import EventLog
 from aimd_des.optimum import Optimum, solve_optimum
 from aimd_des.problem import Problem
-from aimd_des.recording import Observations, Signals
+from aimd_des.recording import Account, Observations, Signals
 from aimd_des.tracking import PieceOptima, piece_problem, pieces_frame, tracking_frame
 
-__all__ = ["Account", "Result"]
-
-IntArray = npt.NDArray[np.int64]
-
-
-@dataclass(frozen=True, eq=False)
-class Account:
-    """What was communicated and how it was answered.
-
-    Attributes
-    ----------
-    delivered, lost, in_flight : ndarray of int, shape (m, n)
-        Copies of the signals by what became of them: each broadcast makes one for each agent.
-    duplicated : ndarray of int, shape (m, n)
-        Duplicates that arrived besides.
-    responses, saturated : ndarray of int, shape (m, n)
-        Decreases of each agent, and those of them that had a response probability above 1.
-    """
-
-    delivered: IntArray
-    lost: IntArray
-    in_flight: IntArray
-    duplicated: IntArray
-    responses: IntArray
-    saturated: IntArray
+__all__ = ["Result"]
 
 
 class Result:
@@ -254,36 +230,70 @@ class Result:
         InputError
             If nobody is here at the end, or the optimum is for another number of agents.
         """
+        return pd.DataFrame(
+            self.measures(optimum), index=pd.Index(self.problem.resource_names, name="resource")
+        )
+
+    def measures(
+        self, optimum: Optimum | None = None, names: Sequence[str] | None = None
+    ) -> dict[str, npt.NDArray[Any]]:
+        """Measure the run: what `summary` puts into a frame.
+
+        Parameters
+        ----------
+        optimum : Optimum, optional
+            As for `summary`.
+        names : sequence of str, optional
+            Which of its columns; all unless given.  Those that are left out cost nothing.
+
+        Returns
+        -------
+        dict of ndarray, shape (m,)
+            A value for each resource.
+
+        Raises
+        ------
+        InputError
+            As `summary` does.
+        """
         here = self.history[-1].present
         if not here.any():
             raise InputError("summary: nobody is here at the end of the run; see pieces and tracking instead")
         problem, account = piece_problem(self.problem, self.history[-1]), self.account
-        average = self.average_at_end[here]
-        best = solve_optimum(problem) if optimum is None else optimum
-        if best.allocation.shape != average.shape:
+        average, overshoot = self.average_at_end[here], self.observations.overshoot
+        if optimum is not None and optimum.allocation.shape != average.shape:
             allowed = f"{average.shape}, for those who are here at the end"
-            raise InputError.of("shape of optimum.allocation", best.allocation.shape, allowed)
-        used = average.sum(axis=0)
-        reachable = solve_optimum(problem, capacity=used) if (used > 0).all() else None
-        overshoot = self.observations.overshoot
-        columns = {
-            "signals": self.signals_sent.counts(problem.n_resources),
-            "bits": self.bits_per_signal * self.signals_sent.counts(problem.n_resources),
-            "delivered": account.delivered.sum(axis=1),
-            "lost": account.lost.sum(axis=1),
-            "in_flight": account.in_flight.sum(axis=1),
-            "duplicated": account.duplicated.sum(axis=1),
-            "responses": account.responses.sum(axis=1),
-            "saturated": account.saturated.sum(axis=1),
-            "utilisation": metrics.utilisation(average, problem.capacity),
-            "relative_error": metrics.relative_error(average, best.allocation),
-            "misallocation": np.full(problem.n_resources, np.nan)
-            if reachable is None
-            else metrics.relative_error(average, reachable.allocation),
-            "consensus_spread": metrics.consensus_spread(problem.costs, average),
-            "cost_ratio": metrics.cost_ratio(problem.costs, average, best.allocation),
-            "overshoot_peak": overshoot.peak,
-            "overshoot_time": overshoot.time,
-            "overshoot_mean": overshoot.mean,
+            raise InputError.of("shape of optimum.allocation", optimum.allocation.shape, allowed)
+        counts = self.signals_sent.counts(problem.n_resources)
+
+        @cache
+        def best() -> FloatArray:
+            return (solve_optimum(problem) if optimum is None else optimum).allocation
+
+        def misallocation() -> FloatArray:
+            used = average.sum(axis=0)
+            if not (used > 0).all():
+                return np.full(problem.n_resources, np.nan)
+            return metrics.relative_error(average, solve_optimum(problem, capacity=used).allocation)
+
+        ways: dict[str, Callable[[], Any]] = {
+            "signals": lambda: counts,
+            "bits": lambda: self.bits_per_signal * counts,
+            "delivered": lambda: account.delivered.sum(axis=1),
+            "lost": lambda: account.lost.sum(axis=1),
+            "in_flight": lambda: account.in_flight.sum(axis=1),
+            "duplicated": lambda: account.duplicated.sum(axis=1),
+            "responses": lambda: account.responses.sum(axis=1),
+            "saturated": lambda: account.saturated.sum(axis=1),
+            "utilisation": lambda: metrics.utilisation(average, problem.capacity),
+            "relative_error": lambda: metrics.relative_error(average, best()),
+            "misallocation": misallocation,
+            "consensus_spread": lambda: metrics.consensus_spread(problem.costs, average),
+            "cost_ratio": lambda: np.full(
+                problem.n_resources, metrics.cost_ratio(problem.costs, average, best())
+            ),
+            "overshoot_peak": lambda: overshoot.peak,
+            "overshoot_time": lambda: overshoot.time,
+            "overshoot_mean": lambda: overshoot.mean,
         }
-        return pd.DataFrame(columns, index=pd.Index(problem.resource_names, name="resource"))
+        return {name: ways[name]() for name in (ways if names is None else names)}

@@ -15,9 +15,9 @@ from aimd_des.interventions import Intervention, check_absences
 from aimd_des.log import EventLog
 from aimd_des.observing import Observer
 from aimd_des.problem import Problem
-from aimd_des.recording import Recording
+from aimd_des.recording import Account, Recording
 from aimd_des.response import CONTINUOUS, DISCRETE
-from aimd_des.results import Account, Result
+from aimd_des.results import Result
 from aimd_des.state import law_of
 from aimd_des.streams import Purpose
 from aimd_des.system import System

@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,7 +31,7 @@ say, and how to read the folder, is described in docs/studies.md of the project.
 _INTERRUPTED = 130
 
 
-@click.command("sweep", short_help="Carry out a study: many runs.", epilog=_EPILOG)
+@click.command("sweep", epilog=_EPILOG)
 @click.argument("study", type=click.Path(path_type=Path, dir_okay=False))
 @click.option(
     "--out",
@@ -39,11 +40,7 @@ _INTERRUPTED = 130
 )
 @click.option("--workers", type=click.IntRange(min=1), help="Processes.  [default: one for each processor]")
 @set_option("replications=50 or scenario.until=1000")
-@click.option(
-    "--scheduler",
-    metavar="ADDRESS",
-    help="A Dask scheduler to run on, by the address that it prints when it starts.",
-)
+@click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler to run on, such as 10.0.0.1:8786.")
 @click.option(
     "--dask-workers",
     type=click.IntRange(min=1),
@@ -85,8 +82,10 @@ def command(
     from aimd_des.study.progress import StudyProgress
     from aimd_des.study.sweep import run_study
 
-    where = [part for setting in settings for part in ("--set", setting)]
-    again = shlex.join(["aimd-des", "sweep", str(study), "--out", str(folder), *where])
+    options = [("--set", setting) for setting in settings]
+    options += [("--scheduler", scheduler)] if scheduler else []
+    options += [("--dask-workers", str(dask_workers))] if dask_workers else []
+    again = shlex.join(["aimd-des", "sweep", str(study), "--out", str(folder), *chain(*options)])
     try:
         with (
             refusing(study),

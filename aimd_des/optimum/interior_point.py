@@ -15,6 +15,7 @@ Optim. Appl. 41 (2008), for the weight of the corrector.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -51,12 +52,12 @@ class Point:
     bound_multipliers: FloatArray
     gradient: FloatArray
 
-    @property
+    @cached_property
     def price(self) -> FloatArray:
         """The mean price paid, w (m,): equal to nu at the optimum and positive everywhere."""
         return np.asarray((self.shares * self.gradient).mean(axis=0))
 
-    @property
+    @cached_property
     def tau(self) -> float:
         """The mean of y z / w: how far down the central path the point is."""
         return float((self.shares * self.bound_multipliers / self.price).mean())

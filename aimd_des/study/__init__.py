@@ -1,6 +1,6 @@
 """Many runs: a study as data, carried out on one machine or many, read back, and its statistics."""
 
-from aimd_des.study.axes import Axis
+from aimd_des.study.axis import Axis
 from aimd_des.study.design import Precision, Study
 from aimd_des.study.file import read_study
 from aimd_des.study.intervals import Interval, difference, mean_interval, paired_difference

@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 from aimd_des import checks
 from aimd_des.errors import InputError
 from aimd_des.scenario.keys import split_key
-from aimd_des.study.axes import Axis, StudyTable
+from aimd_des.study.axis import Axis, StudyTable
 from aimd_des.study.columns import MEASURES, known_frame, known_measure
 from aimd_des.study.where import Condition
 

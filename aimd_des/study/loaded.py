@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from aimd_des.errors import InputError
 from aimd_des.scenario import Scenario, validate_scenario
 from aimd_des.scenario.refusals import checked
-from aimd_des.study.axes import Axis
+from aimd_des.study.axis import Axis
 from aimd_des.study.columns import known_frame
 from aimd_des.study.design import Study
 from aimd_des.study.measure import SCENARIO, run_schema

@@ -1,6 +1,6 @@
 """From a result to tables: a row for each resource, with the same columns for all runs of a study."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -11,7 +11,7 @@ from aimd_des.optimum import Optimum, solve_optimum
 from aimd_des.problem import Problem
 from aimd_des.results import Result
 from aimd_des.scenario import Scenario
-from aimd_des.study.axes import Axis
+from aimd_des.study.axis import Axis
 from aimd_des.study.columns import MEASURES
 from aimd_des.study.design import Study
 from aimd_des.study.points import problem_words
@@ -21,6 +21,9 @@ __all__ = ["SCENARIO", "axis_fields", "frame_table", "run_schema", "run_table", 
 
 #: Where the metadata of a file hold the scenario of its run, as TOML.
 SCENARIO = b"aimd_des.scenario"
+
+# Measures that hold the averages against the optimum of the problem.
+_NEED_OPTIMUM = {"relative_error", "cost_ratio"}
 
 _KINDS = {"boolean": pa.bool_(), "number": pa.float64(), "string": pa.string(), "integer": pa.int64()}
 
@@ -83,7 +86,7 @@ def _optimum(described: _Described) -> Optimum:
     return solve_optimum(described.problem)
 
 
-def summary_of(scenario: Scenario, result: Result) -> dict[str, list[Any]]:
+def summary_of(scenario: Scenario, result: Result, names: Sequence[str]) -> dict[str, list[Any]]:
     """Measure a run, with the optimum of its problem solved only once for all runs that share it.
 
     Parameters
@@ -92,6 +95,8 @@ def summary_of(scenario: Scenario, result: Result) -> dict[str, list[Any]]:
         What was run, resolved.
     result : Result
         What came out.
+    names : sequence of str
+        The measures.
 
     Returns
     -------
@@ -100,11 +105,12 @@ def summary_of(scenario: Scenario, result: Result) -> dict[str, list[Any]]:
     """
     # Where interventions have left another problem, the run has one of its own.
     own = piece_problem(result.problem, result.history[-1]) is not result.problem
-    optimum = None if own else _optimum(_Described(problem_words(scenario), result.problem))
-    summary = result.summary(optimum)
+    shared = not own and not _NEED_OPTIMUM.isdisjoint(names)
+    optimum = _optimum(_Described(problem_words(scenario), result.problem)) if shared else None
+    measures = result.measures(optimum, names)
     return {
-        "resource": list(summary.index),
-        **{str(name): column.tolist() for name, column in summary.items()},
+        "resource": list(result.problem.resource_names),
+        **{name: column.tolist() for name, column in measures.items()},
     }
 
 

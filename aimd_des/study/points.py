@@ -14,7 +14,7 @@ import aimd_des
 from aimd_des.errors import InputError
 from aimd_des.scenario import Scenario, validate_scenario
 from aimd_des.scenario.keys import with_settings
-from aimd_des.study.axes import Setting, Value
+from aimd_des.study.axis import Setting, Value
 from aimd_des.study.design import Study
 from aimd_des.study.where import Condition
 

@@ -170,7 +170,7 @@ def dask_executor(address: str | None = None, workers: int | None = None) -> Ite
     Parameters
     ----------
     address : str, optional
-        Of the scheduler, as it prints it when it starts.
+        Of the scheduler, such as "10.0.0.1:8786".
     workers : int, optional
         In place of it: how many processes to start.
 

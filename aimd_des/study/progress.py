@@ -30,13 +30,13 @@ class StudyProgress:
         self._task = self._bar.add_task("runs", total=1.0, rate="", failures="", start=False)
 
     def __enter__(self) -> Self:
-        self._bar.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._bar.stop()
+        if self._bar.live.is_started:
+            self._bar.stop()
 
     def update(self, tally: Tally) -> None:
         """Take note of how far the study is.
@@ -50,6 +50,7 @@ class StudyProgress:
         task = self._bar.tasks[0]
         made = tally.done + tally.failed
         if not task.started:
+            self._bar.start()
             # What was there before says nothing about how long the rest will take.
             self._bar.update(self._task, completed=tally.found)
             self._bar.start_task(self._task)

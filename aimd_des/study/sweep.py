@@ -131,7 +131,7 @@ class _Sweep:
         self, study: Study, store: Store, schedule: Schedule, watch: Callable[[Tally], None] | None
     ) -> None:
         measure = None if study.precision is None else study.precision.measure
-        self.task = Task(str(store.folder), run_schema(study), tuple(study.keep), measure)
+        self.task = Task(str(store.folder), run_schema(study), study.columns(), tuple(study.keep), measure)
         self.unwritten: Outcome | None = None
         self._store, self._schedule, self._watch = store, schedule, watch
         self._stored, self._failed = store.keys("runs"), store.keys("failed")

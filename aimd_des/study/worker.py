@@ -35,14 +35,15 @@ class Task:
         Of the study.
     schema : pyarrow.Schema
         Of a run's rows.
-    keep : tuple of str
-        Frames to keep.
+    measures, keep : tuple of str
+        Columns of the summary and frames to keep.
     measure : str, optional
         What the sweep wants to know of each run, for all resources.
     """
 
     folder: str
     schema: pa.Schema
+    measures: tuple[str, ...]
     keep: tuple[str, ...]
     measure: str | None
 
@@ -94,7 +95,7 @@ def perform(task: Task, job: Job) -> Outcome:
             warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
             scenario = Scenario.model_validate(job.scenario)
             result = _carry_out(scenario)
-        summary = summary_of(scenario, result)
+        summary = summary_of(scenario, result, task.measures)
         labels = {**job.labels, "digest": result.digest}
         rows = run_table(task.schema, labels, summary, tomli_w.dumps(job.scenario))
         frames = {name: frame_table(job.key, result, name) for name in task.keep}
@@ -113,7 +114,7 @@ def perform(task: Task, job: Job) -> Outcome:
         # The rows come last: where they are, everything is.
         write_file(store.file("runs", job.key), parquet(rows, small=True))
 
-    return _written(write, Outcome("done", values=values, saturated=any(summary["saturated"])))
+    return _written(write, Outcome("done", values=values, saturated=bool(result.account.saturated.any())))
 
 
 def _written(write: Callable[[], None], outcome: Outcome) -> Outcome:

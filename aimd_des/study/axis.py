@@ -1,4 +1,4 @@
-"""What varies in a study: axes, each with the keys of the scenario that it sets."""
+"""An axis of a study: what varies, and the values that it takes."""
 
 from typing import Any, Literal, Self
 
@@ -22,7 +22,7 @@ _LARGEST = 2**53
 
 
 class StudyTable(BaseModel):
-    """A table of a study: no key is unknown, and nothing changes."""
+    """A table of the file: every key is known, and every value has its type."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, json_schema_extra=described)
 
