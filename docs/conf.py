@@ -37,6 +37,7 @@ nitpick_ignore_regex = [("py:class", ".*"), ("py:exc", "pydantic.*"), ("py:obj",
 # Docstrings write names in single backticks, and types in words.
 default_role = "code"
 autodoc_typehints = "none"
+autodoc_preserve_defaults = True
 autodoc_member_order = "bysource"
 napoleon_google_docstring = False
 napoleon_use_ivar = False
