@@ -18,6 +18,7 @@ import pandas as pd
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 import pytest
+import tomli_w
 
 import aimd_des
 from aimd_des import InputError, SimulationError, Study, load_study, run_study
@@ -29,7 +30,7 @@ from aimd_des.study.measure import run_schema
 from aimd_des.study.pools import dask_executor
 from aimd_des.study.store import Store, write_file
 from aimd_des.study.worker import Outcome, Task
-from tests.conftest import INLINE, quietly
+from tests.conftest import INLINE, python, quietly
 
 BASE = {**{key: value for key, value in tomllib.loads(INLINE).items() if key != "seed"}, "until": 30}
 DESIGN: dict[str, Any] = {
@@ -435,6 +436,72 @@ def test_two_sweeps_at_once_are_refused(reference: StudyResults) -> None:
         pytest.raises(InputError, match="one that no other sweep is using"),
     ):
         in_a_thread(design(), reference.folder)
+
+
+KILLS = int(os.environ.get("AIMD_DES_TEST_KILLS", "3"))
+
+# Imports once, and forks for each sweep: a process that is killed need not have been long in coming.
+KILLER = """
+import os, random, signal, sys, time, tomllib
+from multiprocessing import forkserver
+from pathlib import Path
+from aimd_des.study import Study, run_study
+
+def ours():
+    found = []
+    for place in Path("/proc").glob("[0-9]*"):
+        try:
+            if f"MARK={os.environ['MARK']}".encode() in (place / "environ").read_bytes():
+                found.append(place.name)
+        except OSError:
+            pass
+    return found
+
+def there():
+    return len(list(Path("out").glob("runs/*.parquet")))
+
+def sweep():
+    child = os.fork()
+    if child == 0:
+        # It runs, but is no child of this process, which therefore cannot ask for it.
+        forkserver._forkserver.ensure_running = lambda: None
+        run_study(study, "out", workers=2)
+        os._exit(0)
+    return child
+
+study = Study.model_validate(tomllib.loads(Path("study.toml").read_text()))
+forkserver.set_forkserver_preload(["aimd_des.study.worker"])
+forkserver.ensure_running()
+while len(ours()) < 3 and Path("/proc/self/environ").exists():  # this one, the server, and its tracker
+    time.sleep(0.1)
+alone, rng = len(ours()), random.Random(1)
+for _ in range(int(sys.argv[1])):
+    enough, child = there() + rng.randint(1, 8), sweep()
+    while there() < enough and os.waitpid(child, os.WNOHANG) == (0, 0):
+        time.sleep(0.002)
+    time.sleep(rng.uniform(0.0, 0.05))
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    until = time.monotonic() + 30
+    while len(ours()) > alone and time.monotonic() < until:
+        time.sleep(0.05)
+    print(there(), len(ours()) - alone, len(list(Path("out").rglob(".*.tmp"))), flush=True)
+assert os.waitpid(sweep(), 0)[1] == 0
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="the system has no signal that kills at once")
+def test_a_sweep_that_is_killed_at_any_moment_goes_on(tmp_path: Path) -> None:
+    large = design(replications=6 + 3 * KILLS)
+    in_a_thread(large, tmp_path / "whole")
+    (tmp_path / "study.toml").write_text(tomli_w.dumps(large.spoken()))
+    killed = python("-c", KILLER, str(KILLS), cwd=tmp_path, MARK=str(tmp_path), OPENBLAS_NUM_THREADS="1")
+    assert killed.returncode == 0, killed.stderr
+    counts = [tuple(map(int, line.split())) for line in killed.stdout.splitlines()]
+    assert len(counts) == KILLS
+    assert all(0 < there < 4 * large.replications and orphans == 0 for there, orphans, _ in counts)
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
 # -- what a folder may become ----------------------------------------------------------------------------
