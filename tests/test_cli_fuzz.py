@@ -31,8 +31,12 @@ VALUES = (
     *("resources.0.capacity=nan", "until=[", "seed=1e3", "costs=1", "path=x", "self=1", "channel=[1]"),
 )
 
-# What a shell can pass: no character 0, and no slash, so that nothing outside of the folder is touched.
-ANYTHING = st.text(st.characters(exclude_characters="\0/", exclude_categories=()), max_size=300)
+# What a shell can pass: bytes that are no UTF-8, but no character 0; and no slash, so that nothing outside
+# of the folder is touched.
+CHARACTERS = st.characters(
+    exclude_categories=["Cs"], include_characters="\udc80\udcff", exclude_characters="\0/"
+)
+ANYTHING = st.text(CHARACTERS, max_size=300)
 WORDS = st.one_of(st.sampled_from(FILES), st.sampled_from(OPTIONS), st.sampled_from(VALUES), ANYTHING)
 
 

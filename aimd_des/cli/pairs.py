@@ -39,8 +39,8 @@ def compare_studies(first: Path, second: Path, measures: Sequence[str] = ()) -> 
     from aimd_des.study import load_study
 
     one, other = load_study(first), load_study(second)
-    kept = chosen_measures(other.study, measures)
-    names = [name for name in chosen_measures(one.study, measures) if name in kept]
+    kept = chosen_measures(other.study.columns(), measures)
+    names = [name for name in chosen_measures(one.study.columns(), measures) if name in kept]
     axes = _shared_axes(one, other)
     points = [*axes, "resource"]
     groups = (_by_point(one.runs, points), _by_point(other.runs, points))

@@ -37,13 +37,13 @@ def is_study(folder: Path) -> bool:
     return (folder / "manifest.json").is_file()
 
 
-def chosen_measures(study: "Study", measures: Sequence[str]) -> list[str]:
+def chosen_measures(kept: Sequence[str], measures: Sequence[str]) -> list[str]:
     """Take the measures that are asked for, or those that matter most.
 
     Parameters
     ----------
-    study : Study
-        The study.
+    kept : sequence of str
+        Those that the study keeps.
     measures : sequence of str
         What is asked for.
 
@@ -59,7 +59,6 @@ def chosen_measures(study: "Study", measures: Sequence[str]) -> list[str]:
     """
     from aimd_des.study.columns import known_measure
 
-    kept = study.columns()
     for name in measures:
         known_measure("measure", name)
         if name not in kept:
@@ -87,7 +86,7 @@ def show_study(folder: Path, measures: Sequence[str] = (), by: Sequence[str] = (
     from aimd_des.study import load_study
 
     results = load_study(folder)
-    names = chosen_measures(results.study, measures)
+    names = chosen_measures(results.study.columns(), measures)
     axes = _chosen_axes(results.study, by)
     runs = results.runs
     print_pairs(f"Study in {folder}", _about(results))
