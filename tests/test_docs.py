@@ -87,7 +87,9 @@ def public_names() -> set[str]:
 
 def test_every_public_name_is_in_the_api() -> None:
     text = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "api").glob("*.rst"))
-    described = set(re.findall(r"^\.\. auto(?:class|function|exception):: ([\w.]+)$", text, re.MULTILINE))
+    described = set(
+        re.findall(r"^\.\. auto(?:class|data|function|exception):: ([\w.]+)$", text, re.MULTILINE)
+    )
     listed = set(re.findall(r"^   ([\w.]+)$", text, re.MULTILINE))
     assert len(public_names()) > 80
     assert public_names() - described == set()
