@@ -31,7 +31,7 @@ except ImportError:  # not on Windows, where workers then compile side by side
 ROOT = Path(__file__).resolve().parents[1]
 
 # The same examples at every run; `--hypothesis-profile explore` looks for new ones.
-settings.register_profile("project", derandomize=True, deadline=None, database=None, max_examples=60)
+settings.register_profile("project", derandomize=True, deadline=None, database=None, max_examples=30)
 settings.register_profile("explore", deadline=None, database=None, max_examples=1000)
 settings.load_profile("project")
 

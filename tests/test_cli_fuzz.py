@@ -54,7 +54,7 @@ def _a_folder(tmp_path_factory: pytest.TempPathFactory) -> None:
         yield
 
 
-@settings(max_examples=200, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 @given(st.one_of(st.sampled_from(COMMANDS), ANYTHING), st.lists(WORDS, max_size=6))
 @example("run", ["x" * 300])
 @example("run", ["five.toml", "--no-figures", "--out", "x" * 300])

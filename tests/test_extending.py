@@ -46,7 +46,7 @@ def page() -> Names:
     """The page, played once."""
     names = Names(__name__="__page__")
     with contextlib.redirect_stdout(io.StringIO()):
-        for line, source in python_blocks(PAGE):
+        for line, source, _ in python_blocks(PAGE):
             exec(compile("\n" * (line - 1) + source, "docs/extending.md", "exec"), names)
     return names
 
@@ -87,7 +87,7 @@ def test_the_system_has_what_the_page_lists(page: Names) -> None:
 
 def test_every_part_of_the_first_table_has_an_example() -> None:
     parts = [line.split("|")[1].strip() for line in PAGE.split("\n\n")[2].splitlines()[2:]]
-    code = "\n".join(source for _, source in python_blocks(PAGE))
+    code = "\n".join(source for _, source, _ in python_blocks(PAGE))
     examples = {
         "private costs": "CustomCosts(",
         "process": "processes=[watch]",
