@@ -168,6 +168,8 @@ def test_a_warm_up_that_leaves_nothing_is_refused() -> None:
     result = run(100.0)
     with pytest.raises(InputError, match=r"^warm_up = 100.0: must be .* less than 100"):
         steady_utilisation(result, 100.0)
+    with pytest.raises(InputError, match=r"^batches = 1: must be an integer of at least 2"):
+        steady_utilisation(result, batches=1)
     with pytest.raises(
         InputError, match=r"^number of totals after the warm-up = 10: must be 20 or more.*shorter"
     ):
