@@ -5,10 +5,11 @@ from aimd_des.study.design import Precision, Study
 from aimd_des.study.file import read_study
 from aimd_des.study.intervals import Interval, difference, mean_interval, paired_difference
 from aimd_des.study.loaded import StudyResults, load_study
-from aimd_des.study.steady import BatchMeans, batch_means, mser, steady_state
+from aimd_des.study.steady import BatchMeans, batch_means, mser
 from aimd_des.study.stopping import replications_needed
 from aimd_des.study.sweep import Tally, run_study
 from aimd_des.study.tables import compare, summarise
+from aimd_des.study.utilisation import steady_utilisation
 
 __all__ = [
     "Axis",
@@ -28,6 +29,6 @@ __all__ = [
     "read_study",
     "replications_needed",
     "run_study",
-    "steady_state",
+    "steady_utilisation",
     "summarise",
 ]

@@ -6,12 +6,16 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from pandas.api.types import is_numeric_dtype
 
 from aimd_des.errors import InputError
 from aimd_des.study.columns import LABELS, MEASURES
 from aimd_des.study.intervals import quantile
 
 __all__ = ["compare", "summarise"]
+
+_PAIR = "replication"
+_AT_BASELINE = " at the baseline"
 
 
 def summarise(
@@ -27,7 +31,8 @@ def summarise(
     frame : DataFrame
         A row for each run and resource, such as `StudyResults.runs`.
     by : sequence of str, optional
-        Columns that make a point; all that are neither a measure nor the name of a run, unless given.
+        Columns that make a point, so that each replication has one row there; all that are neither a measure
+        nor the name of a run, unless given.
     measures : sequence of str, optional
         Columns to estimate; those of `Result.summary` that are there, unless given.
     confidence : float
@@ -37,14 +42,22 @@ def summarise(
     -------
     DataFrame
         The columns of `by`, then measure, mean, standard_error, low, high, replications; by Student's t.
-        Runs without a number for a measure do not count for it.
+        Runs without a number for a measure do not count for it: look at `replications` before you compare.
 
     Raises
     ------
     InputError
-        If there is no such column, or the confidence is not between 0 and 1.
+        If there is no such column, a measure holds no numbers, the confidence is not between 0 and 1, or a
+        replication has several rows at a point: they share their luck, and would count as if they did not.
     """
-    points, columns = _points(frame, by), _columns(frame, measures)
+    columns = _columns(frame, measures)
+    points = _points(frame, by, columns)
+    if _PAIR in frame.columns:
+        _one_row_each(frame, points, _PAIR, columns)
+    return _summary(frame, points, columns, confidence)
+
+
+def _summary(frame: pd.DataFrame, points: list[str], columns: list[str], confidence: float) -> pd.DataFrame:
     groups = frame.groupby(points, observed=True, sort=False, dropna=False)[columns] if points else None
     if groups is None:
         found = {name: frame[columns].agg(name).to_frame().T for name in ("mean", "std", "count")}
@@ -67,52 +80,61 @@ def compare(
     by: Sequence[str] | None = None,
     measures: Sequence[str] | None = None,
     confidence: float = 0.95,
+    *,
+    pair: str = _PAIR,
 ) -> pd.DataFrame:
     """Estimate how much every measure differs from a baseline point, replication by replication.
 
     Parameters
     ----------
     frame : DataFrame
-        A row for each run and resource, with a column ``replication``.
+        A row for each run and resource.
     baseline : mapping
         Values of axes that say which point the others are held against, such as ``{"loss": 0.0}``; points
         are compared with those that agree with them in all other columns of `by`.
     by, measures, confidence
         As for `summarise`.
+    pair : str
+        The column in which runs with the same luck agree.
 
     Returns
     -------
     DataFrame
-        As `summarise` gives it, for the differences to the baseline.  Its own rows are left out.
+        As `summarise` gives it, for the differences to the baseline.  Its own rows are left out, and so is
+        what has no partner there; `replications` counts pairs.
 
     Raises
     ------
     InputError
-        If there is no such column or no such point.
+        As `summarise` does; and if there is no such point, or nothing has a partner there.
 
     Notes
     -----
     With the same luck at all points (``paired = true``, which is the rule) what the luck of a replication
     does to both cancels, and intervals are the narrower for it.
     """
-    points, columns = _points(frame, by), _columns(frame, measures)
+    columns = _columns(frame, measures)
+    _known("pair", pair, list(frame.columns))
+    points = [name for name in _points(frame, by, columns) if name != pair]
     for name in baseline:
         _known("baseline", name, points)
+    _one_row_each(frame, points, pair, columns)
     is_base = np.ones(len(frame), dtype=bool)
     for name, value in baseline.items():
         is_base &= (frame[name] == value).to_numpy()
     if not is_base.any():
         raise InputError.of("baseline", dict(baseline), "a point of the study", "see its axes for the values")
-    matched = [*(name for name in points if name not in baseline), "replication"]
+    matched = [*(name for name in points if name not in baseline), pair]
     reference = frame.loc[is_base, [*matched, *columns]]
-    if reference.duplicated(matched).any():
-        rest = [name for name in frame.columns if name not in {*points, *LABELS, *MEASURES}]
-        raise InputError.of("by", points, "columns that tell all points apart", f"add some of {rest}")
-    both = frame.loc[~is_base].merge(reference, on=matched, suffixes=("", " at the baseline"))
-    differences = both[[*points, "replication"]].copy()
+    others = frame.loc[~is_base, [*points, pair, *columns]]
+    both = others.merge(reference, on=matched, suffixes=("", _AT_BASELINE))
+    if both.empty and not others.empty:
+        allowed = f"a point that agrees with others in {matched}"
+        raise InputError.of("baseline", dict(baseline), allowed, "name all axes that differ from it")
+    differences = both[[*points, pair]].copy()
     for name in columns:
-        differences[name] = both[name] - both[f"{name} at the baseline"]
-    return summarise(differences, points, columns, confidence)
+        differences[name] = both[name].astype(np.float64) - both[f"{name}{_AT_BASELINE}"]
+    return _summary(differences, points, columns, confidence)
 
 
 def _with_ends(table: pd.DataFrame, points: list[str], confidence: float) -> pd.DataFrame:
@@ -125,21 +147,34 @@ def _with_ends(table: pd.DataFrame, points: list[str], confidence: float) -> pd.
     return flat if points else flat.drop(columns=flat.columns[0])
 
 
-def _points(frame: pd.DataFrame, by: Sequence[str] | None) -> list[str]:
+def _points(frame: pd.DataFrame, by: Sequence[str] | None, columns: list[str]) -> list[str]:
     """Take the columns that make a point: by default the axes, and the resource."""
     if by is None:
-        return [name for name in frame.columns if name == "resource" or name not in {*LABELS, *MEASURES}]
+        others = {*LABELS, *MEASURES, *columns} - {"resource"}
+        return [name for name in frame.columns if name not in others]
     for name in by:
         _known("by", name, list(frame.columns))
     return list(by)
 
 
 def _columns(frame: pd.DataFrame, measures: Sequence[str] | None) -> list[str]:
-    if measures is None:
-        return [name for name in frame.columns if name in MEASURES]
-    for name in measures:
+    names = [name for name in frame.columns if name in MEASURES] if measures is None else list(measures)
+    if not names:
+        raise InputError.of("measures", names, f"some of {', '.join(map(str, frame.columns))}")
+    for name in names:
         _known("measures", name, list(frame.columns))
-    return list(measures)
+        if not is_numeric_dtype(frame[name]):
+            raise InputError.of("measures", name, "a column of numbers")
+    return names
+
+
+def _one_row_each(frame: pd.DataFrame, points: list[str], pair: str, columns: list[str]) -> None:
+    """Refuse points at which a replication has several rows: they are no independent replications."""
+    if frame.duplicated([*points, pair]).any():
+        rest = [name for name in _points(frame, None, columns) if name not in {*points, pair}]
+        raise InputError.of(
+            "by", points, f"columns that leave one row for each {pair}", f"add some of {rest}, or choose rows"
+        )
 
 
 def _known(field: str, name: str, columns: Sequence[str]) -> None:
