@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache, reduce
-from inspect import signature
 from operator import or_
 from pathlib import Path
 from types import UnionType
@@ -65,12 +64,10 @@ class KindTable(Table):
             Checked.
         """
         given = {name: _for_call(self.of, name, value) for name, value in self if name != "kind"}
-        own = signature(self.of.make).parameters
-        made = self.of.make(**{name: value for name, value in given.items() if name in own})
+        made = self.of.make(**{name: value for name, value in given.items() if name in self.of.own})
         if self.of.then is None:
             return made
-        rest = signature(self.of.then).parameters
-        return self.of.then(made, **{name: value for name, value in given.items() if name in rest})
+        return self.of.then(made, **{name: value for name, value in given.items() if name not in self.of.own})
 
 
 class NetworkTable(KindTable):

@@ -7,6 +7,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from aimd_des import averaging, compensation, interventions
@@ -75,7 +76,12 @@ class Kind:
         """One line about it."""
         return (inspect.getdoc(self.make) or "").partition("\n")[0]
 
-    @property
+    @cached_property
+    def own(self) -> frozenset[str]:
+        """The keys that `make` takes; `then` takes the others."""
+        return frozenset(inspect.signature(self.make).parameters)
+
+    @cached_property
     def signature(self) -> dict[str, inspect.Parameter]:
         """The keys, with types and defaults."""
         found = dict(inspect.signature(self.make).parameters)
