@@ -184,12 +184,10 @@ def _models() -> Iterator[Kind]:
     for name in names:
         try:
             function = named_model(name)
-        except InputError:  # registers none, such as the package itself
-            function = None
-        except Exception as error:  # noqa: BLE001 - any module of the user's
-            raise InputError(
-                f"model {name!r}: cannot be imported ({type(error).__name__}: {error})"
-            ) from None
+        except InputError as refusal:
+            if refusal.__cause__ is not None:  # it cannot be imported
+                raise
+            function = None  # it registers none, such as the package itself
         if function is not None:
             yield Kind("model", name, function)
         if name == _MODELS and name in sys.modules:

@@ -1,7 +1,6 @@
 """The scenario: a model or a problem written out, the parts of the system, and what is kept."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import tomli_w
@@ -12,12 +11,13 @@ from aimd_des.agents import Camera, Fleet
 from aimd_des.averaging import Averaging
 from aimd_des.discrete import run_discrete
 from aimd_des.errors import InputError
-from aimd_des.interventions import Intervention, check_absences
+from aimd_des.interventions import Intervention
 from aimd_des.problem import Problem
 from aimd_des.registry import model_parameters, named_model
 from aimd_des.response import CONTINUOUS, DISCRETE
 from aimd_des.results import Result
 from aimd_des.scenario.base import Table
+from aimd_des.scenario.building import built_by, changes_of, under
 from aimd_des.scenario.canonical import canonical_form, typed_parameters
 from aimd_des.scenario.generated import KindTable, kind_table, one_of
 from aimd_des.scenario.parameters import as_data, refuse_no_data
@@ -127,7 +127,7 @@ class Scenario(Table):
         if self.dynamics == "discrete" and self.control_unit.of.name == "crossing":
             reason = "'sampled' with discrete dynamics: demand that jumps at ticks crosses nothing"
             raise InputError.of("control_unit.kind", "crossing", reason)
-        with _under("averaging"):
+        with under("averaging"):
             averaging: Averaging = self.averaging.build()
             averaging.memory(CONTINUOUS if self.dynamics == "continuous" else DISCRETE)
         for number, table in enumerate(self.interventions):
@@ -157,10 +157,16 @@ class Scenario(Table):
         -------
         Scenario
             Running it gives the same result whatever the defaults become.
+
+        Raises
+        ------
+        InputError
+            If there is no such model, or a default of it cannot be written to a file.
         """
         if self.model is None:
             return self
         parameters = as_data(model_parameters(self.model, self.parameters, self.seed))
+        refuse_no_data("parameters", parameters)
         return self.model_copy(update={"parameters": parameters})
 
     def to_toml(self) -> str:
@@ -212,26 +218,16 @@ class Scenario(Table):
     def _built(self) -> tuple[Problem, list[Intervention]]:
         """Build the problem and what changes it."""
         if self.model is not None:
-            parameters = model_parameters(self.model, self.parameters, self.seed)
-            problem = named_model(self.model)(**parameters)
+            problem = built_by(self.model, self.parameters, self.seed)
         else:
             assert self.resources is not None  # noqa: S101 - _check saw to it
             assert self.costs is not None  # noqa: S101
             problem = Problem([table.build() for table in self.resources], self.costs.build())
         if self.compensation is not None:
-            with _under("compensation"):
+            with under("compensation"):
                 self.compensation.build().answering(problem.n_agents)
-        interventions = []
-        for number, table in enumerate(self.interventions):
-            with _under(".".join(["interventions", str(number), *_subject(table)])):
-                made = table.build()
-                if isinstance(made, RedrawnPrices):
-                    made = made.by(str(self.model), self.parameters, self.seed)
-                made.check(problem)
-                interventions.append(made)
-        with _under("interventions"):
-            check_absences(problem, interventions)
-        return problem, interventions
+        changes = changes_of(self.interventions, problem, self.model, self.parameters, self.seed)
+        return problem, changes
 
     def run(self, watch: Callable[[float, int], None] | None = None) -> Result:
         """Run the scenario.
@@ -277,17 +273,3 @@ class Scenario(Table):
             recording=recording,
         )
         return simulation.run(self.until, watch)
-
-
-def _subject(table: KindTable) -> Sequence[str]:
-    """Name the key by which an intervention refers to the problem."""
-    return [name for name in ("agents", "resource", "parameter") if name in type(table).model_fields][:1]
-
-
-@contextmanager
-def _under(key: str) -> Iterator[None]:
-    """Say under which key of the scenario something was refused."""
-    try:
-        yield
-    except InputError as refusal:
-        raise InputError(f"{key}: {refusal}") from None

@@ -134,10 +134,9 @@ def _about_kind(key: str, given: Any, context: Mapping[str, Any]) -> str:
     allowed = f"one of {', '.join(context['kinds'])}"
     if "kind" not in given:
         return f"{key}.kind: is missing; give {allowed}"
-    near = get_close_matches(str(given["kind"]), context["kinds"], n=1)
-    return str(
-        InputError.of(f"{key}.kind", given["kind"], allowed, f"did you mean {near[0]!r}?" if near else "")
-    )
+    kind = given["kind"]
+    near = get_close_matches(kind, context["kinds"], n=1) if isinstance(kind, str) else []
+    return str(InputError.of(f"{key}.kind", kind, allowed, f"did you mean {near[0]!r}?" if near else ""))
 
 
 def _known_keys(location: Sequence[str | int]) -> list[str]:
