@@ -28,6 +28,7 @@ HOSTS = {
     "doi.org",
     "github.com",
     "ieeexplore.ieee.org",
+    "json-schema.org",
     "keepachangelog.com",
     "matplotlib.org",
     "networkx.org",

@@ -8,6 +8,7 @@ import random
 import re
 import tomllib
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from datetime import UTC, date, datetime, time
 from pathlib import Path
 from time import perf_counter
@@ -192,6 +193,8 @@ def test_damaged_files_are_accepted_or_refused(block: int, tmp_path: Path) -> No
                 written = scenario.to_toml()
                 path.write_text(written, encoding="utf-8")
                 assert load_scenario(path).to_toml() == written
+                with suppress(InputError):  # a model that there is not
+                    scenario.canonical()
                 accepted += 1
         except Exception as failure:
             failure.add_note(f"mutation {number}:\n{text[:3000]}")

@@ -99,6 +99,8 @@ def _place(error: ErrorDetails, data: Any) -> Place:
         elif error["type"] != "missing" or number < len(error["loc"]):
             continue
         place.append(part)
+    if error["type"] == UNKNOWN_KIND and isinstance(here, Mapping) and "kind" in here:
+        place.append("kind")
     return tuple(place)
 
 
@@ -136,7 +138,7 @@ def _about_kind(key: str, given: Any, context: Mapping[str, Any]) -> str:
         return f"{key}.kind: is missing; give {allowed}"
     kind = given["kind"]
     near = get_close_matches(kind, context["kinds"], n=1) if isinstance(kind, str) else []
-    return str(InputError.of(f"{key}.kind", kind, allowed, f"did you mean {near[0]!r}?" if near else ""))
+    return str(InputError.of(key, kind, allowed, f"did you mean {near[0]!r}?" if near else ""))
 
 
 def _known_keys(location: Sequence[str | int]) -> list[str]:
