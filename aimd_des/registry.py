@@ -51,7 +51,7 @@ def named_model(name: str) -> Callable[..., Problem]:
     Raises
     ------
     InputError
-        If there is no such module, or it registers no model.
+        If there is no such module, it cannot be imported, or it registers no model.
     """
     if name not in _REGISTERED:
         here = str(Path.cwd())
@@ -61,7 +61,11 @@ def named_model(name: str) -> Callable[..., Problem]:
             raise InputError.of(
                 "model", name, "a module on the Python path or in the working directory", _hint(name)
             )
-        import_module(name)
+        try:
+            import_module(name)
+        except Exception as error:  # whatever a module of the user's raises
+            allowed = f"a module that can be imported, and this one raises {type(error).__name__}: {error}"
+            raise InputError.of("model", name, allowed) from error
     if name not in _REGISTERED:
         raise InputError.of(
             "model", name, "a module that registers a model", "decorate its function with model"

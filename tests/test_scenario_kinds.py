@@ -63,7 +63,7 @@ def test_a_model_that_cannot_be_imported_is_named(tmp_path: Path, monkeypatch: p
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr("aimd_des.scenario.kinds._MODELS", "broken_model")
     with pytest.raises(
-        InputError, match=r"^model 'broken_model': cannot be imported \(ModuleNotFoundError: "
+        InputError, match=r"^model = 'broken_model': must be a module that can be imported, and "
     ):
         kinds()
 

@@ -72,7 +72,7 @@ class PolynomialCosts:
     ------
     InputError
         If an exponent is no integer in the range or stands twice, or the coefficients have
-        another shape or are not finite.
+        another shape or are not finite, or their products with the exponents are not.
 
     Examples
     --------
@@ -106,7 +106,13 @@ class PolynomialCosts:
                 "shape of coefficients", self.coefficients.shape, "at least 1 in each direction"
             )
         #: (D, n, m): the derivative by each resource as a dense polynomial, lowest power first.
-        self.slopes = dense_slopes(powers, self.coefficients)
+        with np.errstate(over="ignore"):
+            self.slopes = dense_slopes(powers, self.coefficients)
+        if not np.isfinite(self.slopes).all():
+            largest = float(abs(self.coefficients).max())
+            raise InputError.of(
+                "largest of coefficients", largest, "small enough for derivatives to be finite"
+            )
 
     @property
     def n_agents(self) -> int:

@@ -218,7 +218,7 @@ class CapacityProfile:
         time, capacity : str
             The columns.
         period : float, optional
-            As for the constructor.
+            After which the profile begins anew, such as a day; once only unless given.
 
         Returns
         -------

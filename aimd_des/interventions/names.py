@@ -20,7 +20,7 @@ def _index(field: str, names: Sequence[str], given: object) -> int:
     if given in names:
         return names.index(given)
     near = get_close_matches(given, names, n=1)
-    allowed = ", ".join(names) if len(names) <= 12 else f"one of {len(names)}: {names[0]} to {names[-1]}"
+    allowed = ", ".join(names) if len(names) <= 12 else f"{len(names)} names, {names[0]} to {names[-1]}"
     raise InputError.of(field, given, f"one of {allowed}", f"did you mean {near[0]!r}?" if near else "")
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache, reduce
-from inspect import signature
 from operator import or_
 from pathlib import Path
 from types import UnionType
@@ -13,6 +12,7 @@ from pydantic import Discriminator, Tag, create_model, model_validator
 from pydantic.fields import Field
 
 from aimd_des.checks import FloatArray
+from aimd_des.errors import InputError
 from aimd_des.scenario.base import Integer, Table
 from aimd_des.scenario.kinds import Kind, kinds_of
 from aimd_des.scenario.networks import refuse_vast
@@ -65,12 +65,12 @@ class KindTable(Table):
             Checked.
         """
         given = {name: _for_call(self.of, name, value) for name, value in self if name != "kind"}
-        own = signature(self.of.make).parameters
-        made = self.of.make(**{name: value for name, value in given.items() if name in own})
+        if "path" in given:
+            _refuse_no_file(given["path"])
+        made = self.of.make(**{name: value for name, value in given.items() if name in self.of.own})
         if self.of.then is None:
             return made
-        rest = signature(self.of.then).parameters
-        return self.of.then(made, **{name: value for name, value in given.items() if name in rest})
+        return self.of.then(made, **{name: value for name, value in given.items() if name not in self.of.own})
 
 
 class NetworkTable(KindTable):
@@ -80,6 +80,16 @@ class NetworkTable(KindTable):
         """Refuse, by making it unless it is large, what cannot be made."""
         if refuse_vast(self.of.name, dict(self)) <= _BUILT_AT_ONCE:
             self.build()
+
+
+def _refuse_no_file(path: str) -> None:
+    """Refuse what cannot be read to an end: devices and pipes, besides what is not there."""
+    try:
+        found = Path(path).is_file()
+    except (OSError, ValueError):  # a name that no file can have
+        found = False
+    if not found:
+        raise InputError.of("path", path, "the name of a file that exists")
 
 
 def _for_call(kind: Kind, name: str, value: Any) -> Any:

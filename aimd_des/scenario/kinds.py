@@ -7,6 +7,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from aimd_des import averaging, compensation, interventions
@@ -75,7 +76,12 @@ class Kind:
         """One line about it."""
         return (inspect.getdoc(self.make) or "").partition("\n")[0]
 
-    @property
+    @cached_property
+    def own(self) -> frozenset[str]:
+        """The keys that `make` takes; `then` takes the others."""
+        return frozenset(inspect.signature(self.make).parameters)
+
+    @cached_property
     def signature(self) -> dict[str, inspect.Parameter]:
         """The keys, with types and defaults."""
         found = dict(inspect.signature(self.make).parameters)
@@ -178,12 +184,10 @@ def _models() -> Iterator[Kind]:
     for name in names:
         try:
             function = named_model(name)
-        except InputError:  # registers none, such as the package itself
-            function = None
-        except Exception as error:  # noqa: BLE001 - any module of the user's
-            raise InputError(
-                f"model {name!r}: cannot be imported ({type(error).__name__}: {error})"
-            ) from None
+        except InputError as refusal:
+            if refusal.__cause__ is not None:  # it cannot be imported
+                raise
+            function = None  # it registers none, such as the package itself
         if function is not None:
             yield Kind("model", name, function)
         if name == _MODELS and name in sys.modules:

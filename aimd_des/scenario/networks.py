@@ -101,8 +101,10 @@ def refuse_vast(kind: str, parameters: Mapping[str, Any]) -> float:
 
 def _edges(kind: str, given: Mapping[str, Any]) -> float:
     if kind in ("graphml", "edges"):
-        path = Path(given["path"])
-        return path.stat().st_size / _BYTES_PER_EDGE if path.is_file() else 0.0
+        try:
+            return Path(given["path"]).stat().st_size / _BYTES_PER_EDGE
+        except (OSError, ValueError):  # which is refused when it is read
+            return 0.0
     size = {name: float(value) for name, value in given.items() if name in _SIZES}
     if kind == "grid":
         return 2.0 * size["rows"] * size["columns"]

@@ -17,8 +17,8 @@ from aimd_des.registry import model_parameters, named_model
 from aimd_des.response import CONTINUOUS, DISCRETE
 from aimd_des.results import Result
 from aimd_des.scenario.base import Table
+from aimd_des.scenario.building import built_by, changes_of, under
 from aimd_des.scenario.canonical import canonical_form, typed_parameters
-from aimd_des.scenario.changes import made_interventions, under
 from aimd_des.scenario.generated import KindTable, kind_table, one_of
 from aimd_des.scenario.parameters import as_data, refuse_no_data
 from aimd_des.scenario.prices import RedrawnPrices
@@ -160,10 +160,16 @@ class Scenario(Table):
         -------
         Scenario
             Running it gives the same result whatever the defaults become.
+
+        Raises
+        ------
+        InputError
+            If there is no such model, or a default of it cannot be written to a file.
         """
         if self.model is None:
             return self
         parameters = as_data(model_parameters(self.model, self.parameters, self.seed))
+        refuse_no_data("parameters", parameters)
         return self.model_copy(update={"parameters": parameters})
 
     def to_toml(self) -> str:
@@ -215,8 +221,7 @@ class Scenario(Table):
     def _built(self) -> tuple[Problem, list[Intervention]]:
         """Build the problem and what changes it."""
         if self.model is not None:
-            parameters = model_parameters(self.model, self.parameters, self.seed)
-            problem = named_model(self.model)(**parameters)
+            problem = built_by(self.model, self.parameters, self.seed)
         else:
             assert self.resources is not None  # noqa: S101 - _check saw to it
             assert self.costs is not None  # noqa: S101
@@ -224,8 +229,8 @@ class Scenario(Table):
         if self.compensation is not None:
             with under("compensation"):
                 self.compensation.build().answering(problem.n_agents)
-        words = (str(self.model), self.parameters, self.seed)
-        return problem, made_interventions(self.interventions, problem, *words)
+        changes = changes_of(self.interventions, problem, self.model, self.parameters, self.seed)
+        return problem, changes
 
     def run(
         self,

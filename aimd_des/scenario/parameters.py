@@ -3,6 +3,8 @@
 from datetime import date, datetime, time
 from typing import Any
 
+import numpy as np
+
 from aimd_des.errors import InputError
 
 __all__ = ["as_data", "refuse_no_data"]
@@ -50,13 +52,15 @@ def as_data(value: Any) -> Any:
     Parameters
     ----------
     value : object
-        With tuples where there are lists in a file.
+        With tuples and arrays where there are lists in a file.
 
     Returns
     -------
     object
-        With lists.
+        With lists, and with Python's own numbers.
     """
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
     if isinstance(value, dict):
         return {key: as_data(item) for key, item in value.items()}
     return [as_data(item) for item in value] if isinstance(value, list | tuple) else value

@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from aimd_des import checks
 from aimd_des.costs import Costs
+from aimd_des.errors import InputError
 from aimd_des.interventions import Prices
 from aimd_des.registry import model_parameters, named_model
 
@@ -41,12 +43,13 @@ class RedrawnPrices:
     every : float
         The interval, greater than 0: the k-th costs hold from k * every on.
     parameter : str
-        The parameter of the model that decides the draw, which gets a seed of its own for each k.
+        The parameter of the model that decides the draw, which gets a seed of its own for each k; its name
+        has "seed" in it.
 
     Raises
     ------
     InputError
-        If the interval is not positive.
+        If the interval is not positive, or the parameter is called as if it were no seed.
     """
 
     every: float
@@ -54,6 +57,8 @@ class RedrawnPrices:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "every", checks.number("every", self.every, low=0.0, low_open=True))
+        if "seed" not in self.parameter:
+            raise InputError.of("parameter", self.parameter, "one that takes a seed, with 'seed' in its name")
 
     def by(self, model: str, parameters: Mapping[str, Any], seed: int) -> Prices:
         """Let a model draw them.
@@ -79,6 +84,7 @@ class RedrawnPrices:
         """
         complete = model_parameters(model, {**parameters, self.parameter: seed}, seed)
 
+        @lru_cache(maxsize=1)  # checks ask for the first one again and again
         def draw(k: int) -> Costs:
             return named_model(model)(**{**complete, self.parameter: redraw_seed(seed, k)}).costs
 

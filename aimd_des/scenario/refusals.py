@@ -1,5 +1,6 @@
 """What pydantic refuses, in sentences that name the key, what is allowed and the nearest known word."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, TypeVar, get_args
@@ -20,6 +21,9 @@ Place = tuple[str | int, ...]
 
 # How pydantic begins what we end after "must be".
 _MUST_BE = "Input should be "
+
+# Nobody reads on.
+_MOST_SENTENCES = 20
 
 
 def validate_scenario(
@@ -86,12 +90,14 @@ def checked(
     except ValidationError as refusal:
         errors = refusal.errors(include_url=False)
     found = list(_by_place(errors, data))
+    known = {} if lines is None else lines
     sentences = []
-    for place, details in found:
-        known = {} if lines is None else lines
+    for place, details in found[:_MOST_SENTENCES]:
         line = next((known[place[:end]] for end in range(len(place), 0, -1) if place[:end] in known), None)
         where = source if line is None else f"{source}:{line}"
         sentences.append(f"{where}: {_sentence(form, place, details)}")
+    if len(found) > _MOST_SENTENCES:
+        sentences.append(f"{source}: and {len(found) - _MOST_SENTENCES} keys more are refused")
     raise InputError("\n".join(dict.fromkeys(sentences)))
 
 
@@ -106,10 +112,10 @@ def _by_place(
     gathered: dict[Place, list[ErrorDetails]] = {}
     for error in errors:
         gathered.setdefault(_place(error, data), []).append(error)
+    above = {place[:end] for place in gathered for end in range(len(place))}
     for place, details in gathered.items():
-        deeper = any(len(other) > len(place) and other[: len(place)] == place for other in gathered)
         of_a_form = all(len(error["loc"]) > len(place) for error in details)
-        if not (deeper and of_a_form):
+        if not (place in above and of_a_form):
             yield place, details
 
 
@@ -124,12 +130,14 @@ def _place(error: ErrorDetails, data: Any) -> Place:
         elif error["type"] != "missing" or number < len(error["loc"]):
             continue
         place.append(part)
+    if error["type"] == UNKNOWN_KIND and isinstance(here, Mapping) and "kind" in here:
+        place.append("kind")
     return tuple(place)
 
 
 def _sentence(form: type[BaseModel], place: Place, details: Sequence[ErrorDetails]) -> str:
     """Turn pydantic's errors at one key into a sentence of ours."""
-    error, key = details[0], ".".join(map(str, place))
+    error, key = details[0], _dotted(place)
     prefix = f"{key}: " if key else ""
     if error["type"] == "extra_forbidden":
         known = _known_keys(form, error["loc"][:-1])
@@ -148,16 +156,20 @@ def _sentence(form: type[BaseModel], place: Place, details: Sequence[ErrorDetail
     return str(InputError.of(key, error["input"], " or ".join(dict.fromkeys(allowed))))
 
 
+def _dotted(place: Place) -> str:
+    """Write a key as `split_key` reads it; what is no bare word in quotes, and on one line."""
+    return ".".join(f"{part}" if re.fullmatch(r"[\w-]+", f"{part}") else repr(part) for part in place)
+
+
 def _about_kind(key: str, given: Any, context: Mapping[str, Any]) -> str:
     if not isinstance(given, Mapping):
         return str(InputError.of(key, given, context["allowed"]))
     allowed = f"one of {', '.join(context['kinds'])}"
     if "kind" not in given:
         return f"{key}.kind: is missing; give {allowed}"
-    near = get_close_matches(str(given["kind"]), context["kinds"], n=1)
-    return str(
-        InputError.of(f"{key}.kind", given["kind"], allowed, f"did you mean {near[0]!r}?" if near else "")
-    )
+    kind = given["kind"]
+    near = get_close_matches(kind, context["kinds"], n=1) if isinstance(kind, str) else []
+    return str(InputError.of(key, kind, allowed, f"did you mean {near[0]!r}?" if near else ""))
 
 
 def _known_keys(form: type[BaseModel], location: Sequence[str | int]) -> list[str]:

@@ -61,7 +61,7 @@ class Empirical(Parametrised):
         column : str
             The column with the measured latencies.
         scale : float or array_like, shape (n,)
-            As for the constructor: 0.001 makes seconds of milliseconds.
+            Multiplies every value, at least 0: 0.001 makes seconds of milliseconds.
 
         Returns
         -------

@@ -65,7 +65,7 @@ class Trace:
             A name: that column holds for all agents.  Several names: the columns of agents 0, 1, ...
             All columns of the file, as those of the agents, unless given.
         repeat : bool
-            As for the constructor.
+            Whether the record begins anew after its last row, as for `Trace`.
 
         Returns
         -------

@@ -1,0 +1,113 @@
+"""From the tables of a scenario to the problem, and to what refers to it."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from aimd_des.errors import InputError
+from aimd_des.interventions import Intervention, check_absences
+from aimd_des.problem import Problem
+from aimd_des.registry import model_parameters, named_model
+from aimd_des.scenario.generated import KindTable
+from aimd_des.scenario.prices import RedrawnPrices
+
+__all__ = ["built_by", "changes_of", "under"]
+
+
+@contextmanager
+def under(key: str) -> Iterator[None]:
+    """Say under which key of the scenario something was refused.
+
+    Parameters
+    ----------
+    key : str
+        The dotted key.
+
+    Yields
+    ------
+    None
+        While the block runs.
+
+    Raises
+    ------
+    InputError
+        With the key before the sentence.
+    """
+    try:
+        yield
+    except InputError as refusal:
+        raise InputError(f"{key}: {refusal}") from None
+
+
+def built_by(model: str, parameters: dict[str, Any], seed: int) -> Problem:
+    """Let a model make the problem.
+
+    Parameters
+    ----------
+    model : str
+        A registered model.
+    parameters : dict
+        Of the model; what is not given has its default.
+    seed : int
+        The scenario's.
+
+    Returns
+    -------
+    Problem
+        What is shared.
+
+    Raises
+    ------
+    InputError
+        If there is no such model or parameter, or the model makes no problem of them.
+    """
+    complete = model_parameters(model, parameters, seed)
+    try:
+        return named_model(model)(**complete)
+    except InputError:
+        raise
+    except (ArithmeticError, MemoryError, TypeError, ValueError) as error:  # what it does not check itself
+        cause = f"{type(error).__name__}: {error}".rstrip(": ")
+        raise InputError(f"parameters: {model} makes no problem of them ({cause})") from error
+
+
+def changes_of(
+    tables: Sequence[KindTable], problem: Problem, model: str | None, parameters: dict[str, Any], seed: int
+) -> list[Intervention]:
+    """Make the interventions, and hold them against the problem.
+
+    Parameters
+    ----------
+    tables : sequence of KindTable
+        What the scenario says.
+    problem : Problem
+        What is shared.
+    model : str, optional
+        Which made it; prices are drawn by a model.
+    parameters : dict
+        Of the model.
+    seed : int
+        The scenario's.
+
+    Returns
+    -------
+    list of Intervention
+        For `Simulation`.
+
+    Raises
+    ------
+    InputError
+        If there is no such agent or resource, or absences overlap.
+    """
+    made = []
+    for number, table in enumerate(tables):
+        subject = next(key for key in ("agents", "resource", "parameter", "kind") if hasattr(table, key))
+        with under(f"interventions.{number}.{subject}"):
+            change = table.build()
+            if isinstance(change, RedrawnPrices):
+                change = change.by(str(model), parameters, seed)
+            change.check(problem)
+            made.append(change)
+    with under("interventions"):
+        check_absences(problem, made)
+    return made
