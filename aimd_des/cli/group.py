@@ -12,7 +12,7 @@ import aimd_des
 __all__ = ["main"]
 
 # In the order in which help shows them; each is `command` in the module of its name.
-_COMMANDS = ("run", "watch", "sweep", "validate", "show", "compare", "list", "completion")
+_COMMANDS = ("run", "watch", "sweep", "validate", "show", "report", "compare", "list", "completion")
 
 _EPILOG = """\b
 Examples:
