@@ -1,4 +1,4 @@
-"""What the tests of reports share: a study without its runs having been carried out, and what a page holds."""
+"""What the tests of reports share: results of a study that nobody has carried out, and what a page holds."""
 
 import json
 from html.parser import HTMLParser
@@ -14,14 +14,16 @@ from aimd_des.study.store import Store
 from tests.conftest import INLINE
 
 #: A text that must stay one, wherever it comes from.
-HOSTILE = "</script><script>window.hacked = 1</script><img src=x onerror=alert(1)> & \"quoted\" 'too' {{ 7 * 7 }}"
+HOSTILE = (
+    "</script><script>window.hacked = 1</script><img src=x onerror=alert(1)> & \"quoted\" 'too' {{ 7 * 7 }}"
+)
 
 RESOURCES = ("memory", "disk")
 MEASURES = ("utilisation", "misallocation", "overshoot_peak", "signals")
 
 
-def study_of(axes: dict[str, list[Any]], replications: int = 2, **more: Any) -> Study:
-    tables = [{"name": name, "key": f"parameters.{name}", "values": values} for name, values in axes.items()]
+def study_of(values: dict[str, list[Any]], replications: int = 2, **more: Any) -> Study:
+    tables = [{"name": name, "key": f"parameters.{name}", "values": those} for name, those in values.items()]
     given = {
         "title": "A study",
         "replications": replications,
@@ -42,10 +44,13 @@ def results_of(
         {**dict(zip(axes, point, strict=True)), "replication": replication, "key": f"{place}-{replication}"}
         for place, point in enumerate(product(*axes.values()))
         for replication in range(study.replications)
-        if len({axes[name].index(value) for name, value in zip(axes, point, strict=True) if name in zipped}) < 2
+        if len({axes[name].index(value) for name, value in zip(axes, point, strict=True) if name in zipped})
+        < 2
     ]
     plan = pd.DataFrame(rows)
-    runs = plan.merge(pd.DataFrame({"resource": pd.Categorical(resources, categories=resources)}), how="cross")
+    runs = plan.merge(
+        pd.DataFrame({"resource": pd.Categorical(resources, categories=resources)}), how="cross"
+    )
     rng = np.random.default_rng(4)
     for name in MEASURES:
         runs[name] = rng.uniform(0.8, 1.2, len(runs))
@@ -90,10 +95,10 @@ class Parsed(HTMLParser):
         return [str(found[name]) for _, found in self.tags if name in found]
 
 
-def values(spec: dict[str, Any]) -> list[dict[str, Any]]:
-    """The data of a chart, or of the first of its layers."""
-    inner = spec if "values" in spec.get("data", {}) else next(iter(spec.get("layer", [])), spec)
-    found = (inner.get("data") or spec["data"])["values"]
+def values(spec: dict[str, Any], layer: int = 0) -> list[dict[str, Any]]:
+    """The data of a chart, or of one of its layers."""
+    data = spec.get("data") or spec["layer"][layer]["data"]
+    found = data["values"] if "values" in data else spec["datasets"][data["name"]]
     assert isinstance(found, list)
     return found
 

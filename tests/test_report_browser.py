@@ -1,6 +1,7 @@
 """Reports in a browser without a network: charts are drawn, controls move them, and nothing is asked for."""
 
 import base64
+import json
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -87,8 +88,6 @@ def open_page(browser: Any, path: Path, charts: int) -> None:
 
 def requests(browser: Any) -> list[str]:
     """What was asked for since the last look, without what stands in the page itself."""
-    import json
-
     messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
     sent = [m["params"]["request"]["url"] for m in messages if m["method"] == "Network.requestWillBeSent"]
     return [url for url in sent if not url.startswith("data:")]
@@ -155,7 +154,9 @@ def _changes(browser: Any, chart: str, before: str) -> bool:
     return bool(WebDriverWait(browser, _PATIENCE, 0.05).until(lambda driver: drawn(driver, chart) != before))
 
 
-def test_sliders_and_choices_move_the_charts_of_a_study(browser: Any, study_page: Path, tmp_path: Path) -> None:
+def test_sliders_and_choices_move_the_charts_of_a_study(
+    browser: Any, study_page: Path, tmp_path: Path
+) -> None:
     from selenium.webdriver.support.ui import Select
 
     look(browser)
@@ -169,13 +170,18 @@ def test_sliders_and_choices_move_the_charts_of_a_study(browser: Any, study_page
     assert _changes(browser, "line-utilisation", before["line-utilisation"])
     assert _changes(browser, "line-misallocation", before["line-misallocation"])
     # The map runs up that axis itself; another resource is another map.
-    fills = "[...document.querySelectorAll(`[data-chart=map] .mark-rect path`)].map(p => p.getAttribute('fill')).join()"
+    cells = "document.querySelectorAll(`[data-chart=map] .mark-rect path`)"
+    fills = f"[...{cells}].map(cell => cell.getAttribute('fill')).join()"
     colours = browser.execute_script(f"return {fills}")
     Select(browser.find_element("id", "of")).select_by_visible_text("disk")
     until(browser, f"{fills} !== {colours!r}")
     Select(browser.find_element("id", "along")).select_by_visible_text("loss")
     until(browser, "document.getElementById('axis1').disabled && !document.getElementById('axis0').disabled")
-    until(browser, "document.querySelectorAll(`[data-chart=map] .mark-rect path`).length === 2")
+    # The same axis up as along would be a diagonal: another one takes its place.
+    until(browser, f"{cells}.length === 6")
+    until(
+        browser, "document.querySelector('[data-chart=map]').textContent.includes('latency (up) over loss')"
+    )
     assert browser.get_log("browser") == []
     assert requests(browser) == [study_page.as_uri()]
     assert browser.execute_script("return window.hacked") is None
@@ -197,10 +203,12 @@ def test_all_controls_are_reached_by_the_keyboard(browser: Any, study_page: Path
 
 _CONTRAST = """
 const parts = (text) => text.match(/[\\d.]+/g).slice(0, 3).map(Number);
-const light = (rgb) => rgb.map((c) => c / 255).map((c) => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4)
-  .reduce((sum, c, k) => sum + c * [0.2126, 0.7152, 0.0722][k], 0);
+const linear = (c) => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4;
+const weights = [0.2126, 0.7152, 0.0722];
+const light = (rgb) => rgb.reduce((sum, c, k) => sum + linear(c / 255) * weights[k], 0);
 const ground = light(parts(getComputedStyle(document.body).backgroundColor));
-return [...document.querySelectorAll("h1, h2, dt, dd, figcaption, .meaning, .chart svg text")].map((element) => {
+const texts = document.querySelectorAll("h1, h2, dt, dd, figcaption, .meaning, .chart svg text");
+return [...texts].map((element) => {
   const style = getComputedStyle(element);
   const ink = light(parts(element.closest("svg") ? style.fill : style.color));
   return (Math.max(ink, ground) + 0.05) / (Math.min(ink, ground) + 0.05);

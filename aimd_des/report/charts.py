@@ -9,7 +9,7 @@ import pandas as pd
 
 from aimd_des.plots import colour
 
-__all__ = ["REFERENCE", "bound", "data", "finished", "resource_colour", "rounded"]
+__all__ = ["REFERENCE", "chosen", "data", "finished", "resource_colour", "rounded", "slid"]
 
 #: Of lines that are no data; seen on light and on dark ground.
 REFERENCE = "#808890"
@@ -84,13 +84,13 @@ def resource_colour(names: Sequence[str], *, legend: bool = True) -> alt.Color:
     return alt.Color("resource:N", scale=scale, legend=key)
 
 
-def bound(name: str, start: str) -> alt.Parameter:
-    """Make a parameter that follows a control of the page.
+def slid(name: str, start: str) -> alt.Parameter:
+    """Make a parameter that follows a slider of the page while it moves.
 
     Parameters
     ----------
     name : str
-        Of the parameter, and the id of the control; its value is a text.
+        Of the parameter, and the id of the slider; its value is a text.
     start : str
         Its value at first.
 
@@ -99,7 +99,29 @@ def bound(name: str, start: str) -> alt.Parameter:
     altair.Parameter
         To be added to a chart.
     """
-    return alt.param(name=name, value=start, bind=alt.BindDirect(element=f"#{name}", event="input"))
+    return _bound(name, start, "input")
+
+
+def chosen(name: str, start: str) -> alt.Parameter:
+    """Make a parameter that follows a choice of the page.
+
+    Parameters
+    ----------
+    name : str
+        Of the parameter, and the id of the choice.
+    start : str
+        Its value at first.
+
+    Returns
+    -------
+    altair.Parameter
+        To be added to a chart.
+    """
+    return _bound(name, start, "change")
+
+
+def _bound(name: str, start: str, event: str) -> alt.Parameter:
+    return alt.param(name=name, value=start, bind=alt.BindDirect(element=f"#{name}", event=event))
 
 
 def finished(chart: alt.Chart | alt.LayerChart | alt.FacetChart, height: int = _HEIGHT) -> dict[str, Any]:

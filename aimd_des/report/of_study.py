@@ -16,6 +16,7 @@ __all__ = ["report_study"]
 
 _MORE = ("overshoot_time", "relative_error", "consensus_spread", "cost_ratio", "signals")
 _MOST_FAILURES = 20
+_MOST_MEASURES = 8
 
 
 def report_study(results: StudyResults) -> Page:
@@ -34,7 +35,7 @@ def report_study(results: StudyResults) -> Page:
     study, runs = results.study, results.runs
     kept = study.columns()
     main = [name for name in MEASURES if name in kept]
-    measures = [*main, *(name for name in (*_MORE, *kept) if name in kept and name not in main)][:8]
+    measures = [name for name in dict.fromkeys((*main, *_MORE, *kept)) if name in kept][:_MOST_MEASURES]
     names = [axis.name for axis in study.axes]
     table = summarise(runs, [*names, "resource"], measures) if len(runs) else None
     charts: list[Chart] = []

@@ -4,6 +4,7 @@ import base64
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
@@ -251,7 +252,6 @@ def render(page: Page) -> str:
         HTML with styles, scripts and data in it.  Texts are escaped, and the policy in its head lets no
         script run but its own, and nothing be loaded.
     """
-    import vl_convert
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     folder = PackageLoader("aimd_des.report")
@@ -259,7 +259,7 @@ def render(page: Page) -> str:
         loader=folder, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     style, glue = (folder.get_source(environment, name)[0] for name in ("page.css", "page.js"))
-    script = vl_convert.javascript_bundle(glue)
+    script = _bundle(glue)
     return environment.get_template("page.html").render(
         page=page,
         version=aimd_des.__version__,
@@ -267,6 +267,14 @@ def render(page: Page) -> str:
         script=script,
         hash=_hash(script),
     )
+
+
+@lru_cache
+def _bundle(glue: str) -> str:
+    """Put Vega and what joins it to the page into one script: seconds, for whoever makes several pages."""
+    import vl_convert
+
+    return str(vl_convert.javascript_bundle(glue))
 
 
 def _hash(script: str) -> str:

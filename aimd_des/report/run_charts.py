@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from aimd_des.plots.selection import looks
-from aimd_des.report.charts import REFERENCE, bound, data, finished, resource_colour
+from aimd_des.report.charts import REFERENCE, chosen, data, finished, resource_colour, slid
 from aimd_des.report.page import Chart, Choice, Slider
 
 __all__ = ["demand_charts", "settling_chart", "share_chart", "window_controls"]
@@ -48,7 +48,7 @@ def window_controls(until: float) -> list[Slider | Choice]:
 
 def _window(until: float) -> tuple[list[alt.Parameter], alt.X, str]:
     """Give the parameters of the window, the axis of time that shows it, and what lies in it."""
-    parameters = [bound("window", str(_START)), bound("span", repr(until / _PART))]
+    parameters = [slid("window", str(_START)), chosen("span", repr(until / _PART))]
     # A window that would reach beyond the end of the run ends there.
     first = f"min(toNumber(window) * {until / _POSITIONS!r}, {until!r} - toNumber(span))"
     scale = alt.Scale(
@@ -199,11 +199,11 @@ def share_chart(average: np.ndarray[Any, Any], best: np.ndarray[Any, Any], names
         In multiples of what each would have of equal shares.
     """
     n = len(average)
-    chosen = np.unique(np.linspace(0, n - 1, min(n, _MOST_AGENTS)).astype(int))
+    kept = np.unique(np.linspace(0, n - 1, min(n, _MOST_AGENTS)).astype(int))
     equal = best.mean(axis=0)
     frame = pd.concat(
         pd.DataFrame(
-            {"best": best[chosen, j] / equal[j], "held": average[chosen, j] / equal[j], "resource": name}
+            {"best": best[kept, j] / equal[j], "held": average[kept, j] / equal[j], "resource": name}
         )
         for j, name in enumerate(names)
     )
@@ -224,7 +224,7 @@ def share_chart(average: np.ndarray[Any, Any], best: np.ndarray[Any, Any], names
             ],
         )
     )
-    some = "Every agent" if len(chosen) == n else f"{len(chosen):,} of the {n:,} agents"
+    some = "Every agent" if len(kept) == n else f"{len(kept):,} of the {n:,} agents"
     text = (
         f"{some}, for each resource. On the dashed line an agent holds what a central planner would give it."
     )

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import altair as alt
 import pandas as pd
 
-from aimd_des.report.charts import bound, data, finished, resource_colour
+from aimd_des.report.charts import chosen, data, finished, resource_colour, slid
 from aimd_des.report.page import Chart, Choice, Slider
 from aimd_des.report.words import MEASURES, Measure
 
@@ -83,8 +83,8 @@ def _parameters(axes: Sequence[Along], start: Sequence[int]) -> list[alt.Paramet
     ]
     if len(axes) == 1:
         return [*fixed, alt.param(name="along", value="0")]
-    followed = [bound(_slider(number), str(position)) for number, position in enumerate(start)]
-    return [*fixed, bound("along", "0"), *followed]
+    followed = [slid(_slider(number), str(position)) for number, position in enumerate(start)]
+    return [*fixed, chosen("along", "0"), *followed]
 
 
 def _here(axes: Sequence[Along], free: Sequence[str]) -> str:
@@ -181,21 +181,23 @@ def map_chart(
     """
     parameters = [
         *_parameters(axes, start),
-        bound("up", "1"),
-        bound("measure", "0"),
-        bound("of", "0"),
+        chosen("up", "1"),
+        # Along and up the same axis there would be nothing but a diagonal.
+        alt.param(name="other", expr="up != along ? up : along == '0' ? '1' : '0'"),
+        chosen("measure", "0"),
+        chosen("of", "0"),
         alt.param(name="titles", value=[_title(name) for name in measures]),
     ]
     base = (
         alt.Chart(data(frame))
-        .transform_filter(f"datum.r == toNumber(of) && {_here(axes, ['along', 'up'])}")
+        .transform_filter(f"datum.r == toNumber(of) && {_here(axes, ['along', 'other'])}")
         .transform_calculate(
             x="datum['i' + along]",
-            y="datum['i' + up]",
+            y="datum['i' + other]",
             value="datum['m' + measure]",
             half="datum['h' + measure]",
             at="labels[toNumber(along)][datum['i' + along]]",
-            over="labels[toNumber(up)][datum['i' + up]]",
+            over="labels[toNumber(other)][datum['i' + other]]",
         )
         .transform_filter("isValid(datum.value)")
     )
@@ -206,7 +208,7 @@ def map_chart(
     )
     cells = base.mark_rect(stroke="#ffffff", strokeWidth=0.5).encode(
         alt.X(**_ordinal("x", "along")),
-        alt.Y(**_ordinal("y", "up", sort="descending")),
+        alt.Y(**_ordinal("y", "other", sort="descending")),
         colour,
         tooltip=[
             alt.Tooltip("at:N", title="along"),
@@ -215,7 +217,9 @@ def map_chart(
             alt.Tooltip("half:Q", title="± (95 %)", format=".2g"),
         ],
     )
-    words = "titles[toNumber(measure)] + ': ' + names[toNumber(up)] + ' (up) over ' + names[toNumber(along)]"
+    words = (
+        "titles[toNumber(measure)] + ': ' + names[toNumber(other)] + ' (up) over ' + names[toNumber(along)]"
+    )
     title = alt.Title(text=alt.ExprRef(words), anchor="start")
     chart = cells.add_params(*parameters).properties(title=title)
     text = (

@@ -18,7 +18,7 @@ if (along) {
       slider.disabled = slider.dataset.axis === along.value;
     }
   };
-  along.addEventListener("input", rest);
+  along.addEventListener("change", rest);
   rest();
 }
 // Charts bind themselves to the controls; what is drawn when is theirs to know.
