@@ -12,7 +12,7 @@ import aimd_des
 __all__ = ["main"]
 
 # In the order in which help shows them; each is `command` in the module of its name.
-_COMMANDS = ("run", "watch", "sweep", "validate", "show", "compare", "list", "schema", "completion")
+_COMMANDS = ("run", "watch", "sweep", "validate", "show", "report", "compare", "list", "schema", "completion")
 
 _EPILOG = """\b
 Examples:

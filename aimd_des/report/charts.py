@@ -1,0 +1,154 @@
+"""What all charts share: data, colours of the resources, controls, and the look that styles can change."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import altair as alt
+import pandas as pd
+
+from aimd_des.plots import colour
+
+__all__ = ["REFERENCE", "chosen", "data", "finished", "resource_colour", "rounded", "slid"]
+
+#: Of lines that are no data; seen on light and on dark ground.
+REFERENCE = "#808890"
+_HEIGHT = 260
+_DIGITS = 5
+
+
+def data(frame: pd.DataFrame) -> alt.InlineData:
+    """Put a frame into a chart.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Few rows: all of them are written.
+
+    Returns
+    -------
+    altair.InlineData
+        Numbers have five digits; what is no number is left out.
+    """
+    rows = [
+        {str(name): rounded(value) for name, value in row.items() if not _missing(value)}
+        for row in frame.to_dict("records")
+    ]
+    return alt.InlineData(values=rows)
+
+
+def _missing(value: Any) -> bool:
+    return isinstance(value, float) and not math.isfinite(value)
+
+
+def rounded(value: Any) -> Any:
+    """Write no more of a number than can be seen.
+
+    Parameters
+    ----------
+    value : object
+        Whatever stands in a frame.
+
+    Returns
+    -------
+    object
+        Floats with five digits, integers where they are whole; anything else as it is.
+    """
+    if not isinstance(value, float):
+        return value
+    short = float(f"{value:.{_DIGITS}g}")
+    return int(short) if short.is_integer() and abs(short) < 2**53 else short
+
+
+def resource_colour(names: Sequence[str], *, legend: bool = True) -> alt.Color:
+    """Give every resource the colour that it has in all figures.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the resources, in their order.
+    legend : bool
+        Whether to name them above the chart.
+
+    Returns
+    -------
+    altair.Color
+        Of the column `resource`.
+    """
+    # Black would not be seen on a dark ground.
+    colours = [colour(j) if colour(j) != "#000000" else "currentColor" for j in range(len(names))]
+    scale = alt.Scale(domain=list(names), range=colours)
+    key = (
+        alt.Legend(orient="top", title=None, columns=3, labelLimit=140, symbolOpacity=1.0) if legend else None
+    )
+    return alt.Color("resource:N", scale=scale, legend=key)
+
+
+def slid(name: str, start: str) -> alt.Parameter:
+    """Make a parameter that follows a slider of the page while it moves.
+
+    Parameters
+    ----------
+    name : str
+        Of the parameter, and the id of the slider; its value is a text.
+    start : str
+        Its value at first.
+
+    Returns
+    -------
+    altair.Parameter
+        To be added to a chart.
+    """
+    return _bound(name, start, "input")
+
+
+def chosen(name: str, start: str) -> alt.Parameter:
+    """Make a parameter that follows a choice of the page.
+
+    Parameters
+    ----------
+    name : str
+        Of the parameter, and the id of the choice.
+    start : str
+        Its value at first.
+
+    Returns
+    -------
+    altair.Parameter
+        To be added to a chart.
+    """
+    return _bound(name, start, "change")
+
+
+def _bound(name: str, start: str, event: str) -> alt.Parameter:
+    return alt.param(name=name, value=start, bind=alt.BindDirect(element=f"#{name}", event=event))
+
+
+def finished(chart: alt.Chart | alt.LayerChart | alt.FacetChart, height: int = _HEIGHT) -> dict[str, Any]:
+    """Make a chart as wide as its place.
+
+    Parameters
+    ----------
+    chart : altair.Chart, altair.LayerChart or altair.FacetChart
+        Without a size.
+    height : int
+        In pixels.
+
+    Returns
+    -------
+    dict
+        Vega-Lite.
+    """
+    sized = chart.properties(width="container", height=height, background="transparent")
+    spec: dict[str, Any] = sized.to_dict()
+    spec["autosize"] = {"type": "fit-x", "contains": "padding"}
+    spec["config"] = {
+        "view": {"stroke": None},
+        "axis": {"labelFontSize": 12, "titleFontSize": 12, "titleFontWeight": "normal", "labelOverlap": True},
+        "legend": {"labelFontSize": 12, "symbolSize": 90},
+        "title": {"fontSize": 12, "fontWeight": "normal"},
+        "line": {"strokeWidth": 2},
+        # The chart as a whole is described; thousands of marks would drown that.
+        "mark": {"aria": False},
+    }
+    return spec

@@ -1,0 +1,168 @@
+"""The page of a run, made from its folder."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import pandas as pd
+
+from aimd_des.errors import InputError
+from aimd_des.optimum import solve_optimum
+from aimd_des.report.page import Chart, Page, Table
+from aimd_des.report.words import MEASURES, shown, verdict
+from aimd_des.scenario import load_scenario
+
+__all__ = ["StoredRun", "report_run"]
+
+_FRAMES = ("demand", "signals", "allocations")
+_MOST_AGENTS = 20_000
+
+
+class StoredRun(Protocol):
+    """The folder of a run, read back."""
+
+    @property
+    def folder(self) -> Path:
+        """Where it is."""
+
+    @property
+    def scenario(self) -> Mapping[str, Any]:
+        """What was run, every value spelled out."""
+
+    @property
+    def digest(self) -> str:
+        """Of the result."""
+
+    @property
+    def versions(self) -> Mapping[str, str]:
+        """Of this program, Python and the libraries."""
+
+    @property
+    def measures(self) -> Mapping[str, Mapping[str, float]]:
+        """For each resource, each measure by its name."""
+
+
+def report_run(run: StoredRun) -> Page:
+    """Make the page of a run.
+
+    Parameters
+    ----------
+    run : StoredRun
+        The folder that ``aimd-des run`` wrote.
+
+    Returns
+    -------
+    Page
+        To be written by `write_page`.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or damaged.
+    """
+    from aimd_des.report.run_charts import demand_charts, settling_chart, window_controls
+
+    demand, signals, allocations = (_read(run.folder / f"{name}.parquet") for name in _FRAMES)
+    until, names = float(run.scenario["until"]), list(run.measures)
+    last = demand.groupby("resource", observed=True)["average"].last()
+    # What the averages add up to, over how much of the capacity that is.
+    capacity = {name: float(last[name]) / run.measures[name]["utilisation"] for name in names}
+    notes: list[str] = []
+    charts: list[Chart] = []
+    if len(demand) > len(names):
+        charts += demand_charts(demand, signals, capacity, until)
+        charts.append(settling_chart(demand, capacity, until))
+    else:
+        notes.append("Total demand over time: the scenario records it at the end only (recording.demand).")
+    charts += _shares(run, allocations, names, notes)
+    verdicts = [
+        verdict(name, {of: float(row[name]) for of, row in run.measures.items()}, "resources")
+        for name in MEASURES
+    ]
+    return Page(
+        kind="Run",
+        title=str(run.scenario.get("title") or "") or f"Run in {run.folder.name}",
+        facts=_facts(run, len(allocations["camera"].unique()), names),
+        verdicts=[found for found in verdicts if found is not None],
+        controls=window_controls(until) if len(demand) > len(names) else [],
+        charts=charts,
+        hint="The stretch of time that demand and signals are shown for.",
+        notes=notes,
+        tables=[_measures(run)],
+        provenance=_provenance(run),
+        source=_text(run.folder / "scenario.toml"),
+    )
+
+
+def _read(path: Path) -> pd.DataFrame:
+    try:
+        return pd.read_parquet(path)
+    except (OSError, ValueError) as damage:
+        raise InputError(f"{path}: cannot be read ({damage}); run the scenario again") from None
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+def _shares(run: StoredRun, allocations: pd.DataFrame, names: list[str], notes: list[str]) -> list[Chart]:
+    """Hold averages against the optimum, where the problem at the end can be built anew."""
+    from aimd_des.report.run_charts import share_chart
+
+    what = "Averages against the optimum"
+    if run.scenario.get("interventions"):
+        notes.append(f"{what}: interventions have changed the problem; see result.tracking in Python.")
+        return []
+    try:
+        problem = load_scenario(run.folder / "scenario.toml").problem()
+    except InputError as refusal:
+        notes.append(f"{what}: the problem cannot be built here ({refusal}).")
+        return []
+    if problem.n_agents > _MOST_AGENTS:
+        notes.append(f"{what}: for more than {_MOST_AGENTS:,} agents that takes too long.")
+        return []
+    last = allocations[allocations["time"] == allocations["time"].max()]
+    average = last["average"].to_numpy().reshape(len(names), -1).T
+    return [share_chart(np.asarray(average), solve_optimum(problem).allocation, names)]
+
+
+def _facts(run: StoredRun, agents: int, names: list[str]) -> list[tuple[str, str]]:
+    said = run.scenario
+    unit, channel = said.get("control_unit", {}), said.get("channel", {})
+    facts = [
+        ("Model", str(said.get("model") or "written out in the scenario")),
+        ("Agents", f"{agents:,}"),
+        ("Resources", ", ".join(names)),
+        ("Dynamics", str(said.get("dynamics", ""))),
+        ("Time", shown(said["until"])),
+        ("Seed", str(said.get("seed", ""))),
+        ("Control unit", _spoken(unit)),
+        ("Channel", _spoken(channel)),
+        ("Interventions", str(len(said["interventions"])) if said.get("interventions") else ""),
+    ]
+    return [(name, value) for name, value in facts if value]
+
+
+def _spoken(table: Any) -> str:
+    """Write a table of the scenario in one line."""
+    if not isinstance(table, Mapping):
+        return shown(table)
+    return ", ".join(f"{key.replace('_', ' ')} {_spoken(value)}" for key, value in table.items())
+
+
+def _measures(run: StoredRun) -> Table:
+    names = list(run.measures)
+    rows = [
+        [measure.replace("_", " "), *(shown(run.measures[name][measure]) for name in names)]
+        for measure in next(iter(run.measures.values()), {})
+    ]
+    return Table("All measures of each resource", ["measure", *names], rows)
+
+
+def _provenance(run: StoredRun) -> list[tuple[str, str]]:
+    return [
+        ("Seed", str(run.scenario.get("seed", ""))),
+        ("Digest", run.digest),
+        *((name, version) for name, version in run.versions.items()),
+    ]

@@ -1,0 +1,231 @@
+"""The charts of a run: demand and signals in a window that moves, and how the averages settle."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import altair as alt
+import numpy as np
+import pandas as pd
+
+from aimd_des.plots.selection import looks
+from aimd_des.report.charts import REFERENCE, chosen, data, finished, resource_colour, slid
+from aimd_des.report.page import Chart, Choice, Slider
+
+__all__ = ["demand_charts", "settling_chart", "share_chart", "window_controls"]
+
+# What a page can hold, and an eye can see.
+_MOST_ROWS = 12_000
+_MOST_SIGNALS = 6_000
+_MOST_AGENTS = 2_000
+_POSITIONS = 100
+_PARTS = (1, 2, 5, 10, 20, 50, 100)
+# The window at first: a twentieth of the run, from the middle on.
+_START, _PART = 50, 20
+
+
+def window_controls(until: float) -> list[Slider | Choice]:
+    """Make the controls of the window of time that is shown.
+
+    Parameters
+    ----------
+    until : float
+        The end of the run.
+
+    Returns
+    -------
+    list of Slider or Choice
+        Where it begins, and how long it is.
+    """
+    starts = [f"{until * k / _POSITIONS:,.6g}" for k in range(_POSITIONS + 1)]
+    lengths = [
+        (repr(until / part), "the whole run" if part == 1 else f"{until / part:,.6g}") for part in _PARTS
+    ]
+    return [
+        Slider("window", "From time", starts, _START),
+        Choice("span", "For", lengths, repr(until / _PART)),
+    ]
+
+
+def _window(until: float) -> tuple[list[alt.Parameter], alt.X, str]:
+    """Give the parameters of the window, the axis of time that shows it, and what lies in it."""
+    parameters = [slid("window", str(_START)), chosen("span", repr(until / _PART))]
+    # A window that would reach beyond the end of the run ends there.
+    first = f"min(toNumber(window) * {until / _POSITIONS!r}, {until!r} - toNumber(span))"
+    scale = alt.Scale(
+        domainMin=alt.ExprRef(first),
+        domainMax=alt.ExprRef(f"{first} + toNumber(span)"),
+        nice=False,
+        zero=False,
+    )
+    inside = f"datum.time >= {first} && datum.time <= {first} + toNumber(span)"
+    return parameters, alt.X("time:Q", title="time", scale=scale), inside
+
+
+def _selected(demand: pd.DataFrame, resources: int) -> pd.DataFrame:
+    """Keep as many looks as can be seen."""
+    times = demand["time"].to_numpy()[::resources]
+    kept = looks(times, max(_MOST_ROWS // resources, 50))
+    rows = (kept[:, None] * resources + np.arange(resources)).ravel()
+    return demand.iloc[rows]
+
+
+def demand_charts(
+    demand: pd.DataFrame, signals: pd.DataFrame, capacity: Mapping[str, float], until: float
+) -> list[Chart]:
+    """Show total demand over the capacity, and when signals were sent.
+
+    Parameters
+    ----------
+    demand, signals : DataFrame
+        As `Result` has them.
+    capacity : mapping of str to float
+        At the end, in units of the resources.
+    until : float
+        The end of the run.
+
+    Returns
+    -------
+    list of Chart
+        Both show the same window.
+    """
+    names = list(capacity)
+    shown = _selected(demand, len(names))
+    levels = shown["total"].to_numpy() / shown["resource"].map(capacity).to_numpy(dtype=np.float64)
+    frame = pd.DataFrame({"time": shown["time"], "resource": shown["resource"].astype(str), "level": levels})
+    parameters, time, inside = _window(until)
+    line = (
+        alt.Chart(data(frame))
+        .transform_filter(inside)
+        .mark_line(clip=True, strokeWidth=1.5)
+        .encode(
+            time,
+            alt.Y(
+                "level:Q",
+                title="total demand over the capacity",
+                axis=alt.Axis(format="%"),
+                scale=alt.Scale(zero=False),
+            ),
+            resource_colour(names),
+        )
+    )
+    rule = alt.Chart(data(pd.DataFrame({"one": [1.0]}))).mark_rule(color=REFERENCE, strokeDash=[5, 4])
+    layers = alt.layer(line, rule.encode(alt.Y("one:Q"))).add_params(*parameters)
+    text = (
+        "Total demand of all agents over the capacity at the end of the run, which is the dashed line. "
+        f"{len(frame) // len(names):,} looks are drawn."
+    )
+    charts = [Chart("demand", "Demand against capacity", text, finished(layers))]
+    if len(signals):
+        charts.append(_signals_chart(signals, names, until))
+    return charts
+
+
+def _signals_chart(signals: pd.DataFrame, names: list[str], until: float) -> Chart:
+    """Show signals one by one where there are few, else how many there are in a hundredth of the run."""
+    parameters, time, inside = _window(until)
+    y_axis = alt.Y("resource:N", title=None, sort=names, scale=alt.Scale(domain=names))
+    if len(signals) <= _MOST_SIGNALS:
+        frame = pd.DataFrame({"time": signals["time"], "resource": signals["resource"].astype(str)})
+        marks = (
+            alt.Chart(data(frame)).transform_filter(inside).mark_tick(clip=True, thickness=1.2, opacity=0.7)
+        )
+        chart = marks.encode(time, y_axis, resource_colour(names, legend=False)).add_params(*parameters)
+        text = f"Each stroke is one of the {len(signals):,} signals: one bit, sent to all agents."
+        return Chart("signals", "Signals", text, finished(chart, 40 * len(names)))
+    step = until / 100.0
+    place = np.minimum((signals["time"] / step).astype(int), 99)
+    counts = signals.groupby([place, signals["resource"].astype(str)]).size().rename("signals").reset_index()
+    counts["end"] = step * (counts["time"] + 1)
+    counts["rate"] = counts["signals"] / step
+    counts["time"] = step * counts["time"]
+    line = (
+        alt.Chart(data(counts))
+        .transform_filter(inside)
+        .mark_line(clip=True, interpolate="step-after")
+        .encode(time, alt.Y("rate:Q", title="signals per unit of time"), resource_colour(names, legend=False))
+        .add_params(*parameters)
+    )
+    text = f"{len(signals):,} signals, counted in hundredths of the run. Each is one bit, sent to all agents."
+    return Chart("signals", "Signals", text, finished(line, 160))
+
+
+def settling_chart(demand: pd.DataFrame, capacity: Mapping[str, float], until: float) -> Chart:
+    """Show how the sum of the averages settles.
+
+    Parameters
+    ----------
+    demand : DataFrame
+        As `Result` has it.
+    capacity : mapping of str to float
+        At the end, in units of the resources.
+    until : float
+        The end of the run.
+
+    Returns
+    -------
+    Chart
+        Over all of the run.
+    """
+    names = list(capacity)
+    shown = _selected(demand, len(names))
+    levels = shown["average"].to_numpy() / shown["resource"].map(capacity).to_numpy(dtype=np.float64)
+    frame = pd.DataFrame({"time": shown["time"], "resource": shown["resource"].astype(str), "level": levels})
+    chart = (
+        alt.Chart(data(frame))
+        .mark_line(clip=True)
+        .encode(
+            alt.X("time:Q", title="time", scale=alt.Scale(domain=[0.0, until], nice=False)),
+            alt.Y("level:Q", title="sum of averages over the capacity", axis=alt.Axis(format="%")),
+            resource_colour(names),
+        )
+    )
+    text = "The sum of the long-term averages of all agents, over the capacity at the end of the run."
+    return Chart("averages", "The averages settle", text, finished(chart, 200), wide=False)
+
+
+def share_chart(average: np.ndarray[Any, Any], best: np.ndarray[Any, Any], names: list[str]) -> Chart:
+    """Hold the average of every agent against its optimum.
+
+    Parameters
+    ----------
+    average, best : ndarray, shape (n, m)
+        At the end, and at the optimum, in units of the resources.
+    names : list of str
+        Of the resources.
+
+    Returns
+    -------
+    Chart
+        In multiples of what each would have of equal shares.
+    """
+    n = len(average)
+    kept = np.unique(np.linspace(0, n - 1, min(n, _MOST_AGENTS)).astype(int))
+    equal = best.mean(axis=0)
+    frame = pd.concat(
+        pd.DataFrame(
+            {"best": best[kept, j] / equal[j], "held": average[kept, j] / equal[j], "resource": name}
+        )
+        for j, name in enumerate(names)
+    )
+    ends = pd.DataFrame({"best": [0.0, frame["best"].max()], "held": [0.0, frame["best"].max()]})
+    line = alt.Chart(data(ends)).mark_line(color=REFERENCE, strokeDash=[5, 4], strokeWidth=1.5)
+    line = line.encode(alt.X("best:Q"), alt.Y("held:Q"))
+    points = (
+        alt.Chart(data(frame))
+        .mark_circle(opacity=0.75, size=36)
+        .encode(
+            alt.X("best:Q", title="optimal allocation over the mean of all agents"),
+            alt.Y("held:Q", title="average over the mean"),
+            resource_colour(names),
+            tooltip=[
+                alt.Tooltip("resource:N", title="resource"),
+                alt.Tooltip("best:Q", title="optimum", format=".3f"),
+                alt.Tooltip("held:Q", title="average", format=".3f"),
+            ],
+        )
+    )
+    some = "Every agent" if len(kept) == n else f"{len(kept):,} of the {n:,} agents"
+    text = (
+        f"{some}, for each resource. On the dashed line an agent holds what a central planner would give it."
+    )
+    return Chart("shares", "Who holds what", text, finished(alt.layer(line, points), 320), wide=False)

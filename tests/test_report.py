@@ -1,0 +1,336 @@
+"""A report is one file that needs nothing else, says what the folder says, and lets no text become code."""
+
+import base64
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from aimd_des import InputError
+from aimd_des.cli.folders import load_run
+from aimd_des.report import report_run, report_study, write_page
+from aimd_des.report.page import render
+from aimd_des.report.words import percent, shown, verdict
+from tests.command_line import everything, invoke, refusal, run, write
+from tests.conftest import INLINE
+from tests.reports import HOSTILE, HOSTILE_SCENARIO, MEASURES, Parsed, results_of, study_of, values
+
+pytestmark = pytest.mark.usefixtures("own_folder")
+
+AXES = {"latency": [0.0, 0.5, 2.0], "loss": [0.0, 0.5], "way": ["tree", HOSTILE]}
+
+
+def written(text: str = INLINE, **changes: str) -> Path:
+    """The folder of a run."""
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    write(text)
+    assert run("five.toml", "--overwrite").exit_code == 0
+    return Path("results/five")
+
+
+def page_of(folder: Path) -> Parsed:
+    return Parsed(render(report_run(load_run(folder))))
+
+
+# -- the file ----------------------------------------------------------------------------------------------
+
+
+def test_a_page_needs_nothing_else() -> None:
+    parsed = page_of(written())
+    assert sorted(set(parsed.attributes("href"))) == ["#main", "data:,"]
+    assert parsed.attributes("src") == []
+    assert not {"iframe", "object", "embed", "base", "video"} & {tag for tag, _ in parsed.tags}
+    policy = next(found["content"] for _, found in parsed.tags if found.get("http-equiv"))
+    assert policy is not None
+    assert policy.startswith("default-src 'none'; ")
+    for spec in parsed.charts.values():
+        assert values(spec)
+        assert '"url"' not in json.dumps(spec)
+
+
+def test_the_policy_knows_the_one_script() -> None:
+    text = render(report_run(load_run(written())))
+    parsed = Parsed(text)
+    (script,) = parsed.scripts
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}' 'unsafe-eval';" in text
+
+
+def test_texts_stay_texts() -> None:
+    parsed = page_of(written(HOSTILE_SCENARIO))
+    assert parsed.texts["h1"] == [HOSTILE]
+    assert parsed.texts["title"] == [HOSTILE]
+    assert len(parsed.scripts) == 1
+    assert not {"img", "i"} & {tag for tag, _ in parsed.tags}
+    assert "onerror" not in {name for _, found in parsed.tags for name in found}
+    assert "<i>memory</i>" in {row["resource"] for row in values(parsed.charts["demand"])}
+    assert "onerror=alert(1)" in parsed.texts["pre"][0]
+
+
+def test_texts_of_a_study_stay_texts(tmp_path: Path) -> None:
+    study = study_of(AXES, title=HOSTILE)
+    parsed = Parsed(render(report_study(results_of(study, tmp_path, ("memory", HOSTILE)))))
+    assert parsed.texts["h1"] == [HOSTILE]
+    assert len(parsed.scripts) == 1
+    assert "img" not in {tag for tag, _ in parsed.tags}
+    (labels,) = (p["value"] for p in parsed.charts["map"]["params"] if p["name"] == "labels")
+    assert ["tree", HOSTILE] in labels
+    assert json.dumps(["tree", HOSTILE]) in [
+        json.dumps(json.loads(v)) for v in parsed.attributes("data-values")
+    ]
+
+
+def test_the_document_has_an_order_for_those_who_do_not_see_it() -> None:
+    parsed = page_of(written())
+    tags = [tag for tag, _ in parsed.tags]
+    assert [found for tag, found in parsed.tags if tag == "html"] == [{"lang": "en"}]
+    assert [tag for tag in tags if tag in {"header", "main", "footer"}] == ["header", "main", "footer"]
+    levels = [int(tag[1]) for tag in tags if tag in {"h1", "h2", "h3"}]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert max(np.diff(levels)) <= 1
+    ids = parsed.attributes("id")
+    assert len(set(ids)) == len(ids)
+    named = [*parsed.attributes("aria-labelledby"), *parsed.attributes("for")]
+    assert set(named) <= set(ids)
+    controls = [found["id"] for tag, found in parsed.tags if tag in {"input", "select"}]
+    assert set(controls) <= set(parsed.attributes("for"))
+    assert all(spec["description"] for spec in parsed.charts.values())
+
+
+# -- what it says of a run ---------------------------------------------------------------------------------
+
+
+def test_the_verdict_is_that_of_the_summary() -> None:
+    folder = written()
+    summary = pd.read_csv(folder / "summary.csv", index_col="resource")
+    page = report_run(load_run(folder))
+    worst = (
+        summary["utilisation"][(summary["utilisation"] - 1.0).abs().idxmax()],
+        summary["misallocation"].max(),
+        summary["overshoot_peak"].max(),
+    )
+    assert [found.name for found in page.verdicts] == ["Utilisation", "Misallocation", "Overshoot"]
+    assert [found.number for found in page.verdicts] == [percent(value) for value in worst]
+    (table,) = page.tables
+    assert [row[0] for row in table.rows] == [name.replace("_", " ") for name in summary.columns]
+    assert table.rows[8][1] == f"{summary['utilisation'].iloc[0]:.4g}"
+    stored = json.loads((folder / "run.json").read_text())
+    assert ("Digest", stored["digest"]) in page.provenance
+    assert page.source == (folder / "scenario.toml").read_text()
+
+
+def test_the_charts_of_a_run_hold_its_frames() -> None:
+    folder = written()
+    charts = {chart.id: chart.spec for chart in report_run(load_run(folder)).charts}
+    assert list(charts) == ["demand", "signals", "averages", "shares"]
+    demand = pd.read_parquet(folder / "demand.parquet")
+    capacity = demand["resource"].map({"memory": 3.0, "disk": 2.0}).astype(float)
+    for name, column in (("demand", "total"), ("averages", "average")):
+        rows = pd.DataFrame(values(charts[name]))
+        assert rows["time"].to_numpy() == pytest.approx(demand["time"].to_numpy(), rel=1e-4)
+        assert rows["resource"].tolist() == demand["resource"].tolist()
+        assert rows["level"].to_numpy() == pytest.approx((demand[column] / capacity).to_numpy(), rel=1e-4)
+    signals = pd.read_parquet(folder / "signals.parquet")
+    rows = pd.DataFrame(values(charts["signals"]))
+    assert rows["time"].to_numpy() == pytest.approx(signals["time"].to_numpy(), rel=1e-4)
+    assert len(values(charts["shares"], 1)) == 10
+
+
+def test_long_runs_are_drawn_with_few_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("aimd_des.report.run_charts._MOST_ROWS", 40)
+    monkeypatch.setattr("aimd_des.report.run_charts._MOST_SIGNALS", 5)
+    folder = written()
+    charts = {chart.id: chart.spec for chart in report_run(load_run(folder)).charts}
+    assert len(values(charts["demand"])) == 100  # fifty looks at two resources
+    signals = pd.read_parquet(folder / "signals.parquet")
+    rows = pd.DataFrame(values(charts["signals"]))
+    assert rows["signals"].sum() == len(signals)
+    step = 60 / 100
+    first = signals[signals["time"] < rows["time"].min() + step]
+    assert rows["rate"].iloc[0] == pytest.approx(
+        (first["resource"] == rows["resource"].iloc[0]).sum() / step, rel=1e-4
+    )
+
+
+def test_what_is_not_shown_is_said() -> None:
+    short = report_run(load_run(written(**{"tail = 5": 'demand = "end"\ntail = 0'})))
+    assert [chart.id for chart in short.charts] == ["shares"]
+    assert "recording.demand" in short.notes[0]
+    assert not short.controls
+    step = '[[interventions]]\nkind = "capacity_step"\nresource = "disk"\nat = 20\ncapacity = 1.5\n\n[costs]'
+    changed = report_run(load_run(written(**{"[costs]": step})))
+    assert "shares" not in [chart.id for chart in changed.charts]
+    assert "interventions have changed the problem" in changed.notes[0]
+    folder = written()
+    scenario = folder / "scenario.toml"
+    scenario.write_text('until = 60.0\nmodel = "models.gone"\n')
+    assert "the problem cannot be built here" in report_run(load_run(folder)).notes[0]
+
+
+def test_damaged_frames_are_refused() -> None:
+    folder = written()
+    (folder / "demand.parquet").write_bytes(b"no parquet")
+    with pytest.raises(InputError, match=r"demand.parquet: cannot be read .* run the scenario again"):
+        report_run(load_run(folder))
+
+
+def test_verdicts_name_the_worst_and_the_span_of_the_others() -> None:
+    found = verdict("utilisation", {"a": 0.9, "b": 1.5, "c": 0.95}, "resources")
+    assert found is not None
+    assert found.number == "150 %"
+    assert found.words.endswith("This is the worst of the resources: b. The others: 90 % to 95 %.")
+    assert "run away" in found.words
+    assert verdict("misallocation", {"a": float("nan")}, "resources") is None
+    one = verdict("overshoot_peak", {"a": 0.97}, "resources")
+    assert one is not None
+    assert one.words == "Demand never exceeded the capacity. This is a."
+
+
+def test_numbers_are_written_short() -> None:
+    assert [percent(value) for value in (0.12345, 1.0, 34.8211, float("nan"), float("inf"))] == [
+        "12.3 %",
+        "100 %",
+        "3,480 %",
+        "–",
+        "∞",
+    ]
+    assert [shown(value) for value in (0.123456, 12345.6, 7, True, "x", float("nan"))] == [
+        "0.1235",
+        "12,346",
+        "7",
+        "true",
+        "x",
+        "–",
+    ]
+
+
+# -- what it says of a study -------------------------------------------------------------------------------
+
+
+def test_charts_of_a_study_hold_its_means(tmp_path: Path) -> None:
+    results = results_of(study_of(AXES), tmp_path)
+    page = report_study(results)
+    assert [chart.id for chart in page.charts] == [
+        "line-utilisation",
+        "line-misallocation",
+        "line-overshoot-peak",
+        "map",
+    ]
+    runs = results.runs
+    here = (runs["latency"] == 2.0) & (runs["loss"] == 0.5) & (runs["way"] == "tree")
+    mean = runs[here & (runs["resource"] == "disk")]["misallocation"].mean()
+    rows = pd.DataFrame(values(page.charts[1].spec)).query(
+        "i0 == 2 and i1 == 1 and i2 == 0 and resource == 'disk'"
+    )
+    assert rows["mean"].tolist() == pytest.approx([mean], rel=1e-4)
+    wide = pd.DataFrame(values(page.charts[3].spec)).query("i0 == 2 and i1 == 1 and i2 == 0 and r == 1")
+    assert wide["m1"].tolist() == pytest.approx([mean], rel=1e-4)
+    assert wide["h1"].iloc[0] == pytest.approx(float((rows["high"] - rows["low"]).iloc[0]) / 2.0, rel=1e-3)
+    assert len(values(page.charts[3].spec)) == 3 * 2 * 2 * 2
+    worst = runs.groupby(["latency", "loss", "way", "resource"], observed=True)["overshoot_peak"].mean().max()
+    assert page.verdicts[2].number == percent(worst)
+    assert [control.id for control in page.controls] == [
+        "along",
+        "axis0",
+        "axis1",
+        "axis2",
+        "up",
+        "measure",
+        "of",
+    ]
+    assert len(page.tables[0].rows) == 24
+
+
+def test_axes_that_vary_together_are_one(tmp_path: Path) -> None:
+    study = study_of(
+        {},
+        axes=[
+            {"name": "n", "key": "parameters.n_cameras", "values": [10, 20, 30], "zip": "size"},
+            {"name": "gamma", "key": "parameters.normalization", "values": [0.1, 0.2, 0.3], "zip": "size"},
+            {"name": "fixed", "key": "seed_of", "values": [1]},
+        ],
+    )
+    page = report_study(results_of(study, tmp_path))
+    (line, *_) = page.charts
+    (labels,) = (p["value"] for p in line.spec["params"] if p["name"] == "labels")
+    assert labels == [["10, 0.1", "20, 0.2", "30, 0.3"]]
+    assert not page.controls
+    assert [chart.id for chart in page.charts if chart.id == "map"] == []
+
+
+def test_studies_without_runs_or_axes_have_a_page(tmp_path: Path) -> None:
+    empty = Parsed(render(report_study(results_of(study_of(AXES), tmp_path, done=False))))
+    assert "No run is there yet." in empty.texts["p"]
+    assert not empty.charts
+    single = report_study(results_of(study_of({}), tmp_path))
+    assert not single.charts
+    assert len(single.verdicts) == 3
+
+
+def test_failed_runs_are_listed(tmp_path: Path) -> None:
+    results = results_of(study_of(AXES), tmp_path)
+    (tmp_path / "failed").mkdir()
+    (tmp_path / "failed" / "0-1.json").write_text(json.dumps({"message": HOSTILE, "scenario": ""}))
+    page = report_study(results)
+    assert page.tables[1].rows == [["0", "0", "tree", "1", HOSTILE]]
+    assert ("Runs", "0 of 24, 1 failed, 23 missing") in page.facts
+    assert Parsed(render(page)).texts["th"].count(HOSTILE) > 0
+
+
+def test_a_large_study_is_a_small_file(tmp_path: Path) -> None:
+    axes = {
+        "latency": np.linspace(0, 20, 11).tolist(),
+        "loss": np.linspace(0.0, 0.8, 9).round(2).tolist(),
+        "hold_off": [0.25, 1.0],
+    }
+    study = study_of(axes, replications=20)
+    results = results_of(study, tmp_path, ("memory", "disk", "bandwidth"))
+    assert len(results.runs) == 11 * 9 * 2 * 20 * 3
+    write_page(report_study(results), tmp_path / "study.html")
+    assert (tmp_path / "study.html").stat().st_size < 2_000_000
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["study.html"]
+
+
+# -- the command -------------------------------------------------------------------------------------------
+
+
+def test_report_writes_one_file_beside_the_folder() -> None:
+    written()
+    before = everything()
+    outcome = invoke("report", "results/five")
+    assert outcome.exit_code == 0, outcome.output
+    assert everything() - before == {"results/five.html"}
+    assert outcome.stdout.endswith("five.html\n")
+    assert "already" in refusal("report", "results/five") or "new file" in refusal("report", "results/five")
+    assert invoke("report", "results/five", "--overwrite").exit_code == 0
+    assert invoke("report", "results/five", "--out", "other.html").exit_code == 0
+
+
+def test_report_refuses_what_it_cannot_show(monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = written()
+    Path("empty").mkdir()
+    assert "it has no run.json" in refusal("report", "empty")
+    assert "in a folder that exists" in refusal("report", str(folder), "--out", "no/where.html")
+    assert "it is a folder" in refusal("report", str(folder), "--out", "empty", "--overwrite")
+    monkeypatch.setattr("aimd_des.report.page.find_spec", lambda name: None if name == "altair" else name)
+    sentence = refusal("report", str(folder))
+    assert "a report needs altair, which is not installed; say pip install 'aimd-des[report]'" in sentence
+
+
+def test_a_page_that_cannot_be_written_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    written()
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    assert "No space left on device" in refusal("report", "results/five")
+
+
+def test_the_measures_of_the_helper_are_measures() -> None:
+    assert set(MEASURES) <= set(study_of({}).columns())
