@@ -131,7 +131,7 @@ def fold_overshoot(
 
 
 def relative_error(average: FloatArray, optimum: FloatArray) -> FloatArray:
-    """Compute sum_i |x-bar_i - x*_i| / sum_i x*_i for each resource (the paper, section V).
+    """Compute ``sum_i |x-bar_i - x*_i| / sum_i x*_i`` for each resource (the paper, section V).
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def relative_error(average: FloatArray, optimum: FloatArray) -> FloatArray:
 
 
 def utilisation(average: FloatArray, capacity: FloatArray) -> FloatArray:
-    """Compute sum_i x-bar_i^j / C^j.
+    """Compute ``sum_i x-bar_i^j / C^j``.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def consensus_spread(costs: Costs, average: FloatArray) -> FloatArray:
 
 
 def cost_ratio(costs: Costs, average: FloatArray, optimum: FloatArray) -> float:
-    """Compute sum_i f_i(x-bar_i) / sum_i f_i(x*_i) (the paper, section V).
+    """Compute ``sum_i f_i(x-bar_i) / sum_i f_i(x*_i)`` (the paper, section V).
 
     Parameters
     ----------

@@ -13,6 +13,9 @@ import pytest
 from docutils import nodes
 
 import aimd_des
+import aimd_des.plots
+import aimd_des.scenario
+import aimd_des.study
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -82,6 +85,9 @@ def public_names() -> set[str]:
             names.remove(f"aimd_des.{module}")
             inner = set(thing.__all__) - INTERNAL.get(module, set())
             names |= {f"aimd_des.{module}.{name}" for name in inner}
+    # Imported by their own names, as they bring libraries that not every program needs.
+    for later in (aimd_des.plots, aimd_des.scenario, aimd_des.study):
+        names |= {f"{later.__name__}.{name}" for name in later.__all__ if not hasattr(aimd_des, name)}
     return names
 
 

@@ -1,5 +1,6 @@
 """Everything that a simulation offers, said in a file: the same run as by hand, and refusals by their key."""
 
+import pickle
 import re
 import tomllib
 from collections.abc import Callable
@@ -46,6 +47,15 @@ def load(text: str, **changes: Any) -> Scenario:
     path = Path("scenario.toml")
     path.write_text(text, encoding="utf-8")
     return load_scenario(path, **changes)
+
+
+def test_a_scenario_can_be_sent_to_another_process() -> None:
+    for text in EXAMPLES.values():
+        scenario = load(text)
+        sent = pickle.loads(pickle.dumps(scenario))
+        assert type(sent) is Scenario
+        assert sent == scenario
+        assert sent.to_toml() == scenario.to_toml()
 
 
 # -- what is run -----------------------------------------------------------------------------------------

@@ -309,7 +309,10 @@ def test_measures_and_frames_are_those_of_a_result() -> None:
 # -- how many replications -------------------------------------------------------------------------------
 
 
-def test_replications_are_added_until_a_mean_is_known() -> None:
+@pytest.mark.parametrize(
+    ("succeeds", "reached"), [("never", 5), ("the first", 40), ("every other", 40), ("always", 40)]
+)
+def test_replications_are_added_until_a_mean_is_known(succeeds: str, reached: int) -> None:
     precision = {"measure": "utilisation", "resource": "disk", "half_width": 0.5, "at_most": 40}
     made = study(axes=[LATENCY], replications=5, precision=precision)
     points = expand(made)
@@ -323,10 +326,11 @@ def test_replications_are_added_until_a_mean_is_known() -> None:
             if not flying:
                 break
             run = flying.pop(order % len(flying))
-            # The first point scatters little, the second much, and the third not at all but for failures.
+            # The first point scatters little, the second much, and the third more still, if it does not fail.
             spread = {0: 0.1, 0.5: 1.0, 2: 9.0}[run.point.labels["latency"]]
             value = spread * np.random.default_rng(run.scenario.seed).normal()
-            failed = run.point.labels["latency"] == 2 and run.replication
+            every = {"never": 1000, "the first": 1000, "every other": 2, "always": 1}[succeeds]
+            failed = run.point.labels["latency"] == 2 and (run.replication % every > 0 or succeeds == "never")
             schedule.record(run, () if failed else [("memory", 100 * value), ("disk", value)])
         assert len(schedule) == len(schedule.runs)
         return {
@@ -335,7 +339,8 @@ def test_replications_are_added_until_a_mean_is_known() -> None:
 
     counts = carried_out(0)
     assert counts["0"] == 5 < counts["0.5"] < 40
-    assert counts["2"] == 5
+    # One that has failed is no reason to stop; that all have, is.
+    assert counts["2"] == reached
     # Who is done first makes no difference.
     assert all(carried_out(order) == counts for order in (1, 3))
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import aimd_des
 from aimd_des.errors import InputError
@@ -65,7 +65,7 @@ class Slider:
     values: Sequence[str]
     start: int = 0
     axis: str | None = None
-    kind: str = "slider"
+    kind: ClassVar[str] = "slider"
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Choice:
     label: str
     options: Sequence[tuple[str, str]]
     start: str
-    kind: str = "choice"
+    kind: ClassVar[str] = "choice"
 
 
 @dataclass(frozen=True)

@@ -143,6 +143,10 @@ class Scenario(Table):
                 )
         return self
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Tables with a kind are classes that no module has by name: data are sent in their place.
+        return type(self).model_validate, (self.spoken(),)
+
     def idle(self) -> tuple[str, ...]:
         """Name the keys that have no meaning with these dynamics, or with this problem.
 

@@ -98,10 +98,10 @@ def _wanted(progress: _Progress, precision: Precision) -> int:
     there = wanted = len(progress.runs)
     for resource, found in progress.values.items():
         values = [found[place] for place in sorted(found) if math.isfinite(found[place])]
-        if precision.resource in ("all", resource) and len(values) > 1:
+        if precision.resource in ("all", resource) and values:
             needed = replications_needed(
                 values, precision.half_width, precision.confidence, at_least=2, at_most=precision.at_most
             )
-            # Runs that have failed, or have no such measure, stand for none.
+            # Runs that have failed, or have no such measure, stand for none; where all have, more would, too.
             wanted = max(wanted, needed + there - len(values))
     return min(wanted, max(there, precision.at_most))
