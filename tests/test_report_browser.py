@@ -170,7 +170,7 @@ def test_sliders_and_choices_move_the_charts_of_a_study(
     assert _changes(browser, "line-utilisation", before["line-utilisation"])
     assert _changes(browser, "line-misallocation", before["line-misallocation"])
     # The map runs up that axis itself; another resource is another map.
-    cells = "document.querySelectorAll(`[data-chart=map] .mark-rect path`)"
+    cells = "document.querySelectorAll(`[data-chart=map] .mark-rect.role-mark path`)"
     fills = f"[...{cells}].map(cell => cell.getAttribute('fill')).join()"
     colours = browser.execute_script(f"return {fills}")
     Select(browser.find_element("id", "of")).select_by_visible_text("disk")
