@@ -1,6 +1,7 @@
 """Every example is run: those in docstrings, and the Python blocks of the README and of the pages in docs.
 
-A block ```` ```text output ```` right after a Python block is what that block prints.
+A block ```` ```text output ```` right after a Python block is what that block prints, and one with the
+name of a file, such as ```` ```toml study.toml ````, is saved under that name.
 """
 
 import doctest
@@ -57,10 +58,18 @@ def python_blocks(page: str) -> list[Block]:
     return blocks
 
 
+def files(page: str) -> dict[str, str]:
+    """The blocks of a page that have the name of a file."""
+    found = ((match["language"].split(), match["body"]) for match in BLOCK.finditer(page))
+    return {words[1]: body for words, body in found if len(words) == 2 and "." in words[1]}
+
+
 def run_page(page: str, name: str) -> int:
     """Run the blocks of a page in order, in one fresh namespace; return how many there were."""
     namespace: dict[str, object] = {"__name__": "__page__"}
     blocks = python_blocks(page)
+    for file, text in files(page).items():
+        Path(file).write_text(text, encoding="utf-8")
     for line, source, output in blocks:
         if source.lstrip().startswith(">>>"):
             example = doctest.DocTestParser().get_doctest(source, namespace, name, name, line - 1)
@@ -115,3 +124,10 @@ def test_blocks_share_a_page_and_a_wrong_one_fails() -> None:
         run_page("```python\n>>> 1 + 1\n3\n```\n", "page")
     with pytest.raises(NameError):
         run_page("```python\na\n```\n", "page")
+
+
+def test_blocks_with_the_name_of_a_file_are_saved_and_not_run() -> None:
+    page = "```python\nfrom pathlib import Path\nprint(Path('mine.py').read_text())\n```\n"
+    page += "```text output\nx = y\n```\n```python mine.py\nx = y\n```\n"
+    assert run_page(page, "page") == 1
+    assert Path("mine.py").read_text(encoding="utf-8") == "x = y\n"
