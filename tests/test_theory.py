@@ -509,6 +509,10 @@ def test_loss_forms_by_hand() -> None:
     assert undone == pytest.approx(0.2)
     assert theory.critical_loss([0.5, 4.0], refractory=0.5) == pytest.approx([0.75, 0.0])
     assert theory.critical_loss([0.5, 4.0], "discrete") == pytest.approx([2 / 3, 0.2])
+    # What one formula gives for numbers, the next takes.
+    rate = theory.signal_rate(0.1, 0.7, 0.01, 50.0)
+    assert rate.shape == ()
+    assert theory.critical_loss(rate, refractory=0.5) == theory.critical_loss(float(rate), refractory=0.5)
     assert theory.runaway_multiplier(0.02, 0.5, 0.1, 0.5, refractory=2.0) == pytest.approx(1.6)
     assert theory.runaway_multiplier(0.02, 0.5, 0.1, 0.5, "discrete") == pytest.approx(0.4)
 

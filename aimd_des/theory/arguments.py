@@ -82,6 +82,8 @@ def _clean(name: str, value: npt.ArrayLike) -> FloatArray:
     except ValueError:  # rows of different lengths
         axes = 1
     if axes == 0:
+        if isinstance(value, np.ndarray):  # what another formula gives for a number
+            value = value[()]
         return np.array(checks.number(name, value, **_RANGES[name]))
     return checks.array(name, value, [f"axis {axis}" for axis in range(axes)], **_RANGES[name])
 
