@@ -61,7 +61,8 @@ def python_blocks(page: str) -> list[Block]:
 def files(page: str) -> dict[str, str]:
     """The blocks of a page that have the name of a file."""
     found = ((match["language"].split(), match["body"]) for match in BLOCK.finditer(page))
-    return {words[1]: body for words, body in found if len(words) == 2 and "." in words[1]}
+    languages = {"python", "toml"}
+    return {words[1]: body for words, body in found if len(words) == 2 and words[0] in languages}
 
 
 def run_page(page: str, name: str) -> int:
