@@ -39,6 +39,7 @@ ABOVE_KERNELS = frozenset(
         "progress",
         "report",
         "scenario",
+        "stored",
         "study",
         "theory",
         "watch",

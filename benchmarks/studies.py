@@ -12,6 +12,7 @@ from typing import Any
 
 import tomli_w
 
+from aimd_des.scenario import Scenario
 from aimd_des.study import Study, run_study
 from aimd_des.study.columns import MEASURES
 from aimd_des.study.measure import run_schema, run_table, summary_of
@@ -112,6 +113,7 @@ def _parts(options: argparse.Namespace, folder: Path) -> dict[str, float]:
     points = expand(study)
     runs = _runs(study)
     schema = run_schema(study)
+    jobs = [run.job() for run in runs]
     done = [(run, run.scenario.run()) for run in runs]
     rows = [
         (
@@ -129,6 +131,9 @@ def _parts(options: argparse.Namespace, folder: Path) -> dict[str, float]:
             lambda run: run_of(study, points[0], run.replication), runs, cpu
         ),
         "the scenario as data": _milliseconds(lambda run: run.job(), runs, cpu),
+        "the scenario checked by the worker": _milliseconds(
+            lambda job: Scenario.model_validate(job.scenario), jobs, cpu
+        ),
         "summary without misallocation": _milliseconds(
             lambda one: summary_of(one[0].scenario, one[1], CHEAP), done, cpu
         ),

@@ -52,6 +52,7 @@ ORDER = [
     "scenario",
     "plots",
     "output",
+    "stored",
     "progress",
     "study",
     "report",

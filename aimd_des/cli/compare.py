@@ -33,7 +33,7 @@ def command(first: Path, second: Path, measures: tuple[str, ...]) -> None:
             study = first if is_study(first) else second
             raise Refusal(f"only {study} is the folder of a study; give those of two runs, or of two studies")
         else:
-            from aimd_des.cli.folders import load_run
             from aimd_des.cli.runs import compare_runs
+            from aimd_des.stored import load_run
 
             compare_runs(load_run(first), load_run(second), measures)

@@ -8,7 +8,10 @@ import click
 
 from aimd_des.errors import InputError, SimulationError
 
-__all__ = ["Refusal", "refusing", "writing"]
+__all__ = ["INTERRUPTED", "Refusal", "refusing", "writing"]
+
+#: The exit code where Ctrl-C has ended a command, as shells have it.
+INTERRUPTED = 130
 
 
 class Refusal(click.ClickException):

@@ -41,7 +41,7 @@ def command(folder: Path, out: Path | None, overwrite: bool) -> None:
 
             page = report_study(load_study(folder))
         else:
-            from aimd_des.cli.folders import load_run
+            from aimd_des.stored import load_run
 
             page = report_run(load_run(folder))
     with writing(path):

@@ -45,12 +45,12 @@ def command(
     each resource), signals.parquet, demand.parquet and allocations.parquet (tidy frames), figures
     as PNG, and run.json (digest, seed, versions).  The same scenario and seed give the same digest.
     """
-    from aimd_des.cli.folders import load_run
     from aimd_des.cli.runs import print_measures
     from aimd_des.optimum import solve_optimum
     from aimd_des.output import check_folder, write_run
     from aimd_des.progress import RunProgress
     from aimd_des.scenario import load_scenario
+    from aimd_des.stored import load_run
 
     folder = Path("results") / scenario.stem if out is None else out
     with refusing():

@@ -6,9 +6,9 @@ from difflib import get_close_matches
 import click
 
 from aimd_des.cli.differences import HEADS, differences, print_differences
-from aimd_des.cli.folders import StoredRun
 from aimd_des.cli.tables import print_pairs, print_table
 from aimd_des.errors import InputError
+from aimd_des.stored import StoredRun
 
 __all__ = ["compare_runs", "print_measures", "show_run"]
 

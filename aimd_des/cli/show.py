@@ -33,7 +33,7 @@ def command(folder: Path, measures: tuple[str, ...], axes: tuple[str, ...]) -> N
             return
         if axes:
             raise Refusal(f"--by: has a meaning for the folder of a study only, and {folder} is none")
-        from aimd_des.cli.folders import load_run
         from aimd_des.cli.runs import show_run
+        from aimd_des.stored import load_run
 
         show_run(load_run(folder), measures)

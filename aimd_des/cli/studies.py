@@ -109,10 +109,7 @@ def _chosen_axes(study: "Study", by: Sequence[str]) -> list[str]:
 
 
 def _about(results: "StudyResults") -> list[tuple[str, Any]]:
-    from aimd_des.study.store import Store
-
     study = results.study
-    manifest = Store(results.folder).manifest() or {}
     axes = {axis.name: [value for value, _ in axis.settings()] for axis in study.axes}
     failed, missing = len(results.failed), len(results.missing)
     counts = [f"{len(results.plan) - failed - missing:,} of {len(results.plan):,} are there"]
@@ -123,7 +120,7 @@ def _about(results: "StudyResults") -> list[tuple[str, Any]]:
         *((f"axis {name}", values) for name, values in axes.items()),
         ("runs", ", ".join(counts)),
         ("seed", f"{study.seed}; seeds are {seeds}"),
-        ("versions", manifest.get("versions", {})),
+        ("versions", results.versions),
     ]
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from aimd_des.cli.refusals import refusing
+from aimd_des.cli.refusals import INTERRUPTED, refusing
 from aimd_des.cli.settings import changes, set_option
 
 if TYPE_CHECKING:
@@ -27,8 +27,6 @@ Examples:
 The same command goes on where an earlier one was stopped.  What a study file may
 say, and how to read the folder, is described in docs/studies.md of the project.
 """
-
-_INTERRUPTED = 130
 
 
 @click.command("sweep", epilog=_EPILOG)
@@ -103,7 +101,7 @@ def command(
             )
     except KeyboardInterrupt:
         click.echo(f"Stopped. To go on: {again}", err=True)
-        raise SystemExit(_INTERRUPTED) from None
+        raise SystemExit(INTERRUPTED) from None
     except OSError as failure:
         kept = f"what is written is kept; to go on: {again}"
         raise click.ClickException(f"{folder}: cannot be written ({failure.strerror}); {kept}") from None

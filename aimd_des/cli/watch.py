@@ -5,16 +5,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from aimd_des.cli.refusals import refusing
-from aimd_des.cli.settings import changes
+from aimd_des.cli.refusals import INTERRUPTED, refusing
+from aimd_des.cli.settings import changes, set_option
 
 if TYPE_CHECKING:
     from aimd_des.scenario import Scenario
     from aimd_des.watch import View
 
 __all__ = ["command"]
-
-_INTERRUPTED = 130
 
 _EPILOG = """\b
 Examples:
@@ -32,13 +30,7 @@ Examples:
 )
 @click.option("--until", type=float, help="Replaces the end of the run in the file.")
 @click.option("--seed", type=int, help="Replaces the seed of the file; decides everything random.")
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="Replaces a value of the file, by its dotted key, such as channel.loss=0.1; may be repeated.",
-)
+@set_option("channel.loss=0.1")
 def command(
     scenario: Path, speed: float | None, until: float | None, seed: int | None, settings: tuple[str, ...]
 ) -> None:
@@ -69,7 +61,7 @@ def _watch(scenario: "Scenario", speed: float | None) -> None:
             view.end(last_look(result))
     except KeyboardInterrupt:
         click.echo(f"Stopped at time {looker.reached:,.6g} of {scenario.until:,.6g}.", err=True)
-        raise SystemExit(_INTERRUPTED) from None
+        raise SystemExit(INTERRUPTED) from None
     click.echo(f"digest {result.digest}")
 
 

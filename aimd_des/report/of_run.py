@@ -2,45 +2,22 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from aimd_des.errors import InputError
 from aimd_des.optimum import solve_optimum
-from aimd_des.report.page import Chart, Page, Table
+from aimd_des.report.page import Chart, Choice, Page, Slider, Table
 from aimd_des.report.words import MEASURES, shown, verdict
 from aimd_des.scenario import load_scenario
+from aimd_des.stored import StoredRun
 
-__all__ = ["StoredRun", "report_run"]
+__all__ = ["report_run"]
 
 _FRAMES = ("demand", "signals", "allocations")
 _MOST_AGENTS = 20_000
-
-
-class StoredRun(Protocol):
-    """The folder of a run, read back."""
-
-    @property
-    def folder(self) -> Path:
-        """Where it is."""
-
-    @property
-    def scenario(self) -> Mapping[str, Any]:
-        """What was run, every value spelled out."""
-
-    @property
-    def digest(self) -> str:
-        """Of the result."""
-
-    @property
-    def versions(self) -> Mapping[str, str]:
-        """Of this program, Python and the libraries."""
-
-    @property
-    def measures(self) -> Mapping[str, Mapping[str, float]]:
-        """For each resource, each measure by its name."""
 
 
 def report_run(run: StoredRun) -> Page:
@@ -49,7 +26,7 @@ def report_run(run: StoredRun) -> Page:
     Parameters
     ----------
     run : StoredRun
-        The folder that ``aimd-des run`` wrote.
+        The folder that ``aimd-des run`` wrote, as `aimd_des.stored.load_run` reads it.
 
     Returns
     -------
@@ -61,7 +38,7 @@ def report_run(run: StoredRun) -> Page:
     InputError
         If a file is missing or damaged.
     """
-    from aimd_des.report.run_charts import demand_charts, settling_chart, window_controls
+    from aimd_des.report.run_charts import demand_charts, over_capacity, settling_chart, window_controls
 
     demand, signals, allocations = (_read(run.folder / f"{name}.parquet") for name in _FRAMES)
     until, names = float(run.scenario["until"]), list(run.measures)
@@ -70,9 +47,12 @@ def report_run(run: StoredRun) -> Page:
     capacity = {name: float(last[name]) / run.measures[name]["utilisation"] for name in names}
     notes: list[str] = []
     charts: list[Chart] = []
+    controls: list[Slider | Choice] = []
     if len(demand) > len(names):
-        charts += demand_charts(demand, signals, capacity, until)
-        charts.append(settling_chart(demand, capacity, until))
+        shown_demand = over_capacity(demand, capacity)
+        charts += demand_charts(shown_demand, signals, names, until)
+        charts.append(settling_chart(shown_demand, names, until))
+        controls = window_controls(until)
     else:
         notes.append("Total demand over time: the scenario records it at the end only (recording.demand).")
     charts += _shares(run, allocations, names, notes)
@@ -85,13 +65,13 @@ def report_run(run: StoredRun) -> Page:
         title=str(run.scenario.get("title") or "") or f"Run in {run.folder.name}",
         facts=_facts(run, len(allocations["camera"].unique()), names),
         verdicts=[found for found in verdicts if found is not None],
-        controls=window_controls(until) if len(demand) > len(names) else [],
+        controls=controls,
         charts=charts,
         hint="The stretch of time that demand and signals are shown for.",
         notes=notes,
         tables=[_measures(run)],
         provenance=_provenance(run),
-        source=_text(run.folder / "scenario.toml"),
+        source=(run.folder / "scenario.toml").read_text(encoding="utf-8"),
     )
 
 
@@ -100,10 +80,6 @@ def _read(path: Path) -> pd.DataFrame:
         return pd.read_parquet(path)
     except (OSError, ValueError) as damage:
         raise InputError(f"{path}: cannot be read ({damage}); run the scenario again") from None
-
-
-def _text(path: Path) -> str:
-    return path.read_text(encoding="utf-8")
 
 
 def _shares(run: StoredRun, allocations: pd.DataFrame, names: list[str], notes: list[str]) -> list[Chart]:

@@ -10,7 +10,6 @@ import tomli_w
 from aimd_des.report.page import Chart, Choice, Page, Slider, Table, Verdict
 from aimd_des.report.words import MEASURES, shown, verdict
 from aimd_des.study import StudyResults, summarise
-from aimd_des.study.store import Store
 
 __all__ = ["report_study"]
 
@@ -187,6 +186,4 @@ def _facts(results: StudyResults) -> list[tuple[str, str]]:
 
 
 def _provenance(results: StudyResults) -> list[tuple[str, str]]:
-    manifest = Store(results.folder).manifest() or {}
-    versions = manifest.get("versions", {})
-    return [("Seed", str(results.study.seed)), *((name, str(version)) for name, version in versions.items())]
+    return [("Seed", str(results.study.seed)), *results.versions.items()]

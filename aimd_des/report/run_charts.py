@@ -11,7 +11,7 @@ from aimd_des.plots.selection import looks
 from aimd_des.report.charts import REFERENCE, chosen, data, finished, resource_colour, slid
 from aimd_des.report.page import Chart, Choice, Slider
 
-__all__ = ["demand_charts", "settling_chart", "share_chart", "window_controls"]
+__all__ = ["demand_charts", "over_capacity", "settling_chart", "share_chart", "window_controls"]
 
 # What a page can hold, and an eye can see.
 _MOST_ROWS = 12_000
@@ -61,25 +61,40 @@ def _window(until: float) -> tuple[list[alt.Parameter], alt.X, str]:
     return parameters, alt.X("time:Q", title="time", scale=scale), inside
 
 
-def _selected(demand: pd.DataFrame, resources: int) -> pd.DataFrame:
-    """Keep as many looks as can be seen."""
-    times = demand["time"].to_numpy()[::resources]
-    kept = looks(times, max(_MOST_ROWS // resources, 50))
-    rows = (kept[:, None] * resources + np.arange(resources)).ravel()
-    return demand.iloc[rows]
+def over_capacity(demand: pd.DataFrame, capacity: Mapping[str, float]) -> pd.DataFrame:
+    """Measure totals and averages in capacities, at as many looks as can be seen.
+
+    Parameters
+    ----------
+    demand : DataFrame
+        As `Result` has it.
+    capacity : mapping of str to float
+        At the end, in units of the resources.
+
+    Returns
+    -------
+    DataFrame
+        Columns time, resource, total, average.
+    """
+    resources = len(capacity)
+    kept = looks(demand["time"].to_numpy()[::resources], max(_MOST_ROWS // resources, 50))
+    rows = demand.iloc[(kept[:, None] * resources + np.arange(resources)).ravel()]
+    own = rows["resource"].map(capacity).to_numpy(dtype=np.float64)
+    shares = {name: rows[name].to_numpy() / own for name in ("total", "average")}
+    return pd.DataFrame({"time": rows["time"], "resource": rows["resource"].astype(str), **shares})
 
 
-def demand_charts(
-    demand: pd.DataFrame, signals: pd.DataFrame, capacity: Mapping[str, float], until: float
-) -> list[Chart]:
+def demand_charts(demand: pd.DataFrame, signals: pd.DataFrame, names: list[str], until: float) -> list[Chart]:
     """Show total demand over the capacity, and when signals were sent.
 
     Parameters
     ----------
-    demand, signals : DataFrame
+    demand : DataFrame
+        As `over_capacity` makes it.
+    signals : DataFrame
         As `Result` has them.
-    capacity : mapping of str to float
-        At the end, in units of the resources.
+    names : list of str
+        Of the resources.
     until : float
         The end of the run.
 
@@ -88,13 +103,9 @@ def demand_charts(
     list of Chart
         Both show the same window.
     """
-    names = list(capacity)
-    shown = _selected(demand, len(names))
-    levels = shown["total"].to_numpy() / shown["resource"].map(capacity).to_numpy(dtype=np.float64)
-    frame = pd.DataFrame({"time": shown["time"], "resource": shown["resource"].astype(str), "level": levels})
     parameters, time, inside = _window(until)
     line = (
-        alt.Chart(data(frame))
+        alt.Chart(data(demand[["time", "resource"]].assign(level=demand["total"])))
         .transform_filter(inside)
         .mark_line(clip=True, strokeWidth=1.5)
         .encode(
@@ -112,7 +123,7 @@ def demand_charts(
     layers = alt.layer(line, rule.encode(alt.Y("one:Q"))).add_params(*parameters)
     text = (
         "Total demand of all agents over the capacity at the end of the run, which is the dashed line. "
-        f"{len(frame) // len(names):,} looks are drawn."
+        f"{len(demand) // len(names):,} looks are drawn."
     )
     charts = [Chart("demand", "Demand against capacity", text, finished(layers))]
     if len(signals):
@@ -149,15 +160,15 @@ def _signals_chart(signals: pd.DataFrame, names: list[str], until: float) -> Cha
     return Chart("signals", "Signals", text, finished(line, 160))
 
 
-def settling_chart(demand: pd.DataFrame, capacity: Mapping[str, float], until: float) -> Chart:
+def settling_chart(demand: pd.DataFrame, names: list[str], until: float) -> Chart:
     """Show how the sum of the averages settles.
 
     Parameters
     ----------
     demand : DataFrame
-        As `Result` has it.
-    capacity : mapping of str to float
-        At the end, in units of the resources.
+        As `over_capacity` makes it.
+    names : list of str
+        Of the resources.
     until : float
         The end of the run.
 
@@ -166,12 +177,8 @@ def settling_chart(demand: pd.DataFrame, capacity: Mapping[str, float], until: f
     Chart
         Over all of the run.
     """
-    names = list(capacity)
-    shown = _selected(demand, len(names))
-    levels = shown["average"].to_numpy() / shown["resource"].map(capacity).to_numpy(dtype=np.float64)
-    frame = pd.DataFrame({"time": shown["time"], "resource": shown["resource"].astype(str), "level": levels})
     chart = (
-        alt.Chart(data(frame))
+        alt.Chart(data(demand[["time", "resource"]].assign(level=demand["average"])))
         .mark_line(clip=True)
         .encode(
             alt.X("time:Q", title="time", scale=alt.Scale(domain=[0.0, until], nice=False)),

@@ -87,6 +87,11 @@ class StudyResults:
             frame[name] = pd.Categorical(frame[name], categories=frame[name].unique())
         return frame
 
+    @property
+    def versions(self) -> dict[str, str]:
+        """Of this program, Python and the libraries that made the study."""
+        return dict((self._store.manifest() or {}).get("versions", {}))
+
     @cached_property
     def runs(self) -> pd.DataFrame:
         """The measures: a row for each run and resource, in the order of the plan.
