@@ -4,9 +4,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from aimd_des import averaging, compensation, interventions, theory
+    from aimd_des import averaging, compensation, interventions, latency, loss, theory, topology
     from aimd_des.agents import Camera, Fleet
-    from aimd_des.channel import BroadcastChannel, latency, loss, topology
+    from aimd_des.channel import BroadcastChannel
     from aimd_des.clock import Clocks
     from aimd_des.control_unit import Crossing, Sampled
     from aimd_des.costs import CoupledCosts, CustomCosts, PolynomialCosts
@@ -54,15 +54,8 @@ _HOME = {
     "run_study": "study",
     "solve_optimum": "optimum",
 }
-_MODULES = {
-    "averaging": "aimd_des.averaging",
-    "compensation": "aimd_des.compensation",
-    "interventions": "aimd_des.interventions",
-    "latency": "aimd_des.channel.latency",
-    "loss": "aimd_des.channel.loss",
-    "theory": "aimd_des.theory",
-    "topology": "aimd_des.channel.topology",
-}
+# Modules that are public as a whole.
+_MODULES = {"averaging", "compensation", "interventions", "latency", "loss", "theory", "topology"}
 
 __all__ = [
     "RESULT_VERSION",
@@ -106,9 +99,9 @@ def __getattr__(name: str) -> Any:
     if name in _HOME:
         return getattr(import_module(f"aimd_des.{_HOME[name]}"), name)
     if name in _MODULES:
-        return import_module(_MODULES[name])
+        return import_module(f"aimd_des.{name}")
     raise AttributeError(f"module 'aimd_des' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__])
+    return sorted(__all__)

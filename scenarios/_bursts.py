@@ -12,10 +12,10 @@ import numpy.typing as npt
 from aimd_des import topology
 from aimd_des.agents import Fleet
 from aimd_des.channel import BroadcastChannel, Channel
-from aimd_des.channel.loss import Bernoulli, CommonMode, GilbertElliott
 from aimd_des.checks import FloatArray
 from aimd_des.control_unit import Crossing
 from aimd_des.interventions import CapacityStep
+from aimd_des.loss import Bernoulli, CommonMode, GilbertElliott
 from aimd_des.optimum import solve_optimum
 from aimd_des.problem import Problem
 from aimd_des.recording import Recording

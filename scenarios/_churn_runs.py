@@ -10,10 +10,10 @@ from aimd_des import streams
 from aimd_des.agents import Fleet
 from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
 from aimd_des.channel import BroadcastChannel
-from aimd_des.channel.latency import Constant
 from aimd_des.checks import FloatArray
 from aimd_des.control_unit import Crossing
 from aimd_des.interventions import Absence, Crash, Intervention, Join
+from aimd_des.latency import Constant
 from aimd_des.recording import Recording
 from aimd_des.results import Result
 from aimd_des.simulation import Simulation

@@ -12,12 +12,12 @@ from aimd_des import theory
 from aimd_des.agents import Fleet
 from aimd_des.averaging import Cumulative, Forgetting
 from aimd_des.channel import BroadcastChannel
-from aimd_des.channel.latency import Exponential
-from aimd_des.channel.loss import Bernoulli
 from aimd_des.checks import FloatArray
 from aimd_des.control_unit import Crossing
 from aimd_des.environment import Kind
 from aimd_des.interventions import CapacityProfile, Join, leave
+from aimd_des.latency import Exponential
+from aimd_des.loss import Bernoulli
 from aimd_des.optimum import solve_optimum
 from aimd_des.problem import Problem
 from aimd_des.recording import Recording

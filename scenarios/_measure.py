@@ -13,12 +13,12 @@ import pandas as pd
 from aimd_des import metrics
 from aimd_des.agents import Fleet
 from aimd_des.channel import BroadcastChannel
-from aimd_des.channel.latency import Constant
-from aimd_des.channel.loss import Bernoulli
 from aimd_des.checks import FloatArray
 from aimd_des.clock import Clocks
 from aimd_des.control_unit import Crossing, Sampled
 from aimd_des.discrete import run_discrete
+from aimd_des.latency import Constant
+from aimd_des.loss import Bernoulli
 from aimd_des.optimum import solve_optimum
 from aimd_des.problem import Problem
 from aimd_des.recording import Recording

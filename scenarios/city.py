@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 from aimd_des import metrics
 from aimd_des.agents import Fleet
 from aimd_des.channel import BroadcastChannel
-from aimd_des.channel.latency import Exponential
 from aimd_des.checks import FloatArray
 from aimd_des.control_unit import Crossing
+from aimd_des.latency import Exponential
 from aimd_des.optimum import solve_optimum
 from aimd_des.plots import colour, shared_legend
 from aimd_des.plots.style import REFERENCE, frame, number_axis

@@ -10,8 +10,8 @@ import pytest
 
 from aimd_des import InputError, Problem, Result
 from aimd_des.channel import BroadcastChannel
-from aimd_des.channel.latency import Constant
-from aimd_des.channel.loss import Bernoulli
+from aimd_des.latency import Constant
+from aimd_des.loss import Bernoulli
 from aimd_des.simulation import Simulation
 from aimd_des.streams import Purpose
 from models import smart_cameras

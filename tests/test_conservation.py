@@ -29,8 +29,6 @@ from aimd_des import (
     latency,
     loss,
 )
-from aimd_des.channel.latency import Latency
-from aimd_des.channel.loss import Loss
 from aimd_des.environment import Kind
 from aimd_des.interventions import (
     Absence,
@@ -43,6 +41,8 @@ from aimd_des.interventions import (
     Partition,
     UnusualActivity,
 )
+from aimd_des.latency import Latency
+from aimd_des.loss import Loss
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
 from tests.conftest import python, quietly, random_problem

@@ -19,7 +19,9 @@ from scipy import stats
 
 from aimd_des import InputError, streams
 from aimd_des.channel import BroadcastChannel, Draws
-from aimd_des.channel.latency import (
+from aimd_des.channel.latency.rows import quantile_row
+from aimd_des.checks import FloatArray
+from aimd_des.latency import (
     Constant,
     Empirical,
     Exponential,
@@ -29,8 +31,6 @@ from aimd_des.channel.latency import (
     ShiftedGamma,
     Uniform,
 )
-from aimd_des.channel.latency.rows import quantile_row
-from aimd_des.checks import FloatArray
 from aimd_des.streams import Purpose
 
 SEED, SIZE = 31, 200_000

@@ -17,8 +17,8 @@ from scipy import stats
 
 from aimd_des import InputError, SimulationError, streams
 from aimd_des.channel import BroadcastChannel, Draws
-from aimd_des.channel.loss import Bernoulli, Combined, CommonMode, GilbertElliott, Loss, Trace
 from aimd_des.checks import FloatArray
+from aimd_des.loss import Bernoulli, Combined, CommonMode, GilbertElliott, Loss, Trace
 from aimd_des.streams import Purpose
 
 SEED, LINKS = 47, 2000
