@@ -1,18 +1,19 @@
 """Columns of a CSV file with what was measured on a real network."""
 
-import warnings
+import csv
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TypeVar
-
-import pandas as pd
 
 from aimd_des.errors import InputError
 
 __all__ = ["read_columns"]
 
 _Cell = TypeVar("_Cell")
+
+# What stands for a truth value; a number says what it is by itself.
+_TRUTHS = {"true", "false"}
 
 
 def read_columns(
@@ -39,42 +40,70 @@ def read_columns(
     Raises
     ------
     InputError
-        If the file cannot be read or has no rows, a column is missing (naming the nearest one), or
-        a cell is refused (naming its row, counted from 1 below the names).
+        If the file cannot be read or has no rows, its first line holds values in place of names, a
+        column is missing (naming the nearest one) or stands there twice, or a cell is refused
+        (naming its row, counted from 1 below the names).
     """
-    table = _table(path)
-    known = [str(name) for name in table.columns]
-    if table.empty:
-        raise InputError(f"{path}: has no rows below the names of its columns")
+    known, rows = _rows(path)
+    _refuse_values(path, known, parse)
     values = []
     for column in known if columns is None else columns:
-        if column not in known:
+        if known.count(column) != 1:
             near = get_close_matches(str(column), known, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else ""
-            raise InputError.of(f"{path}: column", column, f"one of {', '.join(known)}", hint)
-        values.append(_parsed(f"{path}: column {column!r}", table[column].tolist(), parse, allowed))
+            hint = f"did you mean {near[0]!r}?" if near and column not in known else ""
+            many = ", which stands there more than once" if column in known else ""
+            raise InputError.of(f"{path}: column", column, f"one of {', '.join(known)}{many}", hint)
+        cells = [row[known.index(column)] for row in rows]
+        values.append(_parsed(f"{path}: column {column!r}", cells, parse, allowed))
     return values
 
 
-def _table(path: str | Path) -> pd.DataFrame:
-    """Read all cells as text: what pandas would take for a missing value is shown as it stands."""
+def _rows(path: str | Path) -> tuple[list[str], list[list[str]]]:
+    """Read the names of the columns and the rows below them, all as text."""
     try:
-        with warnings.catch_warnings():
-            # A row with more cells than there are names is an error, not a warning.
-            warnings.simplefilter("error", pd.errors.ParserWarning)
-            table = pd.read_csv(
-                Path(path),  # and not an address on the net, which pandas would follow
-                dtype=str,
-                keep_default_na=False,
-                index_col=False,
-                skipinitialspace=True,
-                encoding="utf-8-sig",
-            )
+        # The mark that some programs put before UTF-8 is no part of the first name.
+        with Path(path).open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file, skipinitialspace=True, strict=True)
+            rows = list(reader)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file") from None
-    except (OSError, ValueError, pd.errors.ParserWarning) as error:  # ParserError is a ValueError
-        raise InputError(f"{path}: cannot be read as CSV ({str(error).strip()})") from None
-    return table.fillna("")  # cells that are not there at all, at the end of a short row
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read as CSV ({error})") from None
+    # Empty lines are no rows, but in a column on its own one between others is a cell that is missing.
+    lines = [number for number, row in enumerate(rows) if any(row) or len(row) > 1]
+    if len(lines) < 2:
+        raise InputError(f"{path}: has no rows below the names of its columns")
+    names = rows[lines[0]]
+    kept = range(lines[0], lines[-1] + 1) if len(names) == 1 else lines
+    below = [rows[number] for number in kept[1:]]
+    for number, row in enumerate(below, start=1):
+        if len(row) > len(names):
+            allowed = f"at most {len(names)} cells, as there are names of columns"
+            raise InputError.of(f"{path}: length of row {number}", len(row), allowed)
+    # Cells that are not there at all, at the end of a short row, are empty ones.
+    return names, [row + [""] * (len(names) - len(row)) for row in below]
+
+
+def _holds(parse: Callable[[str], object], cell: str) -> bool:
+    """Say whether a cell is one that a column may hold."""
+    try:
+        parse(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _refuse_values(path: str | Path, names: list[str], parse: Callable[[str], object]) -> None:
+    """Refuse a first line of values: taken for names, it would be a row that is silently missing."""
+    if all(name.lower() in _TRUTHS or _holds(float, name) for name in names) and all(
+        _holds(parse, name) for name in names
+    ):
+        raise InputError.of(
+            f"{path}: first line",
+            ",".join(names),
+            "the names of the columns, and these are values",
+            "put a line with names above it, which are no values themselves",
+        )
 
 
 def _parsed(place: str, cells: list[str], parse: Callable[[str], _Cell], allowed: str) -> list[_Cell]:
