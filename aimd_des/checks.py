@@ -1,18 +1,39 @@
 """Checks at the door: each returns the clean value or raises an `InputError` that names the field."""
 
 import math
-from collections.abc import Sequence
+import os
+from collections.abc import Iterable, Mapping, Sequence, Set
 from numbers import Integral, Real
-from typing import TypedDict
+from pathlib import Path
+from typing import TypedDict, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from aimd_des.errors import InputError
 
-__all__ = ["FloatArray", "array", "fits", "integer", "number", "per_agent"]
+__all__ = [
+    "FloatArray",
+    "array",
+    "axes",
+    "choice",
+    "elements",
+    "fits",
+    "flag",
+    "instance",
+    "instances",
+    "integer",
+    "number",
+    "path",
+    "per_agent",
+]
 
 FloatArray = npt.NDArray[np.float64]
+
+_Value = TypeVar("_Value")
+
+# They count as integers for Python and for NumPy, and mean something else.
+_NO_NUMBERS = (bool, np.bool_, np.timedelta64)
 
 
 class _Bounds(TypedDict):
@@ -38,6 +59,40 @@ def _outside(
     below = values <= low if low_open else values < low
     above = values >= high if high_open else values > high
     return ~np.isfinite(values) | below | above
+
+
+def _scalar(value: object) -> object:
+    """Take the number out of an array without axes, as NumPy's functions often return one."""
+    return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
+
+
+def _laid_out(value: object) -> bool:
+    """Say whether NumPy may look into a value: not into a graph, whose nodes it would take for numbers."""
+    if isinstance(value, str | bytes | type):
+        return False
+    return isinstance(value, Sequence) or hasattr(value, "__array__")
+
+
+def axes(value: object) -> int:
+    """Count the axes along which NumPy lays out a value.
+
+    Parameters
+    ----------
+    value : object
+        What was given.
+
+    Returns
+    -------
+    int
+        0 of numbers, strings and all that is no array, list, tuple, range, series or the like; 1 of rows of
+        different lengths, which no array can hold.
+    """
+    if not _laid_out(value):
+        return 0
+    try:
+        return np.ndim(value)  # type: ignore[arg-type]  # that is what is asked
+    except ValueError:
+        return 1
 
 
 def number(
@@ -74,7 +129,8 @@ def number(
         If it is no real number, not finite, or outside the range.
     """
     allowed = _interval(low, high, low_open, high_open)
-    if isinstance(value, bool | np.bool_) or not isinstance(value, Real):
+    value = _scalar(value)
+    if isinstance(value, _NO_NUMBERS) or not isinstance(value, Real):
         raise InputError.of(field, value, allowed, remedy)
     try:
         clean = float(value)
@@ -116,7 +172,8 @@ def integer(
         allowed += f" of at least {low}"
     if high is not None:
         allowed += f"{' and' if low is not None else ''} at most {high}"
-    if isinstance(value, bool | np.bool_) or not isinstance(value, Integral):
+    value = _scalar(value)
+    if isinstance(value, _NO_NUMBERS) or not isinstance(value, Integral):
         raise InputError.of(field, value, allowed, remedy)
     clean = int(value)
     if (low is not None and clean < low) or (high is not None and clean > high):
@@ -162,8 +219,8 @@ def array(
     """
     wanted = f"({', '.join(str(length) for length in shape)}{',' if len(shape) == 1 else ''})"
     try:
-        raw = np.asarray(value)
-        if raw.dtype.kind not in "iuf":
+        raw = np.asarray(value) if _laid_out(value) or isinstance(value, Real) else None
+        if raw is None or raw.dtype.kind not in "iuf":
             raise TypeError
         clean = np.array(raw, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -199,7 +256,7 @@ def per_agent(
     field : str
         The name under which the user gave the value.
     value : object
-        A number, or an array, list or tuple of numbers.
+        A number, or anything that NumPy turns into an array of numbers.
     low, high, low_open, high_open
         The range of each value.
     remedy : str
@@ -216,9 +273,181 @@ def per_agent(
         As `number` and `array` do.
     """
     bounds: _Bounds = {"low": low, "high": high, "low_open": low_open, "high_open": high_open}
-    if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0):
-        return array(field, value, ("n_agents",), **bounds, remedy=remedy)
+    if axes(value):
+        clean = array(field, value, ("n_agents",), **bounds, remedy=remedy)
+        if not len(clean):
+            raise InputError.of(f"shape of {field}", clean.shape, "(n_agents,), one for each agent")
+        return clean
     return number(field, value, **bounds, remedy=remedy)
+
+
+def choice(field: str, value: object, words: Sequence[str]) -> str:
+    """Return `value` if it is one of some words, or refuse it by name.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+    words : sequence of str
+        What is allowed.
+
+    Returns
+    -------
+    str
+        The word.
+
+    Raises
+    ------
+    InputError
+        If it is none of them.
+    """
+    if not isinstance(value, str) or value not in words:
+        raise InputError.of(field, value, " or ".join(map(repr, words)))
+    return value
+
+
+def flag(field: str, value: object) -> bool:
+    """Return `value` as a bool, or refuse it by name: "no" and 0.0 are no answers.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+
+    Returns
+    -------
+    bool
+        Of Python.
+
+    Raises
+    ------
+    InputError
+        If it is neither True nor False.
+    """
+    value = _scalar(value)
+    if not isinstance(value, bool | np.bool_):
+        raise InputError.of(field, value, "True or False")
+    return bool(value)
+
+
+def path(field: str, value: object) -> Path:
+    """Return `value` as a path, or refuse it by name.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+
+    Returns
+    -------
+    Path
+        Whether or not there is anything.
+
+    Raises
+    ------
+    InputError
+        If it is neither a string nor a path.
+    """
+    if not isinstance(value, str | os.PathLike):
+        raise InputError.of(field, value, "the name of a file or folder, a string or a Path")
+    return Path(value)
+
+
+def instance(field: str, value: _Value, kind: type, allowed: str, remedy: str = "") -> _Value:
+    """Return `value` if it is an object of a kind, or refuse it by name.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+    kind : type
+        A class, or a protocol that can be checked.
+    allowed : str
+        What is allowed, to be read after "must be".
+    remedy : str
+        What to do about it.
+
+    Returns
+    -------
+    object
+        The same.
+
+    Raises
+    ------
+    InputError
+        If it is another kind of thing, or a class: that has the methods, but it is no object.
+    """
+    if isinstance(value, type) and (isinstance(value, kind) or kind in value.__mro__):
+        raise InputError.of(field, value, allowed, f"make an object of it: {value.__name__}(...)")
+    if not isinstance(value, kind):
+        raise InputError.of(field, value, allowed, remedy)
+    return value
+
+
+def elements(field: str, value: Iterable[_Value], allowed: str) -> list[_Value]:
+    """Return the elements of a list, tuple, series or other ordered collection, or refuse it by name.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+    allowed : str
+        What is allowed, to be read after "must be".
+
+    Returns
+    -------
+    list
+        Whatever they are.
+
+    Raises
+    ------
+    InputError
+        If it is a string, without order, or has no elements at all.
+    """
+    try:
+        if isinstance(value, str | bytes | Mapping | Set):
+            raise TypeError
+        return list(value)
+    except TypeError:
+        raise InputError.of(field, value, allowed) from None
+
+
+def instances(field: str, value: Iterable[_Value], kind: type, allowed: str) -> tuple[_Value, ...]:
+    """Return the elements of a list if all are objects of a kind, or refuse them by name.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+    kind : type
+        A class, or a protocol that can be checked.
+    allowed : str
+        What each may be, to be read after "must be".
+
+    Returns
+    -------
+    tuple
+        The same elements.
+
+    Raises
+    ------
+    InputError
+        As `elements` and `instance` do.
+    """
+    given = elements(field, value, f"a list, each of it {allowed}")
+    return tuple(instance(f"{field}[{position}]", each, kind, allowed) for position, each in enumerate(given))
 
 
 def fits(field: str, value: npt.ArrayLike, n_agents: int) -> None:

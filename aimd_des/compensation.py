@@ -166,7 +166,8 @@ class EstimatedLoss:
     number_bits: int = 8
 
     def __post_init__(self) -> None:
-        checks.integer("EstimatedLoss.number_bits", self.number_bits, low=2, high=_MOST_BITS)
+        bits = checks.integer("EstimatedLoss.number_bits", self.number_bits, low=2, high=_MOST_BITS)
+        object.__setattr__(self, "number_bits", bits)
 
     @property
     def bits(self) -> int:

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from itertools import count
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import simpy
@@ -28,6 +28,7 @@ MOST_AT_ONE_INSTANT = 10_000
 _ROUNDING = 1e-9
 
 
+@runtime_checkable
 class ControlUnit(Protocol):
     """Anything that decides when capacity signals are broadcast."""
 

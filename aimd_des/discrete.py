@@ -64,10 +64,14 @@ def run_discrete(
     RuntimeWarning
         Once, if a response probability was above 1.
     """
+    checks.instance("problem", problem, Problem, "a Problem")
     steps = checks.integer("steps", steps, low=1)
     lag = checks.integer("lag", lag, low=0, high=1)
     key = streams.key(seed, Purpose.RESPONSE)
+    if averaging is not None:
+        checks.instance("averaging", averaging, Averaging, "an averaging, such as averaging.Window(100.0)")
     recording = Recording() if recording is None else recording
+    checks.instance("recording", recording, Recording, "a Recording, such as Recording(demand='end')")
     if recording.events:
         raise InputError.of("recording.events", True, "False: the synchronous algorithm has no events")
     n, m = problem.n_agents, problem.n_resources

@@ -6,16 +6,21 @@ Both take one message, so that they survive being rebuilt from ``.args`` (SimPy 
 pools do that).
 """
 
+import re
+
 __all__ = ["InputError", "SimulationError"]
 
 
 _LONGEST = 500
 
+# Where an object lies in memory says nothing to anybody, and differs from run to run.
+_ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
+
 
 def _shown(value: object) -> str:
     """Show a value, but not pages of it."""
     try:
-        shown = repr(value)
+        shown = _ADDRESS.sub("", repr(value))
     except ValueError:  # an integer of thousands of digits
         return f"a value of type {type(value).__name__} that is too long to show"
     return shown if len(shown) <= _LONGEST else f"{shown[:_LONGEST]}..."

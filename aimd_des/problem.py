@@ -120,13 +120,9 @@ class Problem:
     def __init__(
         self, resources: Sequence[Resource], costs: Costs, *, agent_names: Sequence[str] | None = None
     ) -> None:
-        self.resources = tuple(resources)
-        self.costs = costs
-        for position, resource in enumerate(self.resources):
-            if not isinstance(resource, Resource):
-                raise InputError.of(f"resources[{position}]", resource, "a Resource")
-        if not isinstance(costs, Costs):
-            raise InputError.of("costs", costs, "costs, such as PolynomialCosts or CustomCosts")
+        self.resources = checks.instances("resources", resources, Resource, "a Resource")
+        allowed = "costs, such as PolynomialCosts or CustomCosts"
+        self.costs = checks.instance("costs", costs, Costs, allowed)
         names = [resource.name for resource in self.resources]
         if not names or len(set(names)) != len(names):
             raise InputError.of("names of the resources", names, "one or more, each different")
@@ -169,7 +165,10 @@ class Problem:
         return table
 
     def _names_of_agents(self, given: Sequence[str] | None) -> tuple[str, ...]:
-        names = tuple(map(str, range(self.n_agents))) if given is None else tuple(given)
+        if given is None:
+            return tuple(map(str, range(self.n_agents)))
+        # A string alone is no list of names, though it is one of letters.
+        names = tuple(given) if checks.axes(given) else ()
         strings = all(isinstance(name, str) for name in names)
         if not strings or len(names) != self.n_agents or len(set(names)) != len(names):
             raise InputError.of("agent_names", given, f"{self.n_agents} different names")

@@ -45,8 +45,8 @@ class Recording:
     Raises
     ------
     InputError
-        If a period is not positive, times are negative, not finite or not ascending, or the
-        tail is no integer of at least 0.
+        If a period is not positive, times are negative, not finite or not ascending, the tail is
+        no integer of at least 0, or `overshoot` or `events` is neither True nor False.
     """
 
     demand: Times = "auto"
@@ -61,14 +61,18 @@ class Recording:
             if isinstance(value, str):
                 if value not in ("auto", "end"):
                     raise InputError.of(name, value, "'auto', 'end', a period or an array of times")
-            elif not isinstance(value, list | tuple | np.ndarray):
-                checks.number(name, value, low=0.0, low_open=True)
-            else:
+            elif checks.axes(value):
                 times = checks.array(name, value, ("n_times",), low=0.0)
                 if (np.diff(times) <= 0).any():
                     raise InputError.of(name, times.tolist(), "strictly ascending times")
                 object.__setattr__(self, name, times)
-        checks.integer("tail", self.tail, low=0, high=_MOST_LOOKS)
+            else:
+                remedy = "or 'auto', 'end', or an array of times"
+                period = checks.number(name, value, low=0.0, low_open=True, remedy=remedy)
+                object.__setattr__(self, name, period)
+        object.__setattr__(self, "tail", checks.integer("tail", self.tail, low=0, high=_MOST_LOOKS))
+        for name in ("overshoot", "events"):
+            object.__setattr__(self, name, checks.flag(f"recording.{name}", getattr(self, name)))
 
     def times(self, name: Literal["demand", "allocations"], until: float, *, whole: bool) -> FloatArray:
         """List the instants of one kind of look over [0, until], the end included.

@@ -1,9 +1,9 @@
 """Puts control unit, channel, agents and observers together and runs them: wiring, no rules."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Literal, cast
+from typing import Any, Literal, cast, get_args
 
-from aimd_des import checks, streams
+from aimd_des import checks
 from aimd_des.agents import Autopilot, Camera, Fleet
 from aimd_des.averaging import Averaging, Cumulative
 from aimd_des.channel import BroadcastChannel, Channel
@@ -11,7 +11,7 @@ from aimd_des.clock import Clocks
 from aimd_des.compensation import Compensation
 from aimd_des.control_unit import ControlUnit, Crossing, Sampled
 from aimd_des.errors import InputError
-from aimd_des.interventions import Intervention, check_absences
+from aimd_des.interventions import Intervention, check_absences, check_end
 from aimd_des.log import EventLog
 from aimd_des.observing import Observer
 from aimd_des.problem import Problem
@@ -19,7 +19,6 @@ from aimd_des.recording import Account, Recording
 from aimd_des.response import CONTINUOUS, DISCRETE
 from aimd_des.results import Result
 from aimd_des.state import law_of
-from aimd_des.streams import Purpose
 from aimd_des.system import System
 from aimd_des.transport import Agent, ProcessGenerator
 
@@ -27,6 +26,36 @@ __all__ = ["Simulation"]
 
 Dynamics = Literal["discrete", "continuous"]
 Maker = Callable[[int, System], Agent]
+
+
+_FUNCTION = cast(type, Callable)  # which annotations know, and `isinstance` does
+
+# What each part may be, and what to do where it is another thing.
+_PARTS: dict[str, tuple[type, str, str]] = {
+    "control_unit": (ControlUnit, "a control unit, such as Sampled(1.0) or Crossing(1.0)", ""),
+    "channel": (
+        Channel,
+        "a channel, such as BroadcastChannel or topology.tree(graph)",
+        "models of latency and loss go into one: BroadcastChannel(latency=..., loss=...)",
+    ),
+    "clocks": (Clocks, "Clocks", ""),
+    "averaging": (Averaging, "an averaging, such as averaging.Window(100.0)", ""),
+    "compensation": (Compensation, "a compensation, such as compensation.KnownLoss(0.1)", ""),
+    "recording": (Recording, "a Recording, such as Recording(events=True)", ""),
+}
+
+
+def _refuse_strangers(**parts: object) -> None:
+    """Refuse parts that are another kind of thing; None stands for what holds unless it is given."""
+    for name, part in parts.items():
+        if part is not None:
+            checks.instance(name, part, *_PARTS[name])
+
+
+def _check_maker(field: str, maker: object) -> None:
+    """Refuse what makes no agents; what a function returns is seen when it is called."""
+    if not callable(maker) or (isinstance(maker, type) and not hasattr(maker, "receive")):
+        raise InputError.of(field, maker, "a class or function that makes an agent, such as Camera")
 
 
 class Simulation:
@@ -91,22 +120,31 @@ class Simulation:
         recording: Recording | None = None,
         processes: Sequence[Callable[[System], ProcessGenerator]] = (),
     ) -> None:
-        if dynamics not in ("discrete", "continuous"):
-            raise InputError.of("dynamics", dynamics, "'discrete' or 'continuous'")
+        checks.instance("problem", problem, Problem, "a Problem")
+        checks.choice("dynamics", dynamics, get_args(Dynamics))
+        _refuse_strangers(
+            control_unit=control_unit,
+            channel=channel,
+            clocks=clocks,
+            averaging=averaging,
+            compensation=compensation,
+            recording=recording,
+        )
         if dynamics == "continuous" and clocks is not None:
             remedy = "leave clocks out, or choose discrete dynamics"
             raise InputError.of("clocks", clocks, "None with continuous agents, which have no ticks", remedy)
         if dynamics == "discrete" and isinstance(control_unit, Crossing):
             reason = "a Sampled with discrete agents: their demand jumps at ticks and crosses nothing"
             raise InputError.of("control_unit", control_unit, reason, "or choose continuous dynamics")
-        if not callable(agents):
-            raise InputError.of("agents", agents, "a class or function that makes an agent, such as Camera")
-        streams.key(seed, Purpose.RESPONSE)  # refuses a seed that is none before anything runs
+        if agents is not Fleet:
+            _check_maker("agents", agents)
+        self.seed = checks.integer("seed", seed, low=0)
         grain = DISCRETE if dynamics == "discrete" else CONTINUOUS
         law_of(problem, grain, averaging, compensation)  # and what does not fit the agents
-        for intervention in interventions:
+        changes = checks.instances("interventions", interventions, Intervention, "an intervention")
+        for intervention in changes:
             intervention.check(problem)
-        check_absences(problem, interventions)
+        check_absences(problem, changes)
         self.problem = problem
         self.dynamics: Dynamics = dynamics
         self.control_unit = Sampled() if control_unit is None else control_unit
@@ -116,20 +154,19 @@ class Simulation:
         self.clocks = Clocks() if clocks is None and dynamics == "discrete" else clocks
         self.averaging = Cumulative() if averaging is None else averaging
         self.compensation = compensation
-        self.interventions = tuple(interventions)
-        self.seed = seed
+        self.interventions = changes
         self.recording = Recording() if recording is None else recording
-        self.processes = tuple(processes)
+        self.processes = checks.instances("processes", processes, _FUNCTION, "a function of the system")
 
     def _checked(self, special: Mapping[int, Maker] | None) -> dict[int, Maker]:
         """Take in the special agents in the order of their index."""
-        made = {} if special is None else dict(special)
-        for index, maker in made.items():
+        if special is None:
+            return {}
+        checks.instance("special", special, Mapping, "a dict of makers of agents by their index")
+        for index, maker in special.items():
             checks.integer("index in special", index, low=0, high=self.problem.n_agents - 1)
-            if not callable(maker) or cast(object, maker) is Fleet:
-                allowed = "a class or function that makes an agent, such as Camera"
-                raise InputError.of(f"special[{index}]", maker, allowed)
-        return dict(sorted(made.items()))
+            _check_maker(f"special[{index}]", maker)
+        return dict(sorted(special.items()))
 
     def run(self, until: float, watch: Callable[[float, int], None] | None = None) -> Result:
         """Run over [0, until): what is due at `until` does not happen, but the last look is taken there.
@@ -149,8 +186,8 @@ class Simulation:
         Raises
         ------
         InputError
-            If the end is no positive number, a time to be recorded lies beyond it, or a value for
-            each agent is given somewhere and their number is not n.
+            If the end is no positive number, a time to be recorded or an intervention lies beyond it,
+            or a value for each agent is given somewhere and their number is not n.
         SimulationError
             If simulated time cannot advance.
 
@@ -160,6 +197,9 @@ class Simulation:
             Once, if a response probability was above 1.
         """
         until = checks.number("until", until, low=0.0, low_open=True)
+        if watch is not None:
+            checks.instance("watch", watch, _FUNCTION, "a function of simulated time and number of events")
+        check_end(self.interventions, until)
         log = EventLog() if self.recording.events else None
         system = System(
             self.problem, self.channel, self.clocks, self.seed, until, log, self.averaging, self.compensation

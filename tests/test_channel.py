@@ -120,8 +120,11 @@ def test_numbers_stand_for_the_simplest_models() -> None:
         ({"latency": -0.5}, "latency = -0.5: must be a finite number at least 0"),
         ({"latency": math.nan}, "latency = nan: must be a finite number at least 0"),
         ({"latency": math.inf}, "latency = inf: must be a finite number at least 0"),
-        ({"latency": "1"}, "latency = '1': must be a finite number at least 0"),
-        ({"latency": None}, "latency = None: must be a finite number at least 0"),
+        (
+            {"latency": "1"},
+            "latency = '1': must be a number, one for each agent, or a model of",
+        ),
+        ({"latency": None}, "latency = None: must be a number, one for each agent, or a model"),
         ({"latency": [0.0, -1.0]}, "latency[1] = -1.0: must be a finite number at least 0"),
         ({"latency": [[0.0]]}, "shape of latency = (1, 1): must be (n_agents,)"),
         ({"loss": -0.1}, "loss = -0.1: must be a finite number at least 0 and at most 1"),

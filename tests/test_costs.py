@@ -177,7 +177,7 @@ def test_polynomials_refuse_by_name(exponents: Any, coefficients: Any, message: 
         ({"sum_coefficients": [[1.0, 1.0]] * 2}, "shape of sum_coefficients = (2, 2): must be (2, 1)"),
         ({"sum_exponents": (0,)}, "sum_exponents[0] = 0: must be an integer of at least 1 and at most 64"),
         ({"sum_exponents": (1.5,)}, "sum_exponents[0] = 1.5: must be an integer"),
-        ({"sum_exponents": ()}, "sum_exponents = []: must be one or more integers"),
+        ({"sum_exponents": ()}, "sum_exponents = (): must be one or more different integers"),
     ],
 )
 def test_coupled_costs_refuse_by_name(options: dict[str, Any], message: str) -> None:

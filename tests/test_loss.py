@@ -415,7 +415,7 @@ def test_losses_are_the_same_on_every_machine(name: str) -> None:
             lambda: Trace([], repeat=True),
             "shape of Trace.lost = (0,): must be (n_rows,) or (n_rows, n_agents)",
         ),
-        (lambda: Trace(1, repeat=True), "shape of Trace.lost = (): must be"),
+        (lambda: Trace(1, repeat=True), "Trace.lost = 1: must be an array of bools"),
         (lambda: Trace([[0], [0, 1]], repeat=True), "Trace.lost = [[0], [0, 1]]: must be an array of bools"),
         (lambda: Trace(["a"], repeat=True), "Trace.lost = ['a']: must be an array of bools"),
         (lambda: Trace([[0, 1], [2, 0]], repeat=True), "Trace.lost[1, 0] = 2: must be False or True, 0 or 1"),

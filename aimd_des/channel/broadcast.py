@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,7 @@ from aimd_des.channel.latency.base import Parametrised
 from aimd_des.channel.latency.rows import LatencyTable
 from aimd_des.channel.loss import Bernoulli, Loss, LossProcess
 from aimd_des.channel.loss.rows import LossTable, TabledLoss, refuse_loss
+from aimd_des.channel.parameters import model_of
 from aimd_des.channel.table import ChannelTable, channel_table, transmit
 from aimd_des.checks import FloatArray
 from aimd_des.streams import Key, Purpose
@@ -99,6 +100,7 @@ class Link(Protocol):
         ...
 
 
+@runtime_checkable
 class Channel(Protocol):
     """Anything that carries broadcasts."""
 
@@ -126,7 +128,7 @@ class BroadcastChannel:
     Raises
     ------
     InputError
-        If a number is outside its range.
+        If a number is outside its range, or something is neither numbers nor a model.
     """
 
     latency: Latency | npt.ArrayLike = field(default_factory=lambda: Constant(0.0))
@@ -135,10 +137,9 @@ class BroadcastChannel:
     fifo: bool = False
 
     def __post_init__(self) -> None:
-        if not hasattr(self.latency, "draw"):
-            object.__setattr__(self, "latency", Constant(self.latency))
-        if not hasattr(self.loss, "start"):
-            object.__setattr__(self, "loss", Bernoulli(self.loss))
+        object.__setattr__(self, "latency", model_of("latency", self.latency, Latency, Constant))
+        object.__setattr__(self, "loss", model_of("loss", self.loss, Loss, Bernoulli))
+        object.__setattr__(self, "fifo", checks.flag("fifo", self.fifo))
         duplication = checks.per_agent("duplication", self.duplication, low=0.0, high=1.0)
         object.__setattr__(self, "duplication", duplication)
 

@@ -6,6 +6,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TypeVar
 
+from aimd_des import checks
 from aimd_des.errors import InputError
 
 __all__ = ["read_columns"]
@@ -44,12 +45,14 @@ def read_columns(
         column is missing (naming the nearest one) or stands there twice, or a cell is refused
         (naming its row, counted from 1 below the names).
     """
-    known, rows = _rows(path)
+    known, rows = _rows(checks.path("path", path))
     _refuse_values(path, known, parse)
     values = []
-    for column in known if columns is None else columns:
+    if columns is None:
+        columns = known
+    for column in checks.instances("columns", columns, str, "the name of a column"):
         if known.count(column) != 1:
-            near = get_close_matches(str(column), known, n=1)
+            near = get_close_matches(column, known, n=1)
             hint = f"did you mean {near[0]!r}?" if near and column not in known else ""
             many = ", which stands there more than once" if column in known else ""
             raise InputError.of(f"{path}: column", column, f"one of {', '.join(known)}{many}", hint)
@@ -58,11 +61,11 @@ def read_columns(
     return values
 
 
-def _rows(path: str | Path) -> tuple[list[str], list[list[str]]]:
+def _rows(path: Path) -> tuple[list[str], list[list[str]]]:
     """Read the names of the columns and the rows below them, all as text."""
     try:
         # The mark that some programs put before UTF-8 is no part of the first name.
-        with Path(path).open(encoding="utf-8-sig", newline="") as file:
+        with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file, skipinitialspace=True, strict=True)
             rows = list(reader)
     except FileNotFoundError:

@@ -1,5 +1,7 @@
 """Parameters of models, one for all agents or one for each: taken in, and counted."""
 
+from collections.abc import Callable
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -9,11 +11,13 @@ from aimd_des import checks
 from aimd_des.checks import FloatArray
 from aimd_des.errors import InputError
 
-__all__ = ["LONGEST", "fit", "refuse", "scalar_or_row", "take"]
+__all__ = ["LONGEST", "fit", "model_of", "refuse", "scalar_or_row", "take"]
 
 # Times above this are refused: so far below the largest double, no draw can overflow to infinity,
 # which is how a lost copy is written.
 LONGEST = 1e100
+
+_EXAMPLES = {"latency": "Exponential(0.5)", "loss": "Bernoulli(0.1)"}
 
 
 def take(model: object, *names: str, **bounds: Any) -> None:
@@ -36,6 +40,37 @@ def take(model: object, *names: str, **bounds: Any) -> None:
     for name in names:
         clean = checks.per_agent(f"{type(model).__name__}.{name}", getattr(model, name), **bounds)
         object.__setattr__(model, name, clean)
+
+
+def model_of(field: str, given: Any, kind: type, plain: Callable[[Any], Any]) -> Any:
+    """Return a model of latency or loss as it is, or make the plain one of numbers.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave it.
+    given : object
+        What was given.
+    kind : type
+        `Latency` or `Loss`.
+    plain : callable
+        Makes the model of a number, or of one for each agent; refuses those that are none.
+
+    Returns
+    -------
+    Latency or Loss
+        A model.
+
+    Raises
+    ------
+    InputError
+        If it is neither numbers nor a model.
+    """
+    if isinstance(given, Real | np.ndarray) or checks.axes(given):
+        return plain(given)
+    name = kind.__name__.lower()
+    allowed = f"a number, one for each agent, or a model of {name} such as {name}.{_EXAMPLES[name]}"
+    return checks.instance(field, given, kind, allowed)
 
 
 def fit(model: object, names: tuple[str, ...], n_agents: int | None = None) -> None:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from aimd_des import checks
 from aimd_des.checks import FloatArray
-from aimd_des.costs.polynomial import PolynomialCosts, dense_slopes, horner
+from aimd_des.costs.polynomial import PolynomialCosts, checked_powers, dense_slopes, horner
 from aimd_des.errors import InputError
 
 __all__ = ["CoupledCosts"]
@@ -62,14 +62,11 @@ class CoupledCosts:
         sum_exponents: Sequence[int] = (2,),
         sum_coefficients: npt.ArrayLike | None = None,
     ) -> None:
-        n, m = separable_part.n_agents, separable_part.n_resources
-        powers = tuple(
-            checks.integer(f"sum_exponents[{position}]", power, low=1, high=64)
-            for position, power in enumerate(sum_exponents)
+        self.separable_part = checks.instance(
+            "separable_part", separable_part, PolynomialCosts, "PolynomialCosts"
         )
-        if not powers:
-            raise InputError.of("sum_exponents", list(sum_exponents), "one or more integers")
-        self.separable_part = separable_part
+        n, m = separable_part.n_agents, separable_part.n_resources
+        powers = checked_powers("sum_exponents", sum_exponents)
         self.quadratic = checks.array(
             "quadratic", np.zeros((n, m, m)) if quadratic is None else quadratic, (n, m, m)
         )

@@ -77,7 +77,7 @@ class CustomCosts:
         self.agent_value = value
         self.agent_gradient = gradient
         self.agent_hessian = hessian
-        self.separable = separable
+        self.separable = checks.flag("separable", separable)
 
     def value(self, allocation: FloatArray) -> FloatArray:
         """Evaluate f_i(x_i).
@@ -92,7 +92,7 @@ class CustomCosts:
         ndarray, shape (n,)
             In units of cost.
         """
-        return np.array([float(self.agent_value(agent, row)) for agent, row in enumerate(allocation)])
+        return _of_all("value", self.agent_value, allocation, ())
 
     def gradient(self, allocation: FloatArray) -> FloatArray:
         """Evaluate grad_j f_i(x_i).
@@ -107,13 +107,7 @@ class CustomCosts:
         ndarray, shape (n, m)
             In units of cost per unit of the resource.
         """
-        rows = [
-            np.asarray(self.agent_gradient(agent, row), dtype=float) for agent, row in enumerate(allocation)
-        ]
-        for agent, row in enumerate(rows):
-            if row.shape != (self.n_resources,):
-                raise InputError.of(f"shape of gradient(agent={agent})", row.shape, f"({self.n_resources},)")
-        return np.array(rows)
+        return _of_all("gradient", self.agent_gradient, allocation, (self.n_resources,))
 
     def hessian(self, allocation: FloatArray) -> FloatArray:
         """Evaluate the second derivatives of f_i at x_i, by differences where no function is given.
@@ -129,9 +123,8 @@ class CustomCosts:
             In units of cost per product of the two resources' units.
         """
         if self.agent_hessian is not None:
-            return np.array(
-                [self.agent_hessian(agent, row) for agent, row in enumerate(allocation)], dtype=float
-            )
+            shape = (self.n_resources, self.n_resources)
+            return _of_all("hessian", self.agent_hessian, allocation, shape)
         columns = []
         for resource in range(self.n_resources):
             ahead, behind, width = _straddle(allocation, resource)
@@ -174,6 +167,30 @@ class CustomCosts:
                         f"the derivative of value, {slope[agent]:.9g} by central differences",
                         "correct the gradient function",
                     )
+
+
+def _of_all(
+    name: str,
+    function: Callable[[int, FloatArray], npt.ArrayLike],
+    allocation: FloatArray,
+    shape: tuple[int, ...],
+) -> FloatArray:
+    """Call a function of the user's for every agent; refuse what it returns if it has another shape."""
+    table = np.empty((len(allocation), *shape))
+    for agent, row in enumerate(allocation):
+        returned = function(agent, row)
+        field = f"{name}(agent={agent})"
+        try:
+            if returned is None:  # which NumPy takes for not a number
+                raise TypeError
+            clean = np.asarray(returned, dtype=float)
+        except (TypeError, ValueError):
+            allowed = f"numbers of shape {shape}" if shape else "a number"
+            raise InputError.of(field, returned, allowed) from None
+        if clean.shape != shape:
+            raise InputError.of(f"shape of {field}", clean.shape, f"{shape}")
+        table[agent] = clean
+    return table
 
 
 def _straddle(allocation: FloatArray, resource: int) -> tuple[FloatArray, FloatArray, FloatArray]:

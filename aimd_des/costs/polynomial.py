@@ -9,7 +9,7 @@ from aimd_des import checks
 from aimd_des.checks import FloatArray
 from aimd_des.errors import InputError
 
-__all__ = ["PolynomialCosts", "dense_slopes"]
+__all__ = ["PolynomialCosts", "checked_powers", "dense_slopes"]
 
 _MAX_EXPONENT = 64
 
@@ -57,6 +57,36 @@ def horner(rows: FloatArray, x: FloatArray) -> FloatArray:
     return total
 
 
+def checked_powers(field: str, exponents: object) -> tuple[int, ...]:
+    """Return the powers of a polynomial, or refuse them.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave them.
+    exponents : object
+        What was given.
+
+    Returns
+    -------
+    tuple of int
+        At least one, each once.
+
+    Raises
+    ------
+    InputError
+        If they are no integers from 1 to 64, or one stands there twice.
+    """
+    given = list(exponents) if checks.axes(exponents) else []  # type: ignore[call-overload]  # it has elements
+    powers = tuple(
+        checks.integer(f"{field}[{position}]", power, low=1, high=_MAX_EXPONENT)
+        for position, power in enumerate(given)
+    )
+    if not powers or len(set(powers)) != len(powers):
+        raise InputError.of(field, exponents, "one or more different integers")
+    return powers
+
+
 class PolynomialCosts:
     """Costs that are polynomials without cross terms, one per agent and resource.
 
@@ -86,15 +116,7 @@ class PolynomialCosts:
     separable = True
 
     def __init__(self, exponents: Sequence[int], coefficients: npt.ArrayLike) -> None:
-        if not isinstance(exponents, Sequence | np.ndarray):
-            raise InputError.of("exponents", exponents, "one or more different integers")
-        powers = tuple(
-            checks.integer(f"exponents[{position}]", power, low=1, high=_MAX_EXPONENT)
-            for position, power in enumerate(exponents)
-        )
-        if not powers or len(set(powers)) != len(powers):
-            raise InputError.of("exponents", list(exponents), "one or more different integers")
-        self.exponents = powers
+        powers = self.exponents = checked_powers("exponents", exponents)
         self.coefficients = checks.array(
             "coefficients",
             coefficients,

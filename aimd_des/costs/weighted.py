@@ -48,7 +48,7 @@ def weighted_costs(costs: Costs, weights: npt.ArrayLike) -> Costs:
     [[2.0], [6.0]]
     """
     n, m = costs.n_agents, costs.n_resources
-    shape = (n,) if np.ndim(weights) == 1 else (n, m)
+    shape = (n,) if checks.axes(weights) == 1 else (n, m)
     table = checks.array("weights", weights, shape, low=0.0, low_open=True).reshape(n, -1)
     if isinstance(costs, PolynomialCosts):
         return PolynomialCosts(costs.exponents, costs.coefficients * table[:, :, None])

@@ -4,7 +4,7 @@ Interventions are declared with their times and given to `Simulation`, or made b
 the functions here.
 """
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from aimd_des.interventions.agents import Absence, Crash, Join, Prices, UnusualActivity
 from aimd_des.interventions.capacity import CapacityProfile, CapacityRamp, CapacityStep
@@ -18,7 +18,7 @@ from aimd_des.interventions.changes import (
     set_capacity,
 )
 from aimd_des.interventions.faults import Failover, Partition
-from aimd_des.interventions.overlap import check_absences
+from aimd_des.interventions.overlap import check_absences, check_end
 from aimd_des.interventions.prices import set_costs, weigh
 from aimd_des.problem import Problem
 from aimd_des.system import System
@@ -37,6 +37,7 @@ __all__ = [
     "Prices",
     "UnusualActivity",
     "check_absences",
+    "check_end",
     "cut_off",
     "fail",
     "join",
@@ -49,6 +50,7 @@ __all__ = [
 ]
 
 
+@runtime_checkable
 class Intervention(Protocol):
     """Anything that is declared and changes a run."""
 

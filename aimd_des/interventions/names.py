@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from difflib import get_close_matches
+from typing import Any
 
 from aimd_des import checks
 from aimd_des.errors import InputError
@@ -67,7 +68,8 @@ def agent_indices(problem: Problem, agents: Agents) -> list[int]:
     InputError
         If there is no such agent, one is named twice, or none is named.
     """
-    given = [agents] if isinstance(agents, str | int) else list(agents)
+    # One that is no list is looked up, or refused, as one agent.
+    given: list[Any] = list(agents) if checks.axes(agents) else [agents]  # type: ignore[arg-type]  # it has elements
     found = [_index("agent", problem.agent_names, agent) for agent in given]
     if not found or len(set(found)) != len(found):
         raise InputError.of("agents", given, "one agent or several different ones")

@@ -107,6 +107,7 @@ def solve_optimum(
     >>> solve_optimum(problem).allocation.round(6).tolist()
     [[3.0], [1.0]]
     """
+    checks.instance("problem", problem, Problem, "a Problem")
     given = problem.capacity if capacity is None else capacity
     total = checks.array("capacity", given, (problem.n_resources,), low=0.0, low_open=True)
     wanted = checks.number("tolerance", tolerance, low=1e-14, high=1e-2)

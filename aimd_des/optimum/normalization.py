@@ -119,9 +119,10 @@ def in_f_delta(
 
 
 def _box(costs: Costs, lower: float | npt.ArrayLike, upper: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    shape = (costs.n_resources,)
+    allowed = "costs, such as PolynomialCosts or CustomCosts"
+    shape = (checks.instance("costs", costs, Costs, allowed).n_resources,)
     high = checks.array("upper", upper, shape, low=0.0, low_open=True)
-    spread = np.full(shape, checks.number("lower", lower)) if np.ndim(lower) == 0 else lower
+    spread = lower if checks.axes(lower) else np.full(shape, checks.number("lower", lower))
     low = checks.array("lower", spread, shape, low=0.0)
     if not (low < high).all():
         raise InputError.of("lower", low.tolist(), f"below upper = {high.tolist()}")

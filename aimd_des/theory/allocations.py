@@ -63,6 +63,7 @@ def reweighted_optimum(
     >>> reweighted_optimum(problem, loss_weights([0.5, 0.0])).allocation.round(6).tolist()
     [[2.0], [1.0]]
     """
+    checks.instance("problem", problem, Problem, "a Problem")
     costs = weighted_costs(problem.costs, weights)
     weighted = Problem(problem.resources, costs, agent_names=problem.agent_names)
     return solve_optimum(weighted, capacity=capacity)
@@ -96,6 +97,7 @@ def allocation_at(problem: Problem, multipliers: npt.ArrayLike) -> FloatArray:
     Minimises f_i(x) - mu . x, one resource after the other, by bisection of the derivative for all
     agents at once; costs that couple resources need several sweeps.
     """
+    checks.instance("problem", problem, Problem, "a Problem")
     wanted = checks.array("multipliers", multipliers, (problem.n_resources,), low=0.0, low_open=True)
     costs = problem.costs
     allocation = np.tile(problem.capacity / problem.n_agents, (problem.n_agents, 1))

@@ -77,13 +77,8 @@ def arguments(**given: npt.ArrayLike) -> list[FloatArray]:
 
 
 def _clean(name: str, value: npt.ArrayLike) -> FloatArray:
-    try:
-        axes = np.ndim(value)
-    except ValueError:  # rows of different lengths
-        axes = 1
+    axes = checks.axes(value)
     if axes == 0:
-        if isinstance(value, np.ndarray):  # what another formula gives for a number
-            value = value[()]
         return np.array(checks.number(name, value, **_RANGES[name]))
     return checks.array(name, value, [f"axis {axis}" for axis in range(axes)], **_RANGES[name])
 
@@ -101,5 +96,4 @@ def check_dynamics(dynamics: str) -> None:
     InputError
         If it is neither "discrete" nor "continuous".
     """
-    if dynamics not in get_args(Dynamics):
-        raise InputError.of("dynamics", dynamics, "'discrete' or 'continuous'")
+    checks.choice("dynamics", dynamics, get_args(Dynamics))

@@ -206,6 +206,7 @@ def share_rates(problem: Problem, allocation: npt.ArrayLike) -> FloatArray:
     agents of which none holds most of the total.  Weights that loss, alpha and beta give to the costs do not
     matter.
     """
+    checks.instance("problem", problem, Problem, "a Problem")
     shape = problem.n_agents, problem.n_resources
     x = checks.array("allocation", allocation, shape, low=0.0, low_open=True)
     if not problem.costs.separable:

@@ -70,6 +70,7 @@ def check_setting(
     InputError
         If one is outside its range, or two do not go together.
     """
+    checks.instance("problem", problem, Problem, "a Problem")
     check_dynamics(dynamics)
     delay = checks.number("latency", latency, low=0.0)
     look = checks.number("period", period, low=0.0)

@@ -164,6 +164,7 @@ def partition_runaway(
     runaway / (n (1 - beta) Gamma mu) or so; if each takes hardly more than the growth over a hold-off,
     the total may rise further meanwhile.  On the clock all three count in whole steps, rounded up.
     """
+    checks.instance("problem", problem, Problem, "a Problem")
     silent = checks.number("duration", duration, low=0.0)
     delay = checks.number("latency", latency, low=0.0)
     look = checks.number("period", period, low=0.0)

@@ -11,7 +11,7 @@ from aimd_des.channel.loss.base import BoolArray, Loss, LossProcess
 from aimd_des.channel.loss.independent import Bernoulli
 from aimd_des.channel.loss.rows import TabledLoss, join
 from aimd_des.channel.loss.trace import Trace
-from aimd_des.channel.parameters import scalar_or_row
+from aimd_des.channel.parameters import model_of, scalar_or_row
 from aimd_des.checks import FloatArray
 from aimd_des.errors import InputError
 
@@ -41,11 +41,11 @@ class Combined:
         if not losses:
             raise InputError.of("Combined.losses", losses, "at least one model of loss")
         parts: list[Loss] = []
-        for given in losses:
+        for position, given in enumerate(losses):
             if isinstance(given, Combined):
                 parts += given.losses
             else:
-                parts.append(given if isinstance(given, Loss) else Bernoulli(given))
+                parts.append(model_of(f"Combined.losses[{position}]", given, Loss, Bernoulli))
         self.losses: tuple[Loss, ...] = tuple(parts)
 
     @property

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des import checks
 from aimd_des.channel.loss.base import BoolArray
 from aimd_des.channel.loss.rows import Cause, TabledLoss, loss_table
 from aimd_des.channel.measured import read_columns
@@ -48,8 +49,7 @@ class Trace:
         clean = _record(self.lost)
         clean.setflags(write=False)
         object.__setattr__(self, "lost", clean)
-        if not isinstance(self.repeat, bool | np.bool_):
-            raise InputError.of("Trace.repeat", self.repeat, "True or False")
+        object.__setattr__(self, "repeat", checks.flag("Trace.repeat", self.repeat))
 
     @classmethod
     def from_csv(
@@ -109,13 +109,13 @@ class Trace:
         lost = np.asarray(self.lost)
         if lost.ndim > 1 and lost.shape[1] != n_agents:
             raise InputError.of("shape of Trace.lost", lost.shape, f"({len(lost)}, {n_agents})", _REMEDY)
-        return TabledLoss(loss_table(Cause.RECORD, n_agents, record=lost, repeat=bool(self.repeat)))
+        return TabledLoss(loss_table(Cause.RECORD, n_agents, record=lost, repeat=self.repeat))
 
 
 def _record(given: npt.ArrayLike) -> BoolArray:
     """Return a copy of the record as bools, or refuse it."""
     try:
-        raw = np.array(given)
+        raw = np.array(given if checks.axes(given) else None)
     except ValueError:  # rows of different lengths
         raise InputError.of("Trace.lost", given, "an array of bools", _REMEDY) from None
     if raw.dtype.kind not in "biuf":

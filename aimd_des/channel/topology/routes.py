@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des import checks
 from aimd_des.channel.network import NetworkTable, network_table
 from aimd_des.channel.topology.attributes import Graph, edge_number, known_node, simple_graph
 from aimd_des.checks import FloatArray
@@ -137,7 +138,11 @@ def _root(graph: Graph, given: Hashable) -> Any:
 
 
 def _agents(graph: Graph, root: Hashable, given: Sequence[Any] | None) -> list[Any]:
-    agents = [node for node in graph if node != root] if given is None else list(given)
+    agents = (
+        [node for node in graph if node != root]
+        if given is None
+        else checks.elements("agents", given, "a list of nodes")
+    )
     if not agents:
         raise InputError.of("agents", agents, "at least one node")
     seen: dict[Any, int] = {}
