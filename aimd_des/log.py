@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -50,12 +51,22 @@ class Entry(IntEnum):
 
 
 class EventLog:
-    """Entries in the order of events: time, then kind, then broadcast and agent."""
+    """Entries in the order of events: time, then kind, then broadcast and agent.
 
-    def __init__(self) -> None:
-        self._entries: list[LogEntry] = []
+    Parameters
+    ----------
+    entries : iterable of LogEntry
+        With which it begins.
+    """
+
+    def __init__(self, entries: Iterable[LogEntry] = ()) -> None:
+        self._entries = list(entries)
         self.add: Callable[[LogEntry], None] = self._entries.append
         self.extend: Callable[[Iterable[LogEntry]], None] = self._entries.extend
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A copy has the entries alone: whoever leads the log belongs to a run, which cannot be copied.
+        return EventLog, (self._entries,)
 
     def lead(self, before: Callable[[], None]) -> None:
         """Have something done before an entry is added.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from aimd_des import checks
 from aimd_des.errors import InputError
 
 __all__ = ["StoredRun", "load_run"]
@@ -39,12 +40,12 @@ class StoredRun:
     measures: dict[str, dict[str, Number]]
 
 
-def load_run(folder: Path) -> StoredRun:
+def load_run(folder: str | Path) -> StoredRun:
     """Read the folder of a run.
 
     Parameters
     ----------
-    folder : Path
+    folder : str or Path
         As `aimd-des run` wrote it.
 
     Returns
@@ -57,6 +58,7 @@ def load_run(folder: Path) -> StoredRun:
     InputError
         If it is no such folder, or a file of it is damaged.
     """
+    folder = checks.path("folder", folder)
     text = {name: _read(folder / name) for name in ("run.json", "scenario.toml", "summary.csv")}
     name = "run.json"
     try:

@@ -13,6 +13,7 @@ import pytest
 from aimd_des import InputError, Result, solve_optimum
 from aimd_des.output import PROVENANCE, check_folder, new_folder, write_run
 from aimd_des.scenario import Scenario, load_scenario
+from aimd_des.stored import load_run
 from tests.conftest import INLINE, quietly
 
 FILES = [
@@ -185,8 +186,8 @@ def test_a_run_is_written_as_files_that_anybody_can_read(scenario: Scenario, res
     summary = pd.read_csv("out/summary.csv", index_col="resource")
     pd.testing.assert_frame_equal(summary, result.summary(optimum), rtol=1e-15)
     again = load_scenario(Path("out/scenario.toml"))
-    assert again == scenario.resolved()
-    assert quietly(again.run).digest == result.digest
+    assert again == scenario.resolved() == load_scenario("out/scenario.toml")
+    assert quietly(again.run).digest == result.digest == load_run("out").digest
 
 
 def test_the_event_log_is_written_if_it_was_kept(scenario: Scenario) -> None:

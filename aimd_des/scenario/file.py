@@ -5,6 +5,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+from aimd_des import checks
 from aimd_des.errors import InputError
 from aimd_des.scenario.keys import with_settings
 from aimd_des.scenario.one_run import Scenario
@@ -17,12 +18,12 @@ _HEADER = re.compile(r"(\[\[?)([^\[\]]+)\]")
 _KEY = re.compile(r"([A-Za-z0-9_.\-\"' ]+)=")
 
 
-def load_scenario(path: Path, /, **changes: Any) -> Scenario:
+def load_scenario(path: str | Path, /, **changes: Any) -> Scenario:
     """Read a scenario from a TOML file.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         The file.
     **changes
         Values that replace those of the file, by their key; one in a table by its dotted key, which
@@ -38,7 +39,7 @@ def load_scenario(path: Path, /, **changes: Any) -> Scenario:
     InputError
         One line for each error: file, line, key, what is wrong, and the nearest known word.
     """
-    data, lines = read_toml(path)
+    data, lines = read_toml(checks.path("path", path))
     return validate_scenario(with_settings(data, changes), str(path), lines)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from aimd_des import checks
 from aimd_des.errors import InputError
 from aimd_des.scenario.file import read_toml
 from aimd_des.scenario.keys import with_settings
@@ -33,7 +34,7 @@ def read_study(path: str | Path, settings: Mapping[str, Any] | None = None) -> S
     InputError
         One line for each error: file, line, key, what is wrong, and the nearest known word.
     """
-    file = Path(path)
+    file = checks.path("path", path)
     data, lines = read_toml(file)
     try:
         changed = with_settings(_with_base(_extended(file, data, (file.resolve(),))), settings or {})

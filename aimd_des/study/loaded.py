@@ -9,6 +9,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from aimd_des import checks
 from aimd_des.errors import InputError
 from aimd_des.scenario import Scenario, validate_scenario
 from aimd_des.scenario.refusals import checked
@@ -39,7 +40,7 @@ def load_study(folder: str | Path) -> "StudyResults":
     InputError
         If it is no such folder.
     """
-    store = Store(Path(folder))
+    store = Store(checks.path("folder", folder))
     manifest, plan = store.manifest(), store.plan()
     if manifest is None or plan is None:
         raise InputError.of("folder", str(folder), "that of a study, with its manifest.json and plan.parquet")
