@@ -593,8 +593,8 @@ MANY.add_nodes_from(range(2, 15))
 CHANNEL_ERRORS: dict[str, tuple[Callable[[], object], list[str]]] = {
     "no graph": (lambda: topology.tree({"a": "b"}), ["graph = {'a': 'b'}: must be a networkx.Graph"]),
     "parallel edges": (
-        lambda: topology.flood(nx.MultiGraph()),
-        ["without parallel edges", "networkx.Graph(graph)"],
+        lambda: topology.flood(nx.MultiGraph([(0, 1), (1, 0)])),
+        ["edges of graph = 2 between 0 and 1: must be one", "networkx.Graph(graph)"],
     ),
     "no root": (
         lambda: topology.tree(unnamed()),
@@ -801,7 +801,8 @@ LATE = {"latency": "delay"}
         (graphml(GOOD + '<data key="p">low</data>'), LATE, ["loss of edge 'root' -- 'a' = 'low'"]),
         (graphml('<data key="d">-1</data>'), LATE, ["net.graphml: delay of edge 'root' -- 'a' = -1.0"]),
         (graphml(GOOD), {"root": "roof"}, ["net.graphml: root = 'roof'", "did you mean 'root'?"]),
-        (graphml(GOOD, '<edge source="a" target="root"/>'), {}, ["without parallel edges"]),
+        (graphml(GOOD, '<edge source="a" target="root"/>'), {},
+            ["graphml = 2 between 'root' and 'a'", "in the file"]),
     ],
 )  # fmt: skip
 def test_what_graphml_files_refuse(text: str, options: Any, words: list[str], tmp_path: Path) -> None:
@@ -817,3 +818,35 @@ def test_files_that_are_not_there(tmp_path: Path) -> None:
         assert "none.x: there is no such file" in refusal(
             lambda read=read: read(tmp_path / "none.x", root="r")
         )
+
+
+WITHOUT = """<graphml xmlns="{space}">
+    <key id="{key}" for="{scope}" {named}{typed}>{default}</key>
+    <key id="p" for="edge" attr.name="loss" attr.type="double"><default>0.25</default></key>
+    <key id="w" for="edge" attr.name="widths" attr.type="vector_float"/>
+    <graph edgedefault="undirected"><node id="root"/><node id="a"/><node id="b"/>
+    <edge source="root" target="a"><data key="{key}">2</data><data key="w">1, 2</data></edge>
+    <edge source="a" target="b"><data key="p">0.5</data></edge></graph></graphml>"""
+
+
+@pytest.mark.parametrize("scope", ["edge", "all"])
+@pytest.mark.parametrize("typed", ['attr.type="double"', 'attr.type="float128"', ""])
+@pytest.mark.parametrize(("key", "named"), [("late", 'attr.name="latency" '), ("latency", "")])
+def test_keys_of_graphml_may_do_without_name_type_and_data(
+    key: str, named: str, typed: str, scope: str, tmp_path: Path
+) -> None:
+    """Defaults hold where an edge says nothing, and what networkx cannot read, such as lists, is text."""
+    text = WITHOUT.format(
+        space=GraphML.NS_GRAPHML,
+        key=key,
+        named=named,
+        typed=typed,
+        scope=scope,
+        default="<default>3.5</default>",
+    )
+    (tmp_path / "net.graphml").write_text(text)
+    graph = topology.from_graphml(tmp_path / "net.graphml", root="root")
+    assert graph.edges["root", "a"] == {"latency": 2.0, "loss": 0.25, "widths": "1, 2"}
+    assert graph.edges["a", "b"] == {"latency": 3.5, "loss": 0.5}
+    with pytest.raises(InputError, match=r"widths of edge 'root' -- 'a' = '1, 2': must be a finite number"):
+        topology.from_graphml(str(tmp_path / "net.graphml"), root="root", latency="widths")

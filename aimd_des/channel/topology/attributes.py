@@ -41,7 +41,7 @@ def near(name: object, known: Iterable[Hashable]) -> str:
     return f"did you mean {shown[found[0]]!r}?" if found else ""
 
 
-def simple_graph(field: str, graph: object) -> Graph:
+def simple_graph(field: str, graph: object, remedy: str = "keep one, as networkx.Graph(graph) does") -> Graph:
     """Refuse what is no graph, or has several edges between the same nodes.
 
     Parameters
@@ -50,6 +50,8 @@ def simple_graph(field: str, graph: object) -> Graph:
         The name under which the user gave it.
     graph : object
         What was given.
+    remedy : str
+        What to do about parallel edges.
 
     Returns
     -------
@@ -59,14 +61,15 @@ def simple_graph(field: str, graph: object) -> Graph:
     Raises
     ------
     InputError
-        If a broadcast cannot travel over it.
+        If a broadcast cannot travel over it; naming the first two nodes with several edges between them.
     """
-    if not isinstance(graph, nx.Graph):
-        raise InputError.of(field, graph, "a networkx.Graph or networkx.DiGraph")
-    if graph.is_multigraph():
-        remedy = "keep one of the edges between the same nodes, for example by networkx.Graph(graph)"
-        raise InputError.of(field, graph, "a graph without parallel edges", remedy)
-    return graph
+    checks.instance(field, graph, nx.Graph, "a networkx.Graph or networkx.DiGraph")
+    clean: Graph = graph  # type: ignore[assignment]  # it has been looked at
+    if clean.is_multigraph():
+        edges = ((u, v, clean.number_of_edges(u, v)) for u, v in clean.edges())
+        several = next((f" = {many} between {u!r} and {v!r}" for u, v, many in edges if many > 1), "")
+        raise InputError(f"edges of {field}{several}: must be one between two nodes at most; {remedy}")
+    return clean
 
 
 def known_node(field: str, node: object, graph: Graph) -> None:

@@ -1,17 +1,34 @@
 """Networks that were measured: GraphML files, and lists of edges as CSV."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import networkx as nx
 
+from aimd_des import checks
 from aimd_des.channel.measured import read_columns
 from aimd_des.channel.topology.attributes import HIGHEST, Graph, edge_number, known_node, simple_graph
 from aimd_des.errors import InputError
 
 __all__ = ["from_edges", "from_graphml"]
+
+# Of attributes in GraphML, as far as networkx reads them.
+_TYPES = {"boolean", "int", "integer", "long", "float", "double", "string"}
+
+# What is no XML is a SyntaxError; what networkx does not know is an error of its own or a KeyError, and
+# what it does not find one of the last two.
+_UNREADABLE = (
+    OSError,
+    SyntaxError,
+    ValueError,
+    nx.NetworkXException,
+    LookupError,
+    TypeError,
+    AttributeError,
+)
 
 
 def from_graphml(path: str | Path, *, root: str, latency: str = "latency", loss: str = "loss") -> Graph:
@@ -24,9 +41,10 @@ def from_graphml(path: str | Path, *, root: str, latency: str = "latency", loss:
     root : str
         Name of the control unit's node, its `id` in the file.
     latency : str
-        Name of the attribute that holds the latency of an edge, in units of time.
+        Name of the attribute that holds the latency of an edge, in units of time; its ``<default>`` holds
+        where an edge has none.
     loss : str
-        Name of the attribute that holds the probability of loss on an edge.
+        Name of the attribute that holds the probability of loss on an edge; likewise.
 
     Returns
     -------
@@ -36,28 +54,56 @@ def from_graphml(path: str | Path, *, root: str, latency: str = "latency", loss:
     Raises
     ------
     InputError
-        If the file cannot be read, has parallel edges or no such root, or an edge lacks an attribute
-        (naming the nearest one) or has one out of range.
+        If the file cannot be read, has parallel edges (naming their nodes) or no such root, or an edge
+        lacks an attribute (naming the nearest one) or has one out of range.
     """
+    file, named = checks.path("path", path), {"latency": latency, "loss": loss}
+    for quantity, attribute in named.items():
+        checks.instance(quantity, attribute, str, "the name of an attribute of the edges")
     try:
-        read: Any = nx.read_graphml(path)
+        read: Any = nx.parse_graphml(_with_known_keys(file))
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file") from None
-    # What is no XML is a SyntaxError, what networkx does not know a KeyError or one of its own.
-    except (OSError, SyntaxError, ValueError, LookupError, nx.NetworkXException) as error:
+    except _UNREADABLE as error:
         raise InputError(f"{path}: cannot be read as GraphML ({str(error).strip()})") from None
-    graph = simple_graph(f"{path}", read)
+    graph = simple_graph(f"{path}", read, "leave one of them in the file")
     known_node(f"{path}: root", root, graph)
     graph.graph["root"] = root
     for *edge, data in graph.edges(data=True):
-        ends = edge[0], edge[1]
-        named = {"latency": latency, "loss": loss}
+        for attribute, value in graph.graph["edge_default"].items():
+            data.setdefault(attribute, value)
+        place, ends = f"{path}: ", (edge[0], edge[1])
         numbers = {
-            quantity: edge_number(f"{path}: ", ends, data, attribute, quantity)
+            quantity: edge_number(place, ends, {**data, **_as_number(data, attribute)}, attribute, quantity)
             for quantity, attribute in named.items()
         }
         data.update(numbers)
     return graph
+
+
+def _with_known_keys(file: Path) -> str:
+    """Read a GraphML file, with its keys as networkx wants them: named, and of a type that it knows.
+
+    A key may do without name and type, programs write types of their own for lists, and a key for all
+    elements is one for edges, too: values of types that are not known are kept as text.
+    """
+    root = ET.parse(file).getroot()  # noqa: S314 - networkx reads it the same way
+    for key in root:
+        if key.tag.rpartition("}")[2] == "key" and "yfiles.type" not in key.attrib:
+            key.attrib.setdefault("attr.name", key.get("id", ""))
+            if key.get("attr.type") not in _TYPES:
+                key.set("attr.type", "string")
+            if key.get("for", "all") == "all":
+                key.set("for", "edge")
+    return ET.tostring(root, encoding="unicode")
+
+
+def _as_number(data: Mapping[str, Any], attribute: str) -> dict[str, float]:
+    """Read the number that an attribute without a type holds as text."""
+    try:
+        return {attribute: float(data[attribute])} if isinstance(data.get(attribute), str) else {}
+    except ValueError:
+        return {}
 
 
 def from_edges(
@@ -99,6 +145,7 @@ def from_edges(
         an edge stands there twice (naming the rows, counted from 1 below the names), or there is no
         such root.
     """
+    directed = checks.flag("directed", directed)
     sources, targets = read_columns(path, [source, target], _name, "the name of a node")
     quantities = [
         read_columns(path, [column], _up_to(HIGHEST[name]), f"a number from 0 to {HIGHEST[name]:g}")[0]
