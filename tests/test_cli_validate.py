@@ -78,6 +78,13 @@ OF_BASE = STUDY.replace("five.toml", "base.toml")
         (INLINE + "[clocks]\nperiod = [1.0, 2.0]\n", ": shape of period = (2,): must be (5,)"),
         (INLINE.replace("tail = 5", "demand = [1.0, 99.0]"), ": demand = 99.0: must be times of at most 60"),
         (
+            INLINE + '[[interventions]]\nkind = "failover"\nat = 60.0\nduration = 1.0\n' * 2,
+            (
+                ": interventions[0], interventions[1] = [Failover(at=60.0, duration=1.0), Failover(at=60.0, "
+                "duration=1.0)]: must be such that they begin before 60, the end of the run; leave"
+            ),
+        ),
+        (
             SYNCHRONOUS.replace("until = 60", "until = 60.5"),
             ": until = 60.5: must be a whole number of steps",
         ),

@@ -1,13 +1,38 @@
 """The list of kinds: complete, described, and each with the defaults that hold."""
 
 import inspect
+import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from pydantic import BaseModel
 
-from aimd_des import InputError, averaging, compensation, interventions, latency, loss, topology
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Clocks,
+    InputError,
+    PolynomialCosts,
+    Problem,
+    Recording,
+    Resource,
+    Simulation,
+    averaging,
+    compensation,
+    interventions,
+    latency,
+    loss,
+    run_discrete,
+    topology,
+)
+from aimd_des.scenario import Scenario
 from aimd_des.scenario.kinds import KINDS, Kind, describe, kinds, kinds_of
+from aimd_des.scenario.tables import ChannelTable, ClocksTable, CostsTable, RecordingTable, ResourceTable
 from tests.conftest import ROOT
+
+MEMORY = Resource("memory", capacity=1.0, increase=0.01, decrease=0.5, normalization=0.1)
 
 
 def names(group: str) -> list[str]:
@@ -90,3 +115,66 @@ def test_a_docstring_without_parameters_describes_none() -> None:
     assert describe(None) == describe("One line.") == {}
     text = "One.\n\nParameters\n----------\na, b : int\n    Two\n    lines.\n\nReturns\n-------\nint\n    x"
     assert describe(text) == {"a": "Two lines.", "b": "Two lines."}
+
+
+def defaults(function: Callable[..., Any]) -> dict[str, Any]:
+    """What holds in Python: the default of each parameter, or that it is required."""
+    given = inspect.signature(function).parameters
+    return {
+        name: "required" if one.default is one.empty else one.default
+        for name, one in given.items()
+        if not name.startswith("_")
+    }
+
+
+def in_file(table: type[BaseModel], name: str) -> Any:
+    field = table.model_fields[name]
+    return "required" if field.is_required() else field.get_default(call_default_factory=True)
+
+
+def differences() -> dict[str, tuple[Any, Any]]:
+    """Each key whose default in a file is another than that of Python, with both."""
+    pairs: dict[str, tuple[Any, Any]] = {}
+    for prefix, table, thing in (
+        ("resources.", ResourceTable, Resource),
+        ("costs.", CostsTable, PolynomialCosts),
+        ("channel.", ChannelTable, BroadcastChannel),
+        ("clocks.", ClocksTable, Clocks),
+        ("recording.", RecordingTable, Recording),
+    ):
+        for name, python in defaults(thing).items():
+            pairs[prefix + name] = in_file(table, name), python
+    for kind in KINDS:
+        own = defaults(kind.make) | (defaults(kind.then) if kind.then else {})
+        for name, one in kind.signature.items():
+            file = "required" if one.default is one.empty else one.default
+            if file != own[name]:  # several kinds have keys of one name
+                pairs[f"{kind.group}.{name}"] = file, own[name]
+    for function in (Simulation, run_discrete):
+        for name, python in defaults(function).items():
+            if name in Scenario.model_fields:
+                pairs[name] = in_file(Scenario, name), python
+    # What is made when nothing is given is compared as it is made.
+    simulation = Simulation(Problem([MEMORY], PolynomialCosts([2], [[[1.0]]])), seed=0)
+    for name in ("control_unit", "channel", "clocks", "averaging"):
+        pairs[name] = repr(in_file(Scenario, name).build()), repr(getattr(simulation, name))
+    pairs["agents"] = {"process": Camera}[in_file(Scenario, "agents")], simulation.agents
+    pairs["interventions"] = tuple(in_file(Scenario, "interventions")), simulation.interventions
+    built = BroadcastChannel()
+    for name in ("latency", "loss"):
+        pairs[f"channel.{name}"] = repr(getattr(ChannelTable().build(), name)), repr(getattr(built, name))
+    del pairs["recording"]  # key by key, above
+    return {key: pair for key, pair in pairs.items() if pair[0] != pair[1]}
+
+
+def test_defaults_of_files_and_of_python_differ_where_the_page_says_so() -> None:
+    page = (ROOT / "docs/scenario_files.md").read_text(encoding="utf-8")
+    _, _, below = page.partition("| key | in a file | in Python |\n|---|---|---|\n")
+    rows = [line.strip("|").split("|") for line in below.partition("\n\n")[0].splitlines()]
+    said = {key.strip(" `"): (file.strip(" `"), python.strip(" `")) for key, file, python in rows}
+
+    def written(value: Any) -> str:
+        return value if value == "required" else json.dumps(value)
+
+    found = {key: (written(file), written(python)) for key, (file, python) in differences().items()}
+    assert found == said

@@ -2,6 +2,7 @@
 
 from aimd_des import streams
 from aimd_des.errors import InputError
+from aimd_des.interventions import check_end
 from aimd_des.problem import Problem
 from aimd_des.scenario.one_run import Scenario
 from aimd_des.streams import Purpose
@@ -27,13 +28,14 @@ def check_to_run(scenario: Scenario) -> Problem:
     InputError
         Whatever a run would refuse before it begins.
     """
-    problem, recording = scenario.problem(), scenario.recording.build()
+    (problem, interventions), recording = scenario.built(), scenario.recording.build()
     synchronous = scenario.dynamics == "synchronous"
     if synchronous and recording.events:
         raise InputError.of("recording.events", True, "false: the synchronous algorithm has no events")
     for look in ("demand", "allocations"):
         recording.times(look, scenario.until, whole=synchronous)
     if not synchronous:
+        check_end(interventions, scenario.until)
         keys = {purpose: streams.key(scenario.seed, purpose) for purpose in Purpose}
         scenario.channel.build().open(problem.n_agents, keys)
         if scenario.dynamics == "discrete":

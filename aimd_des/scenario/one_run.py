@@ -220,10 +220,23 @@ class Scenario(Table):
             If there is no such model, or its parameters or the costs are refused, or there is no agent or
             resource as an intervention names, or a number of values is not that of the agents.
         """
-        return self._built()[0]
+        return self.built()[0]
 
-    def _built(self) -> tuple[Problem, list[Intervention]]:
-        """Build the problem and what changes it."""
+    def built(self) -> tuple[Problem, list[Intervention]]:
+        """Build the problem that is shared, and what changes it.
+
+        Returns
+        -------
+        Problem
+            As `problem` returns it.
+        list of Intervention
+            In the order of the file.
+
+        Raises
+        ------
+        InputError
+            As `problem` does.
+        """
         if self.model is not None:
             problem = built_by(self.model, self.parameters, self.seed)
         else:
@@ -260,7 +273,7 @@ class Scenario(Table):
         InputError
             If the problem is refused, or a length does not fit the number of agents.
         """
-        (problem, interventions), recording = self._built(), self.recording.build()
+        (problem, interventions), recording = self.built(), self.recording.build()
         if self.dynamics == "synchronous":
             if processes:
                 allowed = "'discrete' or 'continuous' for processes such as one that watches the run"
