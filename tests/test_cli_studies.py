@@ -98,9 +98,8 @@ def test_what_failed_and_what_is_missing_is_told() -> None:
     keys = results.plan["key"].tolist()
     for key in keys[:2]:
         (results.folder / "runs" / f"{key}.parquet").unlink()
-    (results.folder / "failed" / f"{keys[0]}.json").write_text(
-        '{"message": "out of [luck]", "scenario": "until = 40"}', encoding="utf-8"
-    )
+    record = {"key": keys[0], "message": "out of [luck]", "scenario": "until = 40"}
+    (results.folder / "failed" / f"{keys[0]}.json").write_text(json.dumps(record), encoding="utf-8")
     out = said("show", "holes")
     assert "runs 10 of 12 are there, 1 failed, 1 missing" in flat(out)
     assert "Runs that failed: 1" in out
@@ -114,6 +113,7 @@ def test_what_failed_and_what_is_missing_is_told() -> None:
 def test_a_damaged_failure_is_refused() -> None:
     made("luckless", replications=1)
     key = load_study("luckless").plan["key"].iloc[0]
+    Path("luckless/runs", f"{key}.parquet").unlink()
     for content in ("{", "[]", "{}"):
         Path("luckless/failed", f"{key}.json").write_text(content, encoding="utf-8")
         assert refusal("show", "luckless").startswith(f"luckless/failed/{key}.json: cannot be read (")
@@ -240,8 +240,12 @@ def test_a_damaged_table_is_refused(name: str) -> None:
     path = Path("torn", name)
     path = next(path.iterdir()) if path.is_dir() else path
     whole = path.read_bytes()
-    path.write_bytes(whole[:-20])
-    assert refusal("show", "torn").startswith(f"{path}: cannot be read (")
+    remedy = "sweep again, which runs it again" if name == "runs" else "remove it, and sweep again"
+    for damaged, what in ((whole[:-20], "does not fit its checksum"), (whole[:99], "cannot be read (")):
+        path.write_bytes(damaged)
+        sentence = refusal("show", "torn")
+        assert sentence.startswith(f"{path}: {what}")
+        assert sentence.endswith(remedy)
     path.write_bytes(whole)
 
 

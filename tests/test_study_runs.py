@@ -28,7 +28,8 @@ from aimd_des.study.growth import planned
 from aimd_des.study.locks import exclusive
 from aimd_des.study.measure import run_schema
 from aimd_des.study.pools import dask_executor
-from aimd_des.study.store import Store, write_file
+from aimd_des.study.seal import write_sealed
+from aimd_des.study.store import Store
 from aimd_des.study.worker import Outcome, Task
 from tests.conftest import INLINE, python, quietly
 
@@ -134,7 +135,7 @@ def test_the_study_in_the_folder_is_the_study(reference: StudyResults, tmp_path:
     assert again == reference.study == design()
     manifest = json.loads((reference.folder / "manifest.json").read_text())
     assert (manifest["runs"], manifest["result_version"]) == (8, aimd_des.RESULT_VERSION)
-    assert manifest["versions"]["aimd_des"] == aimd_des.__version__
+    assert reference.versions["aimd_des"] == aimd_des.__version__
 
 
 def test_precision_adds_the_same_runs_however_often_it_is_stopped(tmp_path: Path) -> None:
@@ -414,8 +415,9 @@ def test_temporary_files_of_a_killed_process_are_removed(reference: StudyResults
     out = tmp_path / "out"
     shutil.copytree(reference.folder, out)
     next((out / "runs").iterdir()).unlink()
-    for left in (".manifest.json.0.tmp", "runs/.a.parquet.1.tmp", "demand/.b.parquet.2.tmp"):
-        (out / left).write_bytes(b"half")
+    for place in ("manifest.json", "runs/a.parquet", "demand/b.parquet"):
+        path = out / place
+        path.with_name(f".{path.name}.{'0f' * 16}.tmp").write_bytes(b"half")
     in_a_thread(design(), out)
     assert contents(out) == contents(reference.folder)
 
@@ -423,11 +425,13 @@ def test_temporary_files_of_a_killed_process_are_removed(reference: StudyResults
 def test_a_file_that_cannot_be_written_leaves_what_was_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write_file(tmp_path / "a", b"old")
+    write_sealed(tmp_path, "a.toml", b"old = 1\n")
+    before = contents(tmp_path)
     monkeypatch.setattr(os, "fsync", lambda descriptor: 1 / 0)
+    write_sealed(tmp_path, "a.toml", b"old = 1\n")  # the same: nothing is written
     with pytest.raises(ZeroDivisionError):
-        write_file(tmp_path / "a", b"new")
-    assert contents(tmp_path) == {"a": b"old"}
+        write_sealed(tmp_path, "a.toml", b"new = 1\n")
+    assert contents(tmp_path) == before
 
 
 def test_two_sweeps_at_once_are_refused(reference: StudyResults) -> None:

@@ -142,7 +142,8 @@ def _tell(folder: Path, again: str) -> None:
 
     results = load_study(folder)
     failed = results.failed
-    click.echo(f"{len(results.plan) - len(failed):,} of {len(results.plan):,} runs in {folder}")
+    there = len(results.plan) - len(failed) - len(results.missing)
+    click.echo(f"{there:,} of {len(results.plan):,} runs in {folder}")
     if len(failed):
         first = failed["message"].iloc[0]
         raise click.ClickException(

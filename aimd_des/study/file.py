@@ -8,8 +8,10 @@ from aimd_des import checks
 from aimd_des.errors import InputError
 from aimd_des.scenario.file import read_toml
 from aimd_des.scenario.keys import with_settings
-from aimd_des.scenario.refusals import checked
+from aimd_des.scenario.refusals import Place, checked
 from aimd_des.study.design import Study
+from aimd_des.study.seal import unsealed
+from aimd_des.study.store import STUDY_FILE
 
 __all__ = ["read_study"]
 
@@ -35,12 +37,20 @@ def read_study(path: str | Path, settings: Mapping[str, Any] | None = None) -> S
         One line for each error: file, line, key, what is wrong, and the nearest known word.
     """
     file = checks.path("path", path)
-    data, lines = read_toml(file)
+    data, lines = _read(file)
     try:
         changed = with_settings(_with_base(_extended(file, data, (file.resolve(),))), settings or {})
     except InputError as refusal:
         raise InputError(f"{file}: {refusal}") from None
     return checked(Study, changed, str(file), lines)
+
+
+def _read(file: Path) -> tuple[dict[str, Any], dict[Place, int]]:
+    """Read a file; that of a study's folder has a checksum, which may be removed but not belied."""
+    found = read_toml(file)
+    remedy = "restore it, or remove its last line if you have changed it yourself"
+    unsealed(file.read_bytes(), STUDY_FILE, str(file), remedy)
+    return found
 
 
 def _extended(file: Path, data: dict[str, Any], chain: tuple[Path, ...]) -> dict[str, Any]:
@@ -53,7 +63,7 @@ def _extended(file: Path, data: dict[str, Any], chain: tuple[Path, ...]) -> dict
     above = _beside(file, "extends", own.pop("extends"))
     if above.resolve() in chain:
         raise InputError.of("extends", str(above), "another file than those that extend it")
-    found = _extended(above, read_toml(above)[0], (*chain, above.resolve()))
+    found = _extended(above, _read(above)[0], (*chain, above.resolve()))
     return _merged(found, own)
 
 

@@ -8,13 +8,17 @@ import pyarrow as pa
 
 import aimd_des
 from aimd_des.errors import InputError
+from aimd_des.scenario.refusals import checked
 from aimd_des.study.design import Study
-from aimd_des.study.measure import axis_fields
+from aimd_des.study.measure import plan_schema, run_schema
 from aimd_des.study.points import Point, Run, expand, run_of
 from aimd_des.study.schedule import Schedule
 from aimd_des.study.store import Store
 
 __all__ = ["earlier_replications", "plan_table", "planned"]
+
+# What a plan has behind the axes.
+_LABELS = ("point", "replication", "seed", "key")
 
 _REMEDY = "choose another folder, or say --overwrite (overwrite=True)"
 
@@ -34,15 +38,7 @@ def plan_table(study: Study, runs: Sequence[Run]) -> pa.Table:
     pyarrow.Table
         The columns of the axes, point, replication, seed and key; a row for each run.
     """
-    schema = pa.schema(
-        [
-            *axis_fields(study),
-            pa.field("point", pa.string()),
-            pa.field("replication", pa.int64()),
-            pa.field("seed", pa.int64()),
-            pa.field("key", pa.string()),
-        ]
-    )
+    schema = plan_schema(study)
     labels = [run.labels for run in runs]
     return pa.Table.from_arrays(
         [pa.array([row[part.name] for row in labels], part.type) for part in schema], schema=schema
@@ -72,12 +68,23 @@ def earlier_replications(store: Store, study: Study, points: Sequence[Point]) ->
         If the folder has runs that would be no part of the study, or that lack something.
     """
     manifest, plan = store.manifest(), store.plan()
-    if manifest is None or plan is None:
+    if plan is None:
         return {}
+    if manifest is not None:
+        _hold_against(store, manifest, study)
+    names = [axis.name for axis in study.axes]
+    columns = plan.column_names[: -len(_LABELS)]
+    if columns != names:
+        raise InputError.of("axes of the study", names, f"{columns}, as its folder has them", _REMEDY)
+    return _counts(plan.to_pylist(), study, points)
+
+
+def _hold_against(store: Store, manifest: dict[str, Any], study: Study) -> None:
+    """Refuse a study whose runs would not be those of the folder, or would have other columns."""
     if manifest["result_version"] != aimd_des.RESULT_VERSION:
         reason = f"{aimd_des.RESULT_VERSION}, that of the results of this version of aimd_des"
         raise InputError.of(f"result version of {store.folder}", manifest["result_version"], reason, _REMEDY)
-    earlier = Study.model_validate(manifest["study"])
+    earlier = checked(Study, manifest["study"], str(store.folder / "manifest.json"))
     for name in ("columns", "keep"):
         old, new = (
             sorted(getattr(one, name)() if name == "columns" else one.keep) for one in (earlier, study)
@@ -85,11 +92,6 @@ def earlier_replications(store: Store, study: Study, points: Sequence[Point]) ->
         if old != new:
             word = "measures" if name == "columns" else name
             raise InputError.of(f"{word} of the study", new, f"{old}, as its folder has them", _REMEDY)
-    names = [axis.name for axis in study.axes]
-    columns = [part.name for part in axis_fields(earlier)]
-    if columns != names:
-        raise InputError.of("axes of the study", names, f"{columns}, as its folder has them", _REMEDY)
-    return _counts(plan.to_pylist(), study, points)
 
 
 def _counts(rows: list[dict[str, Any]], study: Study, points: Sequence[Point]) -> dict[str, int]:
@@ -140,7 +142,14 @@ def planned(study: Study, store: Store) -> pd.DataFrame:
     points = expand(study)
     schedule = Schedule(study, points, earlier_replications(store, study, points))
     frame = plan_table(study, schedule.runs).to_pandas()
-    frame["done"], frame["failed"] = (frame["key"].isin(store.keys(kind)) for kind in ("runs", "failed"))
+    there = {kind: store.keys(kind) for kind in ("runs", "failed")}
+    whole = {
+        key
+        for key in set(frame["key"]) & (there["runs"] | there["failed"])
+        if not store.fault(key, run_schema(study), study.keep)
+    }
+    frame["done"] = frame["key"].isin(whole & there["runs"])
+    frame["failed"] = frame["key"].isin(whole - there["runs"])
     names = [*(axis.name for axis in study.axes), "point"]
     counts = frame.groupby(names, sort=False).agg(
         replications=("key", "count"), done=("done", "sum"), failed=("failed", "sum")

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from aimd_des import checks
 from aimd_des.errors import InputError
@@ -16,8 +15,8 @@ from aimd_des.scenario.refusals import checked
 from aimd_des.study.axis import Axis
 from aimd_des.study.columns import known_frame
 from aimd_des.study.design import Study
-from aimd_des.study.measure import SCENARIO, run_schema
-from aimd_des.study.store import Store, read_parquet
+from aimd_des.study.measure import SCENARIO, VERSIONS, plan_schema, run_schema
+from aimd_des.study.store import Store
 
 __all__ = ["StudyResults", "load_study"]
 
@@ -38,13 +37,17 @@ def load_study(folder: str | Path) -> "StudyResults":
     Raises
     ------
     InputError
-        If it is no such folder.
+        If it is no such folder, or what it says of the study is damaged.
     """
     store = Store(checks.path("folder", folder))
     manifest, plan = store.manifest(), store.plan()
     if manifest is None or plan is None:
         raise InputError.of("folder", str(folder), "that of a study, with its manifest.json and plan.parquet")
     study = checked(Study, manifest["study"], str(store.folder / "manifest.json"))
+    try:
+        plan = plan.cast(plan_schema(study))
+    except (pa.ArrowException, ValueError) as error:
+        raise InputError(f"{store.folder / 'plan.parquet'}: is that of another study ({error})") from None
     return StudyResults(store, study, plan.to_pandas())
 
 
@@ -90,24 +93,31 @@ class StudyResults:
 
     @property
     def versions(self) -> dict[str, str]:
-        """Of this program, Python and the libraries that made the study."""
-        return dict((self._store.manifest() or {}).get("versions", {}))
+        """Of this program, Python and the libraries that made the runs that are there, each that occurs."""
+        # Runs of earlier versions do not say it; the manifest does.
+        found = [(self._store.manifest() or {}).get("versions", {})]
+        for table in self._tables:
+            metadata = table.schema.metadata or {}
+            found.append(json.loads(metadata.get(VERSIONS, b"{}")))
+        names = dict.fromkeys(name for one in found for name in one)
+        every = {name: dict.fromkeys(str(one[name]) for one in found if name in one) for name in names}
+        return {name: ", ".join(sorted(values)) for name, values in every.items()}
+
+    @cached_property
+    def _tables(self) -> list[pa.Table]:
+        """The rows of all runs that are there, in the order of the plan."""
+        schema, there = run_schema(self.study), self._store.keys("runs")
+        return [self._store.run(key, schema) for key in self.plan["key"] if key in there]
 
     @cached_property
     def runs(self) -> pd.DataFrame:
         """The measures: a row for each run and resource, in the order of the plan.
 
         Columns: those of the axes, point, replication, seed, key, digest, resource, the measures of
-        `Result.summary`, until.
+        `Result.summary`, until.  A file that is damaged is refused: `missing` lists the run.
         """
-        schema = run_schema(self.study)
-        there = self._store.keys("runs")
-        tables = [
-            read_parquet(self._store.file("runs", key)).cast(schema)
-            for key in self.plan["key"]
-            if key in there
-        ]
-        return self._tidy(pa.concat_tables(tables or [schema.empty_table()]).to_pandas())
+        tables = [table.replace_schema_metadata(None) for table in self._tables]
+        return self._tidy(pa.concat_tables(tables or [run_schema(self.study).empty_table()]).to_pandas())
 
     def frame(self, name: str) -> pd.DataFrame:
         """Put a frame of all runs together.
@@ -125,16 +135,15 @@ class StudyResults:
         Raises
         ------
         InputError
-            If the study does not keep it.
+            If the study does not keep it, or that of a run that is there is lost or damaged.
         """
         known_frame("name", name)
         if name not in self.study.keep:
             raise InputError.of(
                 "name", name, f"one of what the study keeps: {self.study.keep}", "add it to keep"
             )
-        there = self._store.keys(name) & self._store.keys("runs")
-        rows = self.plan[self.plan["key"].isin(there)]
-        tables = [read_parquet(self._store.file(name, key)) for key in rows["key"]]
+        rows = self.plan[self.plan["key"].isin(self._store.keys("runs"))]
+        tables = [self._store.frame(name, key) for key in rows["key"]]
         if not tables:
             return rows[[*(axis.name for axis in self.study.axes), "replication", "key"]].copy()
         found: pd.DataFrame = pa.concat_tables(tables).unify_dictionaries().drop_columns("key").to_pandas()
@@ -148,15 +157,19 @@ class StudyResults:
     @property
     def failed(self) -> pd.DataFrame:
         """The runs that failed: the columns of the plan, and message; more is in the folder ``failed``."""
-        there = self._store.keys("failed")
+        there = self._store.keys("failed") - self._store.keys("runs")
         rows = self.plan[self.plan["key"].isin(there)].reset_index(drop=True)
-        return rows.assign(message=[self._failure(key)["message"] for key in rows["key"]])
+        return rows.assign(message=[self._store.failure(key)["message"] for key in rows["key"]])
 
     @property
     def missing(self) -> pd.DataFrame:
-        """The runs that are neither there nor failed: the columns of the plan."""
-        there = self._store.keys("runs") | self._store.keys("failed")
-        return self.plan[~self.plan["key"].isin(there)].reset_index(drop=True)
+        """The runs that a sweep would run: not there, or with a file that is lost or damaged."""
+        there = [self._is_there(key) for key in self.plan["key"]]
+        return self.plan[[not found for found in there]].reset_index(drop=True)
+
+    def _is_there(self, key: str) -> bool:
+        """Tell whether a run is there as a whole, or has failed."""
+        return not self._store.fault(key, run_schema(self.study), self.study.keep)
 
     def scenario(self, key: str) -> Scenario:
         """Give the scenario of a run, to be run alone.
@@ -177,17 +190,14 @@ class StudyResults:
             If there is no such run, or not yet.
         """
         if key in self._store.keys("runs"):
-            text = pq.read_schema(self._store.file("runs", key)).metadata[SCENARIO].decode()
+            metadata = self._store.run(key, run_schema(self.study)).schema.metadata or {}
+            text = metadata.get(SCENARIO, b"").decode("utf-8", "replace")
         elif key in self._store.keys("failed"):
-            text = self._failure(key)["scenario"]
+            text = self._store.failure(key)["scenario"]
         else:
             raise InputError.of("key", key, f"that of a run in {self.folder}, done or failed")
-        return validate_scenario(tomllib.loads(text), f"run {key}")
-
-    def _failure(self, key: str) -> dict[str, str]:
-        path = self._store.file("failed", key)
         try:
-            found = json.loads(path.read_text(encoding="utf-8"))
-            return {word: str(found[word]) for word in ("message", "scenario")}
-        except (OSError, ValueError, TypeError, KeyError) as error:
-            raise InputError(f"{path}: cannot be read ({error}); remove it, and sweep again") from None
+            data = tomllib.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"run {key}: its scenario cannot be read ({error})") from None
+        return validate_scenario(data, f"run {key}")

@@ -1,5 +1,6 @@
 """From a result to tables: a row for each resource, with the same columns for all runs of a study."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -17,10 +18,21 @@ from aimd_des.study.design import Study
 from aimd_des.study.points import problem_words
 from aimd_des.tracking import piece_problem
 
-__all__ = ["SCENARIO", "axis_fields", "frame_table", "run_schema", "run_table", "summary_of"]
+__all__ = [
+    "SCENARIO",
+    "VERSIONS",
+    "axis_fields",
+    "frame_table",
+    "plan_schema",
+    "run_schema",
+    "run_table",
+    "summary_of",
+]
 
 #: Where the metadata of a file hold the scenario of its run, as TOML.
 SCENARIO = b"aimd_des.scenario"
+#: And where the versions that made it, as JSON.
+VERSIONS = b"aimd_des.versions"
 
 # Measures that hold the averages against the optimum of the problem.
 _NEED_OPTIMUM = {"relative_error", "cost_ratio"}
@@ -44,6 +56,30 @@ def axis_fields(study: Study) -> list[pa.Field]:
     return [pa.field(axis.name, _KINDS[Axis.kind(axis.settings()[0][0])]) for axis in study.axes]
 
 
+def plan_schema(study: Study) -> pa.Schema:
+    """Describe the columns of the plan.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+
+    Returns
+    -------
+    pyarrow.Schema
+        The columns of the axes, point, replication, seed and key.
+    """
+    return pa.schema(
+        [
+            *axis_fields(study),
+            pa.field("point", pa.string()),
+            pa.field("replication", pa.int64()),
+            pa.field("seed", pa.int64()),
+            pa.field("key", pa.string()),
+        ]
+    )
+
+
 def run_schema(study: Study) -> pa.Schema:
     """Describe the columns of a run's rows.
 
@@ -61,10 +97,7 @@ def run_schema(study: Study) -> pa.Schema:
     measures = [pa.field(name, _KINDS[MEASURES[name]]) for name in study.columns()]
     return pa.schema(
         [
-            *axis_fields(study),
-            pa.field("point", pa.string()),
-            pa.field("replication", pa.int64()),
-            pa.field("seed", pa.int64()),
+            *list(plan_schema(study))[:-1],
             *texts,
             *measures,
             pa.field("until", pa.float64()),
@@ -115,7 +148,11 @@ def summary_of(scenario: Scenario, result: Result, names: Sequence[str]) -> dict
 
 
 def run_table(
-    schema: pa.Schema, labels: Mapping[str, Any], summary: Mapping[str, list[Any]], scenario: str
+    schema: pa.Schema,
+    labels: Mapping[str, Any],
+    summary: Mapping[str, list[Any]],
+    scenario: str,
+    versions: Mapping[str, str],
 ) -> pa.Table:
     """Put the rows of a run together.
 
@@ -129,6 +166,8 @@ def run_table(
         A column for the resource and each measure, as from `summary_of`.
     scenario : str
         What was run, as TOML, for the metadata.
+    versions : mapping of str to str
+        Of this program, Python and the libraries, for the metadata.
 
     Returns
     -------
@@ -138,7 +177,8 @@ def run_table(
     count = len(summary["resource"])
     every = {**{name: [value] * count for name, value in labels.items()}, **summary}
     arrays = [pa.array(every[part.name], part.type) for part in schema]
-    return pa.Table.from_arrays(arrays, schema=schema.with_metadata({SCENARIO: scenario}))
+    metadata = {SCENARIO: scenario, VERSIONS: json.dumps(versions)}
+    return pa.Table.from_arrays(arrays, schema=schema.with_metadata(metadata))
 
 
 def frame_table(key: str, result: Result, name: str) -> pa.Table:

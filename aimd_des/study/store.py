@@ -1,13 +1,14 @@
-"""The folder of a study: what is written where, each file whole or not at all."""
+"""The folder of a study: what is written where, each file whole or not at all, and checked when read."""
 
 import json
+import logging
 import os
+import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -15,44 +16,27 @@ import tomli_w
 
 import aimd_des
 from aimd_des.errors import InputError
-from aimd_des.output import library_versions
 from aimd_des.study.columns import FRAMES
 from aimd_des.study.design import Study
 from aimd_des.study.locks import exclusive
+from aimd_des.study.seal import read_sealed, write_file, write_sealed
 
-__all__ = ["Store", "parquet", "read_parquet", "write_file"]
+__all__ = ["AGAIN", "STUDY_FILE", "Store", "parquet", "write_file"]
+
+_LOGGER = logging.getLogger("aimd_des")
 
 _FOLDERS = ("runs", "failed", *FRAMES)
-_FILES = ("manifest.json", "study.toml", "plan.parquet")
-_MANIFEST = {"runs", "result_version", "versions", "study"}
+#: The study as a file that can be run itself.
+STUDY_FILE = "study.toml"
+_FILES = ("manifest.json", STUDY_FILE, "plan.parquet")
+_MANIFEST = {"runs", "result_version", "study"}
 _LOCK = ".lock"
+# What a process that was killed leaves: see `write_file`.
+_LEFT = re.compile(r"\..+\.[0-9a-f]{32}\.tmp")
 
-
-def write_file(path: Path, content: bytes | pa.Buffer) -> None:
-    """Write a file under a temporary name, and give it its own when all of it is on the disk.
-
-    Parameters
-    ----------
-    path : Path
-        Its name.
-    content : bytes or pyarrow.Buffer
-        What it holds.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written; nothing is left then.
-    """
-    temporary = path.with_name(f".{path.name}.{uuid4().hex}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+#: What is to be done about a damaged file of a run.
+AGAIN = "sweep again, which runs it again"
+_ANEW = "remove it, and sweep again"
 
 
 def parquet(table: pa.Table, *, small: bool = False) -> pa.Buffer:
@@ -78,32 +62,6 @@ def parquet(table: pa.Table, *, small: bool = False) -> pa.Buffer:
     return sink.getvalue()
 
 
-def read_parquet(path: Path) -> pa.Table:
-    """Read a Parquet file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    pyarrow.Table
-        What it holds, without metadata.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or is damaged.
-    """
-    try:
-        # One small file after the other: threads would take longer to begin than to read.
-        with pq.ParquetFile(path) as file:
-            return file.read(use_threads=False).replace_schema_metadata(None)
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(f"{path}: cannot be read ({error}); remove it, and sweep again") from None
-
-
 class Store:
     """The folder of a study.
 
@@ -115,8 +73,10 @@ class Store:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self._told = False
 
-    def file(self, kind: str, key: str) -> Path:
+    @staticmethod
+    def name(kind: str, key: str) -> str:
         """Name a file of a run.
 
         Parameters
@@ -128,10 +88,173 @@ class Store:
 
         Returns
         -------
-        Path
-            Where it is, or shall be.
+        str
+            Where it is, or shall be, as seen from the folder.
         """
-        return self.folder / kind / f"{key}.{'json' if kind == 'failed' else 'parquet'}"
+        return f"{kind}/{key}.{'json' if kind == 'failed' else 'parquet'}"
+
+    def write(self, name: str, content: bytes | pa.Buffer) -> None:
+        """Write a file with its checksum, unless it is there already.
+
+        Parameters
+        ----------
+        name : str
+            As seen from the folder.
+        content : bytes or pyarrow.Buffer
+            What it holds.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written; nothing is left then.
+        """
+        write_sealed(self.folder, name, content)
+
+    def _content(self, name: str, remedy: str) -> tuple[bytes, bool]:
+        """Read a file, and whether it has a checksum; that some have none is said once."""
+        content, sealed = read_sealed(self.folder, name, remedy)
+        if not sealed and not self._told:
+            self._told = True
+            _LOGGER.warning(
+                "%s: files of an earlier version have no checksums; whether they are as they were written"
+                " is not known",
+                self.folder,
+            )
+        return content, sealed
+
+    def _table(self, name: str, content: bytes, remedy: str) -> pa.Table:
+        try:
+            # One small file after the other: threads would take longer to begin than to read.
+            with pq.ParquetFile(pa.BufferReader(content)) as file:
+                table: pa.Table = file.read(use_threads=False)
+        except Exception as error:  # noqa: BLE001 - whatever damage makes of it
+            raise InputError(f"{self.folder / name}: cannot be read ({error}); {remedy}") from None
+        return table
+
+    def run(self, key: str, schema: pa.Schema) -> pa.Table:
+        """Read the rows of a run.
+
+        Parameters
+        ----------
+        key : str
+            Of the run.
+        schema : pyarrow.Schema
+            What a run of the study has.
+
+        Returns
+        -------
+        pyarrow.Table
+            With such columns, and the metadata of the file.
+
+        Raises
+        ------
+        InputError
+            If there is no such file, or it is damaged, or that of something else.
+        """
+        name = self.name("runs", key)
+        table = self._table(name, self._content(name, AGAIN)[0], AGAIN)
+        metadata = table.schema.metadata
+        try:
+            table = table.replace_schema_metadata(None).cast(schema)
+        except (pa.ArrowException, ValueError) as error:
+            raise InputError(f"{self.folder / name}: has other columns ({error}); {AGAIN}") from None
+        self._hold_against(key, name, table)
+        if not len(table):
+            raise InputError(f"{self.folder / name}: has no rows; {AGAIN}")
+        return table.replace_schema_metadata(metadata)
+
+    def frame(self, kind: str, key: str) -> pa.Table:
+        """Read a frame of a run.
+
+        Parameters
+        ----------
+        kind : str
+            Which.
+        key : str
+            Of the run.
+
+        Returns
+        -------
+        pyarrow.Table
+            With the key in front.
+
+        Raises
+        ------
+        InputError
+            If there is no such file, or it is damaged, or that of something else.
+        """
+        name = self.name(kind, key)
+        table = self._table(name, self._content(name, AGAIN)[0], AGAIN).replace_schema_metadata(None)
+        self._hold_against(key, name, table)
+        return table
+
+    def _hold_against(self, key: str, name: str, table: pa.Table) -> None:
+        """Refuse rows of another run: checksums know their file, and earlier versions had none."""
+        if "key" not in table.column_names or not set(table["key"].unique().to_pylist()) <= {key}:
+            raise InputError(f"{self.folder / name}: is another run's; {AGAIN}")
+
+    def failure(self, key: str) -> dict[str, str]:
+        """Read what is written about a run that failed.
+
+        Parameters
+        ----------
+        key : str
+            Of the run.
+
+        Returns
+        -------
+        dict of str
+            Its message and its scenario.
+
+        Raises
+        ------
+        InputError
+            If there is no such file, or it is damaged, or that of something else.
+        """
+        name = self.name("failed", key)
+        try:
+            found = json.loads(self._content(name, AGAIN)[0])
+            record = {word: str(found[word]) for word in ("key", "message", "scenario")}
+        except InputError:
+            raise
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            raise InputError(f"{self.folder / name}: cannot be read ({error}); {AGAIN}") from None
+        if record["key"] != key:
+            raise InputError(f"{self.folder / name}: is another run's; {AGAIN}")
+        return record
+
+    def fault(self, key: str, schema: pa.Schema, keep: Sequence[str]) -> str:
+        """Say what a run that is there, or has failed, lacks to be whole.
+
+        Parameters
+        ----------
+        key : str
+            Of the run.
+        schema : pyarrow.Schema
+            What a run of the study has.
+        keep : sequence of str
+            The frames that it has besides.
+
+        Returns
+        -------
+        str
+            A sentence; empty where all is well.
+        """
+        try:
+            if not self._exists("runs", key) and self._exists("failed", key):
+                self.failure(key)
+                return ""
+            self.run(key, schema)
+            for kind in keep:
+                # What fits its checksum need not be taken apart.
+                if not self._content(self.name(kind, key), AGAIN)[1]:
+                    self.frame(kind, key)
+        except InputError as damage:
+            return str(damage)
+        return ""
+
+    def _exists(self, kind: str, key: str) -> bool:
+        return (self.folder / self.name(kind, key)).exists()
 
     def keys(self, kind: str) -> set[str]:
         """List the runs that have a file.
@@ -163,17 +286,21 @@ class Store:
         InputError
             If it cannot be read, or is damaged.
         """
-        path = self.folder / "manifest.json"
-        if not path.is_file():
+        name = _FILES[0]
+        if not (self.folder / name).is_file():
             return None
+        content = self._content(name, _ANEW)[0]
         try:
-            found = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError) as error:
-            raise InputError(f"{path}: cannot be read ({error})") from None
+            found = json.loads(content)
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{self.folder / name}: cannot be read ({error}); {_ANEW}") from None
         if not (
-            isinstance(found, dict) and isinstance(found.get("study"), dict) and found.keys() >= _MANIFEST
+            isinstance(found, dict)
+            and found.keys() >= _MANIFEST
+            and all(isinstance(found.get(key, {}), dict) for key in ("study", "versions"))
         ):
-            raise InputError(f"{path}: is damaged: it must be a table with {', '.join(sorted(_MANIFEST))}")
+            needed = ", ".join(sorted(_MANIFEST))
+            raise InputError(f"{self.folder / name}: is damaged: it must be a table with {needed}; {_ANEW}")
         return found
 
     def plan(self) -> pa.Table | None:
@@ -189,8 +316,10 @@ class Store:
         InputError
             If it cannot be read, or is damaged.
         """
-        path = self.folder / "plan.parquet"
-        return read_parquet(path) if path.is_file() else None
+        name = _FILES[2]
+        if not (self.folder / name).is_file():
+            return None
+        return self._table(name, self._content(name, _ANEW)[0], _ANEW).replace_schema_metadata(None)
 
     @contextmanager
     def taken(self, *, overwrite: bool) -> Iterator[None]:
@@ -213,7 +342,7 @@ class Store:
         OSError
             If it cannot be written.
         """
-        self.check()
+        self.check(overwrite=overwrite)
         self.folder.mkdir(parents=True, exist_ok=True)
         with ExitStack() as lock:
             try:
@@ -223,13 +352,23 @@ class Store:
                 raise InputError.of("output folder", str(self.folder), allowed, remedy) from None
             if overwrite:
                 self._clear()
-            for place in ("", *_FOLDERS):
-                for left in (self.folder / place).glob(".*.tmp"):  # by a process that was killed
-                    left.unlink(missing_ok=True)
+            self.tidy()
             yield
 
-    def check(self) -> None:
+    def tidy(self) -> None:
+        """Remove what processes that were killed have left; the folder must be ours, and nobody at work."""
+        for place in ("", *_FOLDERS):
+            for left in (self.folder / place).glob(".*.tmp"):
+                if _LEFT.fullmatch(left.name):
+                    left.unlink(missing_ok=True)
+
+    def check(self, *, overwrite: bool = False) -> None:
         """Refuse a folder that is none, or somebody else's.
+
+        Parameters
+        ----------
+        overwrite : bool
+            Whether an earlier study is removed, damaged or not.
 
         Raises
         ------
@@ -240,15 +379,24 @@ class Store:
             raise InputError.of(
                 "output folder", str(self.folder), "a folder", "it is a file; choose another name"
             )
-        if self.folder.is_dir() and self.manifest() is None:
+        if self.folder.is_dir() and not self._is_ours(damaged=overwrite):
             others = [
-                path.name for path in self.folder.iterdir() if path.name != _LOCK and path.suffix != ".tmp"
+                path.name
+                for path in self.folder.iterdir()
+                if path.name != _LOCK and not _LEFT.fullmatch(path.name)
             ]
             if others:
                 reason = f"it has no manifest.json but {sorted(others)[0]!r}; choose another"
                 raise InputError.of(
                     "output folder", str(self.folder), "new, empty or that of a study", reason
                 )
+
+    def _is_ours(self, *, damaged: bool) -> bool:
+        """Tell whether this program has written the folder: by the manifest, or else by a plan that fits."""
+        manifest, _, plan = ((self.folder / name).is_file() for name in _FILES)
+        if manifest:
+            return damaged or self.manifest() is not None
+        return plan and self._content(_FILES[2], _ANEW)[1]
 
     def _clear(self) -> None:
         # The manifest goes last: until then the folder is known as ours.
@@ -259,7 +407,7 @@ class Store:
             else:
                 path.unlink(missing_ok=True)
 
-    def write_study(self, study: Study, plan: pa.Table) -> None:
+    def write_study(self, study: Study, plan: pa.Table, versions: Mapping[str, str]) -> None:
         """Write what the study is, and which runs it has.
 
         Parameters
@@ -268,6 +416,8 @@ class Store:
             The study.
         plan : pyarrow.Table
             A row for each run.
+        versions : mapping of str to str
+            Of what made runs that do not say it themselves.
 
         Raises
         ------
@@ -277,17 +427,38 @@ class Store:
         manifest = {
             "runs": len(plan),
             "result_version": aimd_des.RESULT_VERSION,
-            "versions": library_versions(),
+            **({"versions": dict(versions)} if versions else {}),
             "study": study.spoken(),
         }
         content = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
-        write_file(self.folder / "manifest.json", content.encode())
-        write_file(self.folder / "study.toml", tomli_w.dumps(study.spoken()).encode())
-        write_file(self.folder / "plan.parquet", parquet(plan))
+        for name, part in zip(
+            _FILES, (content.encode(), tomli_w.dumps(study.spoken()).encode(), parquet(plan)), strict=True
+        ):
+            self.write(name, part)
         for name in ("runs", "failed", *study.keep):
             (self.folder / name).mkdir(exist_ok=True)
 
-    def forget_failures(self) -> None:
-        """Remove what is written about runs that failed."""
-        for key in self.keys("failed"):
-            self.file("failed", key).unlink()
+    def forget(self, kind: str, key: str) -> None:
+        """Remove a file of a run, or an empty folder in its place.
+
+        Parameters
+        ----------
+        kind : str
+            "runs", "failed" or a frame.
+        key : str
+            Of the run.
+
+        Raises
+        ------
+        InputError
+            If there is a folder in its place that is not empty.
+        OSError
+            If it cannot be removed.
+        """
+        path = self.folder / self.name(kind, key)
+        if not path.is_dir() or path.is_symlink():
+            path.unlink(missing_ok=True)
+        elif any(path.iterdir()):
+            raise InputError(f"{path}: is a folder that is not empty, in place of a file; remove it yourself")
+        else:
+            path.rmdir()

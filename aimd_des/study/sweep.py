@@ -1,5 +1,6 @@
 """A study carried out: what is there is kept, what is missing is run, and it may be stopped at any moment."""
 
+import logging
 import os
 import signal
 import threading
@@ -9,8 +10,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-
-import pyarrow.parquet as pq
 
 from aimd_des import checks
 from aimd_des.errors import InputError
@@ -22,10 +21,15 @@ from aimd_des.study.measure import run_schema
 from aimd_des.study.points import Run, expand
 from aimd_des.study.pools import Given, Pool, Processes
 from aimd_des.study.schedule import Schedule
-from aimd_des.study.store import Store
+from aimd_des.study.store import AGAIN, Store
 from aimd_des.study.worker import Outcome, Task, failure, present
 
 __all__ = ["Tally", "run_study"]
+
+_LOGGER = logging.getLogger("aimd_des")
+
+# Of files that are damaged so many are named.
+_MOST_TOLD = 5
 
 
 @dataclass
@@ -101,9 +105,15 @@ def run_study(
     store = Store(Path(out).absolute())
     with store.taken(overwrite=overwrite):
         schedule = Schedule(study, points, earlier_replications(store, study, points))
-        store.write_study(study, plan_table(study, schedule.runs))
+        versions = (store.manifest() or {}).get("versions", {})
+
+        def write_study() -> None:
+            store.write_study(study, plan_table(study, schedule.runs), versions)
+
+        write_study()
         if retry_failed:
-            store.forget_failures()
+            for key in store.keys("failed"):
+                store.forget("failed", key)
         sweep = _Sweep(study, store, schedule, watch)
         try:
             with _pool(executor, many, store) as pool, _interrupted(pool) as interrupted:
@@ -116,7 +126,9 @@ def run_study(
                 )
                 stopped = interrupted()
         finally:
-            store.write_study(study, plan_table(study, schedule.runs))
+            write_study()
+        # All runs are back, so that nobody writes: what is left is of workers that were killed.
+        store.tidy()
         if sweep.unwritten is not None:
             raise OSError(sweep.unwritten.errno, sweep.unwritten.message, str(out))
         if stopped:
@@ -135,26 +147,39 @@ class _Sweep:
         self.unwritten: Outcome | None = None
         self._store, self._schedule, self._watch = store, schedule, watch
         self._stored, self._failed = store.keys("runs"), store.keys("failed")
+        self._damaged = 0
         self._tally = Tally(total=len(schedule))
 
     def due(self) -> Run | None:
-        """Give the next run that is not there yet."""
+        """Give the next run that is not there as a whole."""
         while (run := self._schedule.next()) is not None:
-            if run.key in self._stored:
-                self._schedule.record(run, self._values(run))
-            elif run.key in self._failed:
-                self._schedule.record(run, ())
+            there = run.key in self._stored or run.key in self._failed
+            if there and not self._is_damaged(run.key):
+                self._schedule.record(run, self._values(run) if run.key in self._stored else [])
             else:
                 return run
             self._tally.found += 1
         self._tell()
         return None
 
+    def _is_damaged(self, key: str) -> bool:
+        """Tell whether a run that is there is none, and make room for it."""
+        fault = self._store.fault(key, self.task.schema, self.task.keep)
+        if fault:
+            self._damaged += 1
+            if self._damaged <= _MOST_TOLD:
+                _LOGGER.warning("%s", fault.replace(AGAIN, "it is run again"))
+            elif self._damaged == _MOST_TOLD + 1:
+                _LOGGER.warning("%s: more runs are damaged; they are run again", self._store.folder)
+            for kind in ("runs", "failed", *self.task.keep):
+                self._store.forget(kind, key)
+        return bool(fault)
+
     def _values(self, run: Run) -> list[tuple[str, float]]:
         """Read what precision is wanted of."""
         if self.task.measure is None:
             return []
-        rows = pq.read_table(self._store.file("runs", run.key), columns=["resource", self.task.measure])
+        rows = self._store.run(run.key, self.task.schema).select(["resource", self.task.measure])
         return list(zip(*(column.to_pylist() for column in rows.columns), strict=True))
 
     def take(self, run: Run, outcome: Outcome) -> None:

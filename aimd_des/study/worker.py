@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from threading import Event
 from typing import Any, Literal
@@ -15,12 +16,13 @@ from typing import Any, Literal
 import pyarrow as pa
 import tomli_w
 
+from aimd_des.output import library_versions
 from aimd_des.results import Result
 from aimd_des.scenario import Scenario
 from aimd_des.study.locks import exclusive
 from aimd_des.study.measure import frame_table, run_table, summary_of
 from aimd_des.study.points import Job
-from aimd_des.study.store import Store, parquet, write_file
+from aimd_des.study.store import Store, parquet
 
 __all__ = ["Outcome", "Task", "failure", "perform", "present"]
 
@@ -97,7 +99,7 @@ def perform(task: Task, job: Job) -> Outcome:
             result = _carry_out(scenario)
         summary = summary_of(scenario, result, task.measures)
         labels = {**job.labels, "digest": result.digest}
-        rows = run_table(task.schema, labels, summary, tomli_w.dumps(job.scenario))
+        rows = run_table(task.schema, labels, summary, tomli_w.dumps(job.scenario), _versions())
         frames = {name: frame_table(job.key, result, name) for name in task.keep}
     except Exception as error:  # noqa: BLE001 - whatever goes wrong in one run must not stop the others
         message = f"{type(error).__name__}: {error}"
@@ -110,9 +112,9 @@ def perform(task: Task, job: Job) -> Outcome:
 
     def write() -> None:
         for name, frame in frames.items():
-            write_file(store.file(name, job.key), parquet(frame))
+            store.write(store.name(name, job.key), parquet(frame))
         # The rows come last: where they are, everything is.
-        write_file(store.file("runs", job.key), parquet(rows, small=True))
+        store.write(store.name("runs", job.key), parquet(rows, small=True))
 
     return _written(write, Outcome("done", values=values, saturated=bool(result.account.saturated.any())))
 
@@ -144,10 +146,15 @@ def failure(store: Store, job: Job, message: str, trace: str = "") -> None:
     OSError
         If it cannot be written.
     """
-    record = {**job.labels, "message": message, "traceback": trace, "scenario": tomli_w.dumps(job.scenario)}
-    write_file(
-        store.file("failed", job.key), f"{json.dumps(record, indent=2, ensure_ascii=False)}\n".encode()
-    )
+    record = {
+        **job.labels,
+        "message": message,
+        "traceback": trace,
+        "versions": _versions(),
+        "scenario": tomli_w.dumps(job.scenario),
+    }
+    content = f"{json.dumps(record, indent=2, ensure_ascii=False)}\n".encode("utf-8", "backslashreplace")
+    store.write(store.name("failed", job.key), content)
 
 
 def present(folder: str, key: str) -> bool:
@@ -167,6 +174,9 @@ def present(folder: str, key: str) -> bool:
     """
     return Path(folder, key).is_file()
 
+
+# Reading them takes longer than many a run.
+_versions = cache(library_versions)
 
 #: Set once this process has compiled, or loaded, what runs need.
 _COMPILED = Event()

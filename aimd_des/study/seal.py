@@ -1,0 +1,168 @@
+"""Files that carry the digest of their own content: where a bit is turned, reading refuses.
+
+The digest stands inside the file, at a place that readers of the format pass over, so that file and
+digest appear at once and stay together whatever is copied.  It covers all other bytes and the name of
+the file below its folder: the file of another run is no substitute.
+"""
+
+import os
+from hashlib import sha256
+from pathlib import Path
+from uuid import uuid4
+
+import pyarrow as pa
+
+from aimd_des.errors import InputError
+
+__all__ = ["read_sealed", "unsealed", "write_file", "write_sealed"]
+
+# What stands before and after the digest.  In JSON it is the last key, in TOML a comment at the end; in
+# Parquet it stands between the last page and the footer, where nothing points to.
+_FORMS = {
+    ".json": (b',\n  "sha256": "', b'"'),
+    ".toml": (b"# sha256 ", b"\n"),
+    ".parquet": (b"aimd_des.sha256 ", b""),
+}
+_DIGITS = 64
+# A Parquet file ends with the length of its footer, and four letters.
+_PARQUET_END = 8
+
+
+def _behind(content: bytes, suffix: str) -> int:
+    """Say how many bytes stand behind the digest."""
+    if suffix == ".json":
+        return len(b"\n}\n")
+    if suffix == ".toml":
+        return 0
+    return _PARQUET_END + int.from_bytes(content[-_PARQUET_END : -_PARQUET_END + 4], "little")
+
+
+def _seal(name: str, content: bytes) -> bytes:
+    before, after = _FORMS[Path(name).suffix]
+    digest = sha256(name.encode() + b"\n")
+    digest.update(content)
+    return before + digest.hexdigest().encode() + after
+
+
+def write_file(path: Path, content: bytes | pa.Buffer) -> None:
+    """Write a file under a temporary name, and give it its own when all of it is on the disk.
+
+    Parameters
+    ----------
+    path : Path
+        Its name.
+    content : bytes or pyarrow.Buffer
+        What it holds.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; nothing is left then.
+    """
+    temporary = path.with_name(f".{path.name}.{uuid4().hex}.tmp")
+    try:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def write_sealed(folder: Path, name: str, content: bytes | pa.Buffer) -> None:
+    """Write a file with the digest of its content, unless the same is there already.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the study.
+    name : str
+        Of the file, as seen from the folder; it ends with .json, .toml or .parquet.
+    content : bytes or pyarrow.Buffer
+        What it holds, in the format that its name says.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; nothing is left then.
+    """
+    path = folder / name
+    rest = bytes(content)
+    place = len(rest) - _behind(rest, path.suffix)
+    whole = b"".join((rest[:place], _seal(name, rest), rest[place:]))
+    if not (path.is_file() and path.read_bytes() == whole):
+        write_file(path, whole)
+
+
+def read_sealed(folder: Path, name: str, remedy: str) -> tuple[bytes, bool]:
+    """Read a file, and hold it against its digest.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the study.
+    name : str
+        Of the file, as seen from the folder.
+    remedy : str
+        What to do where it is damaged.
+
+    Returns
+    -------
+    content : bytes
+        Without the digest.
+    sealed : bool
+        Whether there was one: earlier versions wrote none.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or its digest is not that of the content.
+    """
+    path = folder / name
+    try:
+        whole = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); {remedy}") from None
+    return unsealed(whole, name, str(path), remedy)
+
+
+def unsealed(whole: bytes, name: str, source: str, remedy: str) -> tuple[bytes, bool]:
+    """Hold content against the digest in it.
+
+    Parameters
+    ----------
+    whole : bytes
+        Of the file.
+    name : str
+        Under which it was written, as seen from the folder.
+    source : str
+        Where it comes from, to begin the sentence with.
+    remedy : str
+        What to do where it is damaged.
+
+    Returns
+    -------
+    content : bytes
+        Without the digest.
+    sealed : bool
+        Whether there was one: earlier versions wrote none.
+
+    Raises
+    ------
+    InputError
+        If the digest is not that of the content.
+    """
+    suffix = Path(name).suffix
+    before, after = _FORMS[suffix]
+    end = max(len(whole) - _behind(whole, suffix), 0)
+    begin = max(end - len(before) - _DIGITS - len(after), 0)
+    content = whole[:begin] + whole[end:]
+    if whole[begin:end] == _seal(name, content):
+        return content, True
+    # Files of earlier versions lack the mark everywhere: where a turned bit has hit the length of a footer,
+    # it stands at another place only.
+    if whole and before not in whole:
+        return whole, False
+    raise InputError(f"{source}: does not fit its checksum: it is damaged, or another file's; {remedy}")

@@ -1,0 +1,319 @@
+"""Studies at rest: what is damaged, lost or another's is seen, said and run again."""
+
+import json
+import logging
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+from aimd_des import InputError, Study, load_study
+from aimd_des.study import StudyResults, read_study
+from aimd_des.study.growth import planned
+from aimd_des.study.seal import unsealed
+from aimd_des.study.store import Store
+from tests.test_study_runs import BASE, contents, design, in_a_thread, leftovers
+
+FLIPS = 400
+AXES = [{"name": "latency", "key": "channel.latency", "values": [0, 2]}]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> StudyResults:
+    return in_a_thread(design(axes=AXES), tmp_path_factory.mktemp("whole") / "study")
+
+
+@pytest.fixture
+def copy(whole: StudyResults, tmp_path: Path) -> Path:
+    shutil.copytree(whole.folder, tmp_path / "copy")
+    return tmp_path / "copy"
+
+
+@pytest.fixture
+def said(caplog: pytest.LogCaptureFixture) -> Callable[[], list[str]]:
+    caplog.set_level(logging.WARNING, "aimd_des")
+    return lambda: [record.getMessage() for record in caplog.records]
+
+
+def read(folder: Path) -> tuple[pd.DataFrame, ...]:
+    """Read all that a folder has, and what one makes of it."""
+    found = load_study(folder)
+    scenarios = pd.DataFrame({"toml": [found.scenario(key).to_toml() for key in found.plan["key"]]})
+    about = pd.DataFrame({"study": [repr(found.study)], "versions": [repr(found.versions)]})
+    again = pd.DataFrame({"study": [repr(read_study(folder / "study.toml"))]})
+    frames = [found.frame(name) for name in found.study.keep]
+    return (found.plan, found.missing, found.failed, found.runs, *frames, scenarios, about, again)
+
+
+def equal(one: tuple[pd.DataFrame, ...], other: tuple[pd.DataFrame, ...]) -> bool:
+    return all(mine.equals(its) for mine, its in zip(one, other, strict=True))
+
+
+def _tiny() -> Study:
+    """Two runs, of which one fails."""
+    broken = {
+        "cases": {"well": {}, "ill": {"channel.network": {"kind": "star", "n_agents": 7}}},
+        "name": "is",
+    }
+    return design(keep=["signals"], replications=1, axes=[broken], scenario={**BASE, "until": 5})
+
+
+# -- one bit ---------------------------------------------------------------------------------------------
+
+
+def test_a_flipped_bit_never_reads_back_as_another_number(tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    in_a_thread(_tiny(), copy)
+    expected = read(copy)
+    assert len(expected[2]) == 1
+    files = [path for path in sorted(copy.rglob("*")) if path.is_file() and path.stat().st_size]
+    assert len(files) == 6
+    rng = np.random.default_rng(13)
+    silent, refusals = 0, []
+    for flip in range(FLIPS):
+        path = files[flip % len(files)]
+        content = path.read_bytes()
+        place = int(rng.integers(8 * len(content)))
+        turned = bytearray(content)
+        turned[place // 8] ^= 1 << place % 8
+        path.write_bytes(turned)
+        try:
+            found = read(copy)
+        except InputError as refusal:
+            refusals.append((path.name, str(refusal)))
+        else:
+            # A bit of the mark itself: nothing that is read has changed, and it is said.
+            silent += 1
+            assert equal(found, expected), (path, place)
+        path.write_bytes(content)
+    assert silent < FLIPS / 10
+    assert [sentence for name, sentence in refusals if name not in sentence or "\n" in sentence] == []
+    assert equal(read(copy), expected)
+
+
+@pytest.mark.parametrize("kind", ["runs", "signals", "manifest.json", "plan.parquet", "study.toml"])
+def test_every_byte_of_a_file_is_covered(whole: StudyResults, kind: str) -> None:
+    path = whole.folder / kind
+    path = min(path.iterdir()) if path.is_dir() else path
+    name, content = str(path.relative_to(whole.folder)), path.read_bytes()
+    _, sealed = unsealed(content, name, "it", "")
+    assert sealed
+    mark = content.find(b"sha256")
+    passed = []
+    for place in range(len(content)):
+        turned = bytearray(content)
+        turned[place] ^= 1 << place % 8
+        try:
+            found = unsealed(bytes(turned), name, "it", "")
+        except InputError:
+            continue
+        assert not found[1]
+        passed.append(place)
+    # Without its mark a file is one of an earlier version, which is said; nothing else passes.
+    assert len(passed) < 20
+    assert all(abs(place - mark) < 20 for place in passed)
+
+
+def test_files_with_checksums_are_for_everybody(whole: StudyResults) -> None:
+    key = whole.plan["key"][0]
+    table = pq.read_table(whole.folder / "signals" / f"{key}.parquet")
+    assert len(table) == whole.frame("signals")["key"].eq(key).sum()
+    assert json.loads((whole.folder / "manifest.json").read_text())["runs"] == 4
+    assert read_study(whole.folder / "study.toml") == whole.study
+
+
+# -- what is lost, cut off or another's ------------------------------------------------------------------
+
+
+def _emptied(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def _cut_off(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-40])
+
+
+def _folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def _another(path: Path) -> None:
+    other = next(one for one in sorted(path.parent.iterdir()) if one != path)
+    shutil.copyfile(other, path)
+
+
+@pytest.mark.parametrize("kind", ["runs", "signals", "demand"])
+@pytest.mark.parametrize("damage", [Path.unlink, _emptied, _cut_off, _folder, _another])
+def test_a_run_that_is_not_whole_is_missing_and_run_again(
+    whole: StudyResults,
+    copy: Path,
+    said: Callable[[], list[str]],
+    damage: Callable[[Path], None],
+    kind: str,
+) -> None:
+    key = whole.plan["key"][1]
+    damage(copy / kind / f"{key}.parquet")
+    found = load_study(copy)
+    assert found.missing["key"].tolist() == [key]
+    assert planned(whole.study, Store(copy))["done"].sum() == 3
+    lost = damage is Path.unlink and kind == "runs"  # then it is as if it had never been
+    if kind == "runs":
+        if lost:
+            assert key not in set(found.runs["key"])
+        else:
+            with pytest.raises(InputError, match=f"{key}.*sweep again, which runs it again"):
+                _ = found.runs
+    else:
+        assert key in set(found.runs["key"])
+        with pytest.raises(InputError, match=f"{kind}/{key}.*sweep again, which runs it again"):
+            found.frame(kind)
+    in_a_thread(whole.study, copy)
+    assert contents(copy) == contents(whole.folder)
+    assert [
+        sentence for sentence in said() if key in sentence and sentence.endswith("it is run again")
+    ] or lost
+
+
+def test_many_damaged_runs_are_not_all_told(
+    whole: StudyResults, copy: Path, said: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("aimd_des.study.sweep._MOST_TOLD", 2)
+    for path in (copy / "runs").iterdir():
+        path.write_bytes(b"")
+    in_a_thread(whole.study, copy)
+    assert len(said()) == 3
+    assert said()[-1].endswith("more runs are damaged; they are run again")
+    assert contents(copy) == contents(whole.folder)
+
+
+def test_a_record_of_a_failure_that_is_damaged_is_no_record(copy: Path, whole: StudyResults) -> None:
+    key = whole.plan["key"][0]
+    (copy / "runs" / f"{key}.parquet").unlink()
+    (copy / "failed" / f"{key}.json").write_text('{"message": "')
+    found = load_study(copy)
+    assert found.missing["key"].tolist() == [key]
+    with pytest.raises(InputError, match=f"{key}.json: cannot be read"):
+        _ = found.failed
+    in_a_thread(whole.study, copy)
+    assert contents(copy) == contents(whole.folder)
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "plan.parquet"])
+@pytest.mark.parametrize("damage", [_emptied, _cut_off, _folder])
+def test_what_says_which_study_it_is_can_be_made_anew(
+    whole: StudyResults, copy: Path, said: Callable[[], list[str]], damage: Callable[[Path], None], name: str
+) -> None:
+    damage(copy / name)
+    with pytest.raises(InputError, match=name):
+        load_study(copy)
+    if damage is _folder:
+        (copy / name).rmdir()
+    else:
+        with pytest.raises(InputError, match=f"{name}: .*remove it, and sweep again"):
+            in_a_thread(whole.study, copy)
+        (copy / name).unlink()
+    in_a_thread(whole.study, copy)
+    assert contents(copy) == contents(whole.folder)
+
+
+def test_a_damaged_study_can_be_removed_and_that_of_others_cannot(whole: StudyResults, copy: Path) -> None:
+    (copy / "manifest.json").write_text("{")
+    in_a_thread(whole.study, copy, overwrite=True)
+    assert contents(copy) == contents(whole.folder)
+    pd.DataFrame({"mine": [1.0]}).to_parquet(copy / "plan.parquet")
+    (copy / "manifest.json").unlink()
+    before = contents(copy)
+    for overwrite in (False, True):
+        with pytest.raises(InputError, match=r"it has no manifest\.json"):
+            in_a_thread(whole.study, copy, overwrite=overwrite)
+    assert contents(copy) == before
+
+
+# -- what earlier versions wrote -------------------------------------------------------------------------
+
+VERSIONS = {"aimd_des": "0.0.9", "python": "3.12.0"}
+
+
+def _as_before(folder: Path) -> None:
+    """Make of a folder what the version before checksums and digests wrote."""
+    for path in folder.rglob("*"):
+        if path.is_file() and path.stat().st_size:
+            path.write_bytes(unsealed(path.read_bytes(), str(path.relative_to(folder)), "it", "")[0])
+    for path in (folder / "runs").iterdir():
+        table = pq.read_table(path)
+        scenario = {b"aimd_des.scenario": table.schema.metadata[b"aimd_des.scenario"]}
+        pq.write_table(table.replace_schema_metadata(scenario), path)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    (folder / "manifest.json").write_text(json.dumps({**manifest, "versions": VERSIONS}))
+
+
+def test_a_study_of_an_earlier_version_is_read_and_goes_on(
+    whole: StudyResults, copy: Path, said: Callable[[], list[str]]
+) -> None:
+    _as_before(copy)
+    found = load_study(copy)
+    assert found.runs.equals(whole.runs)
+    assert found.frame("signals").equals(whole.frame("signals"))
+    assert found.missing.empty
+    assert found.versions == VERSIONS
+    assert [sentence.partition(": ")[2] for sentence in said()] == [
+        "files of an earlier version have no checksums; whether they are as they were written is not known"
+    ]
+    results = in_a_thread(design(axes=AXES, replications=3), copy)
+    assert len(results.runs) == 2 * 3 * 2
+    # Versions of both: those of the old runs are kept.
+    assert VERSIONS["aimd_des"] in results.versions["aimd_des"]
+    assert whole.versions["aimd_des"] in results.versions["aimd_des"]
+
+
+def test_another_run_in_a_file_without_checksum_is_seen(whole: StudyResults, copy: Path) -> None:
+    _as_before(copy)
+    first, second = whole.plan["key"][:2]
+    shutil.copyfile(copy / f"runs/{first}.parquet", copy / f"runs/{second}.parquet")
+    found = load_study(copy)
+    assert found.missing["key"].tolist() == [second]
+    with pytest.raises(InputError, match=f"{second}.parquet: is another run's; sweep again"):
+        _ = found.runs
+
+
+# -- versions --------------------------------------------------------------------------------------------
+
+
+def test_a_sweep_that_runs_nothing_writes_nothing_and_versions_are_those_of_runs(
+    whole: StudyResults, copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = {path: path.stat().st_mtime_ns for path in copy.rglob("*") if path.is_file()}
+    monkeypatch.setattr("aimd_des.study.worker._versions", lambda: VERSIONS)
+    assert in_a_thread(whole.study, copy).versions == whole.versions
+    assert {path: path.stat().st_mtime_ns for path in copy.rglob("*") if path.is_file()} == before
+    grown = in_a_thread(design(axes=AXES, replications=3), copy)
+    both = sorted((VERSIONS["aimd_des"], whole.versions["aimd_des"]))
+    assert grown.versions["aimd_des"] == ", ".join(both)
+    assert grown.versions["numpy"] == whole.versions["numpy"]
+
+
+# -- workers that are killed -----------------------------------------------------------------------------
+
+
+def test_what_a_killed_worker_leaves_is_swept_by_the_sweep_that_sees_it(
+    whole: StudyResults, copy: Path
+) -> None:
+    key = whole.plan["key"][0]
+    (copy / f"runs/{key}.parquet").unlink()
+    ours = copy / f"runs/.{key}.parquet.{'0f' * 16}.tmp"
+    theirs = copy / "runs" / ".notes.tmp"
+
+    def leave(_: Any) -> None:
+        ours.write_bytes(b"half")
+        theirs.write_bytes(b"whole")
+
+    in_a_thread(whole.study, copy, watch=leave)
+    assert leftovers(copy) == [theirs]
+    theirs.unlink()
+    assert contents(copy) == contents(whole.folder)
