@@ -250,10 +250,11 @@ def _as_before(folder: Path) -> None:
         scenario = {b"aimd_des.scenario": table.schema.metadata[b"aimd_des.scenario"]}
         pq.write_table(table.replace_schema_metadata(scenario), path)
     manifest = json.loads((folder / "manifest.json").read_text())
+    del manifest["digests"]
     (folder / "manifest.json").write_text(json.dumps({**manifest, "versions": VERSIONS}))
 
 
-def test_a_study_of_an_earlier_version_is_read_and_goes_on(
+def test_a_study_of_an_earlier_version_is_read_and_goes_on_and_both_are_said(
     whole: StudyResults, copy: Path, said: Callable[[], list[str]]
 ) -> None:
     _as_before(copy)
@@ -266,6 +267,7 @@ def test_a_study_of_an_earlier_version_is_read_and_goes_on(
         "files of an earlier version have no checksums; whether they are as they were written is not known"
     ]
     results = in_a_thread(design(axes=AXES, replications=3), copy)
+    assert any(sentence.startswith(f"{copy}: holds no digests of its problems") for sentence in said())
     assert len(results.runs) == 2 * 3 * 2
     # Versions of both: those of the old runs are kept.
     assert VERSIONS["aimd_des"] in results.versions["aimd_des"]
@@ -317,3 +319,84 @@ def test_what_a_killed_worker_leaves_is_swept_by_the_sweep_that_sees_it(
     assert leftovers(copy) == [theirs]
     theirs.unlink()
     assert contents(copy) == contents(whole.folder)
+
+
+# -- models that have changed ----------------------------------------------------------------------------
+
+MODEL = """
+from aimd_des import CustomCosts, Problem, Resource, model
+
+FACTORS = [1.0, 2.0]
+
+def slope(agent, x):
+    return 2 * FACTORS[agent] * x
+
+def value(agent, x):
+    # the price
+    return FACTORS[agent] * float(x[0]) ** 2
+
+@model
+def {name}(seed=0):
+    return Problem([Resource("memory", 4.0, 0.03, 0.5, 0.02)], CustomCosts(2, 1, value, slope))
+"""
+
+
+def _swept(name: str, text: str, out: Path, monkeypatch: pytest.MonkeyPatch, replications: int = 1) -> Any:
+    """Sweep in a process that has just imported the model."""
+    import sys
+
+    from aimd_des import registry
+
+    Path(f"{name}.py").write_text(text)
+    sys.modules.pop(name, None)
+    monkeypatch.setattr(registry, "_REGISTERED", {})
+    __import__("importlib").invalidate_caches()
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    study = Study.model_validate(
+        {
+            "scenario": {"model": name, "until": 5, "agents": "process"},
+            "axes": AXES,
+            "replications": replications,
+        }
+    )
+    return in_a_thread(study, out)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "parts"),
+    [
+        ('"memory", 4.0', '"memory", 1.0', "capacity"),
+        ("0.02)", "0.01)", "normalization"),
+        ("0.03, 0.5", "0.02, 0.4", "increase, decrease"),
+        ("FACTORS = [1.0, 2.0]", "FACTORS = [1.0, 3.0]", "costs"),
+        ("float(x[0]) ** 2", "float(x[0]) ** 2 + 1", "costs"),
+    ],
+)
+def test_a_model_that_has_changed_is_refused_before_anything_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, old: str, new: str, parts: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    name = "changing_model"
+    text = MODEL.format(name=name)
+    assert old in text
+    _swept(name, text, tmp_path / "out", monkeypatch)
+    before = contents(tmp_path / "out")
+    with pytest.raises(InputError) as caught:
+        _swept(name, text.replace(old, new), tmp_path / "out", monkeypatch, replications=2)
+    assert str(caught.value) == (
+        f"the problem at latency = 0 is not that of the runs in the folder: its {parts} differ, since its"
+        " model has changed; put the model back as it was, or choose another folder, or say --overwrite"
+        " (overwrite=True)"
+    )
+    assert contents(tmp_path / "out") == before
+    # Comments and blanks make no other problem.
+    same = text.replace("# the price", "# what it costs\n")
+    assert len(_swept(name, same, tmp_path / "out", monkeypatch, replications=2).runs) == 4
+
+
+def test_points_that_share_a_problem_have_one_digest(whole: StudyResults) -> None:
+    digests = json.loads((whole.folder / "manifest.json").read_text())["digests"]
+    (only,) = digests["problems"].values()
+    assert only["points"] == whole.plan["point"].unique().tolist()
+    assert set(only["parts"]) >= {"capacity", "increase", "decrease", "costs"}

@@ -1,5 +1,6 @@
 """The plan of a study, and what it may become: a folder grows by values and replications."""
 
+import logging
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,12 +11,15 @@ import aimd_des
 from aimd_des.errors import InputError
 from aimd_des.scenario.refusals import checked
 from aimd_des.study.design import Study
+from aimd_des.study.fingerprint import FORM, fingerprint
 from aimd_des.study.measure import plan_schema, run_schema
-from aimd_des.study.points import Point, Run, expand, run_of
+from aimd_des.study.points import Point, Run, expand, run_of, shown_labels
 from aimd_des.study.schedule import Schedule
 from aimd_des.study.store import Store
 
-__all__ = ["earlier_replications", "plan_table", "planned"]
+__all__ = ["digests_of", "earlier_replications", "plan_table", "planned"]
+
+_LOGGER = logging.getLogger("aimd_des")
 
 # What a plan has behind the axes.
 _LABELS = ("point", "replication", "seed", "key")
@@ -76,7 +80,17 @@ def earlier_replications(store: Store, study: Study, points: Sequence[Point]) ->
     columns = plan.column_names[: -len(_LABELS)]
     if columns != names:
         raise InputError.of("axes of the study", names, f"{columns}, as its folder has them", _REMEDY)
-    return _counts(plan.to_pylist(), study, points)
+    counts = _counts(plan.to_pylist(), study, points)
+    digests = (manifest or {}).get("digests", {})
+    if digests.get("form") == FORM:
+        _hold_problems_against(digests["problems"], points)
+    else:
+        _LOGGER.warning(
+            "%s: holds no digests of its problems, or such as an earlier version made; whether models are as"
+            " they were when its runs were made is not known",
+            store.folder,
+        )
+    return counts
 
 
 def _hold_against(store: Store, manifest: dict[str, Any], study: Study) -> None:
@@ -92,6 +106,41 @@ def _hold_against(store: Store, manifest: dict[str, Any], study: Study) -> None:
         if old != new:
             word = "measures" if name == "columns" else name
             raise InputError.of(f"{word} of the study", new, f"{old}, as its folder has them", _REMEDY)
+
+
+def digests_of(points: Sequence[Point]) -> dict[str, Any]:
+    """Say what is shared at each point, for the manifest.
+
+    Parameters
+    ----------
+    points : sequence of Point
+        Of a study.
+
+    Returns
+    -------
+    dict
+        For each problem that differs, by a digest: the points that have it, and digests of its parts; and
+        the form of the digests.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for point in points:
+        entry = found.setdefault(fingerprint(point.problem), {"points": [], "parts": point.problem})
+        entry["points"].append(point.name)
+    return {"form": FORM, "problems": found}
+
+
+def _hold_problems_against(earlier: dict[str, Any], points: Sequence[Point]) -> None:
+    """Refuse runs of another problem under the same words: what a model makes of them has changed."""
+    before = {name: entry["parts"] for entry in earlier.values() for name in entry["points"]}
+    for point in points:
+        parts = before.get(point.name, point.problem)
+        others = [name for name, digest in point.problem.items() if parts.get(name) != digest]
+        if others:
+            at = f"at {shown_labels(point.labels)}" if point.labels else "of the scenario"
+            raise InputError(
+                f"the problem {at} is not that of the runs in the folder: its {', '.join(others)} differ,"
+                f" since its model has changed; put the model back as it was, or {_REMEDY}"
+            )
 
 
 def _counts(rows: list[dict[str, Any]], study: Study, points: Sequence[Point]) -> dict[str, int]:

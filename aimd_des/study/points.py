@@ -16,9 +16,10 @@ from aimd_des.scenario import Scenario, validate_scenario
 from aimd_des.scenario.keys import with_settings
 from aimd_des.study.axis import Setting, Value
 from aimd_des.study.design import Study
+from aimd_des.study.fingerprint import problem_digests
 from aimd_des.study.where import Condition
 
-__all__ = ["Job", "Point", "Run", "expand", "problem_words", "run_of"]
+__all__ = ["Job", "Point", "Run", "expand", "problem_words", "run_of", "shown_labels"]
 
 # What a seed is for: the first word of its spawn key. They never change.
 _PAIRED, _UNPAIRED = 0, 1
@@ -36,11 +37,14 @@ class Point:
         The value of each axis by its name.
     scenario : Scenario
         The run at this point, without its seed.
+    problem : dict of str
+        Digests of the problem with seed 0, part by part.
     """
 
     name: str
     labels: dict[str, Value]
     scenario: Scenario
+    problem: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -100,7 +104,7 @@ class Run:
         return {**self.point.labels, **own, "seed": self.scenario.seed, "until": self.scenario.until}
 
     def __str__(self) -> str:
-        return f"{_shown(self.point.labels)} (replication {self.replication})".lstrip()
+        return f"{shown_labels(self.point.labels)} (replication {self.replication})".lstrip()
 
 
 def expand(study: Study) -> list[Point]:
@@ -123,7 +127,7 @@ def expand(study: Study) -> list[Point]:
     """
     condition = None if study.where is None else Condition(study.where, [axis.name for axis in study.axes])
     points: list[Point] = []
-    problems: set[str] = set()
+    problems: dict[str, dict[str, str]] = {}
     first: dict[str, Point] = {}
     for labels, settings in _positions(study):
         if condition is not None and not condition(labels):
@@ -131,7 +135,7 @@ def expand(study: Study) -> list[Point]:
         point = _point(study, labels, settings, problems)
         same = first.setdefault(run_of(study, point, 0).key, point)
         if same is not point:
-            pair = f"{_shown(same.labels)} and {_shown(labels)}"
+            pair = f"{shown_labels(same.labels)} and {shown_labels(labels)}"
             raise InputError(f"axes: the points {pair} are the same scenario; leave one out")
         points.append(point)
     if not points:
@@ -158,30 +162,36 @@ def _positions(study: Study) -> list[tuple[dict[str, Value], dict[str, Any]]]:
     return found
 
 
-def _point(study: Study, labels: dict[str, Value], settings: dict[str, Any], problems: set[str]) -> Point:
-    where = f"at {_shown(labels)}" if labels else "scenario"
+def _point(
+    study: Study,
+    labels: dict[str, Value],
+    settings: dict[str, Any],
+    problems: dict[str, dict[str, str]],
+) -> Point:
+    where = f"at {shown_labels(labels)}" if labels else "scenario"
     data = _lean(with_settings(study.scenario, settings), study.keep)
     scenario = validate_scenario(data, where)
     try:
-        _check_problem(study, scenario.model_copy(update={"seed": 0}).resolved(), problems)
+        problem = _check_problem(study, scenario.model_copy(update={"seed": 0}).resolved(), problems)
     except InputError as refusal:
         raise InputError(f"{where}: {refusal}") from None
     text = json.dumps(_plain(settings), sort_keys=True, separators=(",", ":"), ensure_ascii=True)
-    return Point(sha256(text.encode()).hexdigest()[:16], labels, scenario)
+    return Point(sha256(text.encode()).hexdigest()[:16], labels, scenario, problem)
 
 
-def _check_problem(study: Study, scenario: Scenario, problems: set[str]) -> None:
+def _check_problem(study: Study, scenario: Scenario, known: dict[str, dict[str, str]]) -> dict[str, str]:
     """Build the problem, and hold against it what refers to it; once where only the channel changes."""
     words = repr((problem_words(scenario), scenario.compensation, scenario.interventions))
-    if words in problems:
-        return
-    names = scenario.problem().resource_names
-    wanted = "all" if study.precision is None else study.precision.resource
-    if wanted not in ("all", *names):
-        near = get_close_matches(wanted, names, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else ""
-        raise InputError.of("precision.resource", wanted, f"all or one of {', '.join(names)}", hint)
-    problems.add(words)
+    if words not in known:
+        problem = scenario.problem()
+        names = problem.resource_names
+        wanted = "all" if study.precision is None else study.precision.resource
+        if wanted not in ("all", *names):
+            near = get_close_matches(wanted, names, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else ""
+            raise InputError.of("precision.resource", wanted, f"all or one of {', '.join(names)}", hint)
+        known[words] = problem_digests(problem)
+    return known[words]
 
 
 def problem_words(scenario: Scenario) -> str:
@@ -227,7 +237,19 @@ def _plain(value: Any) -> Any:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-def _shown(labels: Mapping[str, Value]) -> str:
+def shown_labels(labels: Mapping[str, Value]) -> str:
+    """Name a point by its axes.
+
+    Parameters
+    ----------
+    labels : mapping
+        The value of each axis by its name.
+
+    Returns
+    -------
+    str
+        Empty where there are no axes.
+    """
     return ", ".join(f"{name} = {value}" for name, value in labels.items())
 
 

@@ -297,7 +297,7 @@ class Store:
         if not (
             isinstance(found, dict)
             and found.keys() >= _MANIFEST
-            and all(isinstance(found.get(key, {}), dict) for key in ("study", "versions"))
+            and all(isinstance(found.get(key, {}), dict) for key in ("study", "digests", "versions"))
         ):
             needed = ", ".join(sorted(_MANIFEST))
             raise InputError(f"{self.folder / name}: is damaged: it must be a table with {needed}; {_ANEW}")
@@ -407,7 +407,9 @@ class Store:
             else:
                 path.unlink(missing_ok=True)
 
-    def write_study(self, study: Study, plan: pa.Table, versions: Mapping[str, str]) -> None:
+    def write_study(
+        self, study: Study, plan: pa.Table, digests: Mapping[str, Any], versions: Mapping[str, str]
+    ) -> None:
         """Write what the study is, and which runs it has.
 
         Parameters
@@ -416,6 +418,8 @@ class Store:
             The study.
         plan : pyarrow.Table
             A row for each run.
+        digests : mapping
+            Of the problems, as from `digests_of`.
         versions : mapping of str to str
             Of what made runs that do not say it themselves.
 
@@ -429,6 +433,7 @@ class Store:
             "result_version": aimd_des.RESULT_VERSION,
             **({"versions": dict(versions)} if versions else {}),
             "study": study.spoken(),
+            "digests": dict(digests),
         }
         content = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
         for name, part in zip(

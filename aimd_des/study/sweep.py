@@ -15,7 +15,7 @@ from aimd_des import checks
 from aimd_des.errors import InputError
 from aimd_des.study.design import Study
 from aimd_des.study.execution import execute
-from aimd_des.study.growth import earlier_replications, plan_table
+from aimd_des.study.growth import digests_of, earlier_replications, plan_table
 from aimd_des.study.loaded import StudyResults, load_study
 from aimd_des.study.measure import run_schema
 from aimd_des.study.points import Run, expand
@@ -106,9 +106,10 @@ def run_study(
     with store.taken(overwrite=overwrite):
         schedule = Schedule(study, points, earlier_replications(store, study, points))
         versions = (store.manifest() or {}).get("versions", {})
+        digests = digests_of(points)
 
         def write_study() -> None:
-            store.write_study(study, plan_table(study, schedule.runs), versions)
+            store.write_study(study, plan_table(study, schedule.runs), digests, versions)
 
         write_study()
         if retry_failed:
