@@ -1,35 +1,66 @@
 """Locks that processes share through a file; the system gives them up with the process that holds them."""
 
+import errno
 import os
+import stat
 import sys
+import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["exclusive"]
+__all__ = ["exclusive", "private_folder"]
+
+# Between two tries, in seconds: who waits, waits for much longer.
+_PAUSE = 0.05
 
 if sys.platform == "win32":
     import msvcrt
 
-    def _lock(descriptor: int, wait: bool) -> None:
-        msvcrt.locking(descriptor, msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
+    def _lock(descriptor: int) -> None:
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
 else:
     import fcntl
 
-    def _lock(descriptor: int, wait: bool) -> None:
-        fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+    def _lock(descriptor: int) -> None:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def private_folder() -> Path:
+    """Make a folder for temporary files that nobody else can put anything into.
+
+    Returns
+    -------
+    Path
+        The same for all processes of a user.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made, or what is there is somebody else's or open to others.
+    """
+    user = os.getuid() if hasattr(os, "getuid") else "all"
+    folder = Path(tempfile.gettempdir()) / f"aimd_des-{user}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    found = folder.lstat()
+    # On Windows the temporary folder is the user's own.
+    open_to_others = user != "all" and (found.st_uid != user or bool(found.st_mode & 0o077))
+    if not stat.S_ISDIR(found.st_mode) or open_to_others:
+        raise PermissionError(errno.EPERM, "is not a folder of this user alone", str(folder))
+    return folder
 
 
 @contextmanager
-def exclusive(path: Path, *, wait: bool) -> Iterator[None]:
+def exclusive(path: Path, *, wait: float) -> Iterator[None]:
     """Hold a lock over a block.
 
     Parameters
     ----------
     path : Path
         The file, made if there is none; it stays, and is empty.
-    wait : bool
-        Whether to wait for who holds it.
+    wait : float
+        For how many seconds to wait for who holds it.
 
     Yields
     ------
@@ -39,16 +70,25 @@ def exclusive(path: Path, *, wait: bool) -> Iterator[None]:
     Raises
     ------
     BlockingIOError
-        If another process holds it and `wait` is false.
+        If another process holds it all the time.
     OSError
         If the file cannot be made.
     """
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     try:
-        try:
-            _lock(descriptor, wait)
-        except PermissionError as error:  # what Windows says where others say BlockingIOError
-            raise BlockingIOError(error.errno, error.strerror) from None
+        until = time.monotonic() + wait
+        while not _is_ours(descriptor):
+            if time.monotonic() >= until:
+                raise BlockingIOError(errno.EWOULDBLOCK, "is held by another process", str(path))
+            time.sleep(_PAUSE)
         yield
     finally:
         os.close(descriptor)
+
+
+def _is_ours(descriptor: int) -> bool:
+    try:
+        _lock(descriptor)
+    except (BlockingIOError, PermissionError):  # the latter is what Windows says
+        return False
+    return True

@@ -346,7 +346,7 @@ class Store:
         self.folder.mkdir(parents=True, exist_ok=True)
         with ExitStack() as lock:
             try:
-                lock.enter_context(exclusive(self.folder / _LOCK, wait=False))
+                lock.enter_context(exclusive(self.folder / _LOCK, wait=0.0))
             except BlockingIOError:
                 allowed, remedy = "one that no other sweep is using", "wait for it, or choose another"
                 raise InputError.of("output folder", str(self.folder), allowed, remedy) from None

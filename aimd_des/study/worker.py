@@ -1,8 +1,7 @@
 """One run in a worker: it writes the files itself, and tells only what the sweep has to know."""
 
 import json
-import os
-import tempfile
+import logging
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
@@ -11,7 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from threading import Event
-from typing import Any, Literal
+from typing import Literal
 
 import pyarrow as pa
 import tomli_w
@@ -19,12 +18,14 @@ import tomli_w
 from aimd_des.output import library_versions
 from aimd_des.results import Result
 from aimd_des.scenario import Scenario
-from aimd_des.study.locks import exclusive
+from aimd_des.study.locks import exclusive, private_folder
 from aimd_des.study.measure import frame_table, run_table, summary_of
 from aimd_des.study.points import Job
 from aimd_des.study.store import Store, parquet
 
 __all__ = ["Outcome", "Task", "failure", "perform", "present"]
+
+_LOGGER = logging.getLogger("aimd_des")
 
 
 @dataclass(frozen=True)
@@ -178,6 +179,9 @@ def present(folder: str, key: str) -> bool:
 # Reading them takes longer than many a run.
 _versions = cache(library_versions)
 
+# In seconds: compiling takes less even where several others are at work.
+_LONGEST_WAIT = 180.0
+
 #: Set once this process has compiled, or loaded, what runs need.
 _COMPILED = Event()
 
@@ -192,9 +196,12 @@ def _carry_out(scenario: Scenario) -> Result:
 
 @contextmanager
 def _turn() -> Iterator[Callable[[], None]]:
-    """Wait for the others; gives what ends the turn before the block does."""
-    user: Any = os.getuid() if hasattr(os, "getuid") else "all"
+    """Wait for the others, but not for ever; gives what ends the turn before the block does."""
     with ExitStack() as lock:
-        lock.enter_context(exclusive(Path(tempfile.gettempdir()) / f"aimd_des-{user}.compiling", wait=True))
+        try:
+            lock.enter_context(exclusive(private_folder() / "compiling", wait=_LONGEST_WAIT))
+        except OSError as error:
+            # The lock saves time; no run depends on it.
+            _LOGGER.warning("goes on without waiting for others that compile (%s)", error)
         lock.callback(_COMPILED.set)
         yield lock.close
