@@ -100,33 +100,106 @@ def test_one_value_says_nothing_about_its_error() -> None:
 # -- stopping --------------------------------------------------------------------------------------------
 
 
-def stopped(source: np.random.Generator, half_width: float, at_least: int) -> Interval:
-    values = source.normal(TRUTH, 2.0, 2000)
+def stopped(values: FloatArray, half_width: float, at_least: int) -> Interval:
     have, wanted = 0, at_least
     while wanted > have:
         have = wanted
-        wanted = replications_needed(values[:have], half_width, 0.95, at_least, 2000)
+        wanted = replications_needed(values[:have], half_width, 0.95, at_least, len(values))
     return mean_interval(values[:have])
 
 
 @pytest.mark.parametrize(("half_width", "honesty", "known"), [(0.4, 0.946, 97), (1.0, 0.932, 16)])
 def test_stopping_at_a_half_width_costs_little_honesty(half_width: float, honesty: float, known: int) -> None:
     # What it costs is measured over 10,000 studies, to 0.25 %. The second half-width is the worst of all.
-    found = [stopped(rng(8, place), half_width, 10) for place in range(STUDIES)]
+    found = [stopped(rng(8, place).normal(TRUTH, 2.0, 2000), half_width, 10) for place in range(STUDIES)]
     assert all(one.half_width <= half_width for one in found)
     assert coverage(found) == pytest.approx(honesty, abs=3 * math.hypot(0.008, 0.0025))
     # With the scatter known, (1.96 * 2 / half_width)^2 replications would do.
     assert 0.95 * known < np.mean([one.count for one in found]) < 1.3 * known
 
 
+def exponential(source: np.random.Generator) -> FloatArray:
+    return source.exponential(1.0, 1000)
+
+
+def lognormal(source: np.random.Generator) -> FloatArray:
+    return source.lognormal(0.0, 1.0, 1000)
+
+
+def rare(source: np.random.Generator) -> FloatArray:
+    return (source.random(1000) < 0.05).astype(np.float64)
+
+
+def common(source: np.random.Generator) -> FloatArray:
+    return (source.random(1000) < 0.3).astype(np.float64)
+
+
+@pytest.mark.parametrize(
+    ("kind", "truth", "half_width", "at_least", "honesty"),
+    [
+        (exponential, 1.0, 0.3, 10, 0.861),
+        (exponential, 1.0, 0.25, 20, 0.891),
+        (exponential, 1.0, 0.2, 50, 0.919),
+        (lognormal, math.exp(0.5), 0.5, 10, 0.769),
+        (rare, 0.05, 0.1, 10, 0.971),
+        (rare, 0.05, 0.05, 20, 0.971),
+        (common, 0.3, 0.15, 10, 0.938),
+    ],
+)
+def test_what_stopping_costs_for_skewed_values_and_shares(
+    kind: Any, truth: float, half_width: float, at_least: int, honesty: float
+) -> None:
+    # As the page on statistics has it: measured over 10,000 studies, to 0.4 % at most.
+    found = [stopped(kind(rng(10, place)), half_width, at_least) for place in range(STUDIES)]
+    error = math.sqrt(honesty * (1.0 - honesty) / STUDIES)
+    assert coverage(found, truth) == pytest.approx(honesty, abs=3 * math.hypot(error, 0.004))
+
+
+def test_without_the_guard_a_rare_success_would_not_be_known() -> None:
+    # Negative control: ten values are all 0 with probability 0.95^10 = 0.60; their interval has no width.
+    none = [not rare(rng(10, place))[:10].any() for place in range(STUDIES)]
+    assert np.mean(none) == pytest.approx(0.95**10, abs=3 * math.sqrt(0.6 * 0.4 / STUDIES))
+    assert mean_interval(np.zeros(10)).half_width == 0.0
+
+
 def test_stopping_after_two_replications_costs_much() -> None:
     # Negative control: two values that happen to be close to each other end it; 88 % is what remains.
-    found = [stopped(rng(9, place), 1.5, 2) for place in range(STUDIES)]
+    found = [stopped(rng(9, place).normal(TRUTH, 2.0, 2000), 1.5, 2) for place in range(STUDIES)]
     assert coverage(found) < 0.92
 
 
+@pytest.mark.parametrize(
+    ("values", "half_width", "wanted"),
+    [
+        ([0.3] * 10, 1.0, 20),  # no scatter is known
+        ([0.3] * 10 + [0.4], 1.0, 11),
+        ([0.0] * 10 + [1.0] * 4, 10.0, 28),
+        ([0.0] * 10 + [1.0] * 5, 10.0, 15),
+        ([1.0] * 10 + [0.0] * 4, 10.0, 28),
+        ([0.0] * 10 + [1.0, 0.5], 10.0, 12),  # no share
+        ([0.0] * 30, 1.0, 30),  # there may be no more
+    ],
+)
+def test_nothing_stops_before_its_scatter_is_known(
+    values: list[float], half_width: float, wanted: int
+) -> None:
+    assert replications_needed(values, half_width, 0.95, 10, 30) == wanted
+
+
+def test_an_interval_that_is_just_narrow_enough_is_narrow_enough() -> None:
+    values = rng(11).normal(TRUTH, 2.0, 12)
+    reached = mean_interval(values).half_width
+    assert replications_needed(values, reached, 0.95, 10, 30) == 12
+    assert replications_needed(values, math.nextafter(reached, 0.0), 0.95, 10, 30) == 13
+    # So is a number of replications that is just what may be.
+    assert replications_needed(values, 1e-9, 0.95, 10, 12) == 12
+    assert replications_needed(values, 1e-9, 0.95, 10, 13) == 13
+    assert replications_needed(values[:10], 1e9, 0.95, 10, 30) == 10
+    assert replications_needed(values[:9], 1e9, 0.95, 10, 30) == 10
+
+
 @given(
-    st.lists(st.floats(-1e6, 1e6), max_size=30),
+    st.lists(st.floats(-1e6, 1e6) | st.sampled_from([0.0, 1.0]), max_size=30),
     st.floats(1e-6, 1e6),
     st.integers(2, 20),
     st.integers(0, 20),
@@ -139,7 +212,10 @@ def test_the_number_asked_for_is_within_its_bounds(
     assert wanted >= at_least
     assert wanted <= max(at_most, len(values))
     if at_least <= len(values):
-        narrow = mean_interval(values).half_width <= half_width
+        ones = values.count(1.0)
+        share = set(values) == {0.0, 1.0}
+        known = min(ones, len(values) - ones) >= 5 if share else len(set(values)) > 1
+        narrow = known and mean_interval(values).half_width <= half_width
         assert (wanted == len(values)) == (narrow or len(values) >= at_most)
         assert wanted <= max(2 * len(values), len(values) + 1)
 
