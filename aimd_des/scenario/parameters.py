@@ -4,6 +4,7 @@ from datetime import date, datetime, time
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from aimd_des.errors import InputError
 
@@ -47,20 +48,20 @@ def refuse_no_data(field: str, value: Any, depth: int = 0) -> None:
 
 
 def as_data(value: Any) -> Any:
-    """Write defaults of a model as a file has them.
+    """Write values as a file has them.
 
     Parameters
     ----------
     value : object
-        With tuples and arrays where there are lists in a file.
+        With tuples, ranges, arrays and Series where there are lists in a file, or numbers of NumPy.
 
     Returns
     -------
     object
         With lists, and with Python's own numbers.
     """
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
+    if isinstance(value, np.ndarray | np.generic | pd.Series | pd.Index):
+        value = value.tolist()
     if isinstance(value, dict):
         return {key: as_data(item) for key, item in value.items()}
-    return [as_data(item) for item in value] if isinstance(value, list | tuple) else value
+    return [as_data(item) for item in value] if isinstance(value, list | tuple | range) else value

@@ -5,14 +5,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, TypeVar, get_args
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from aimd_des.errors import InputError
 from aimd_des.scenario.generated import UNKNOWN_KIND, KindTable
 from aimd_des.scenario.one_run import Scenario
 
-__all__ = ["Place", "checked", "validate_scenario"]
+__all__ = ["Place", "checked", "refused", "validate_scenario"]
 
 _Form = TypeVar("_Form", bound=BaseModel)
 
@@ -86,19 +86,48 @@ def checked(
         One line for each error: source, line, key, what is wrong, and the nearest known word.
     """
     try:
-        return form.model_validate(dict(data))
+        return TypeAdapter(form).validate_python(dict(data))
     except ValidationError as refusal:
-        errors = refusal.errors(include_url=False)
-    found = list(_by_place(errors, data))
+        raise refused(form, refusal, data, source, lines) from None
+
+
+def refused(
+    form: type[BaseModel],
+    refusal: ValidationError,
+    data: Mapping[str, Any],
+    source: str = "",
+    lines: Mapping[Place, int] | None = None,
+) -> InputError:
+    """Say in our own words what pydantic has refused.
+
+    Parameters
+    ----------
+    form : type
+        The table.
+    refusal : ValidationError
+        What pydantic says.
+    data : mapping
+        Of which the table was to be made.
+    source, lines
+        As for `checked`.
+
+    Returns
+    -------
+    InputError
+        One line for each error.
+    """
+    found = list(_by_place(refusal.errors(include_url=False), data))
     known = {} if lines is None else lines
     sentences = []
     for place, details in found[:_MOST_SENTENCES]:
         line = next((known[place[:end]] for end in range(len(place), 0, -1) if place[:end] in known), None)
         where = source if line is None else f"{source}:{line}"
-        sentences.append(f"{where}: {_sentence(form, place, details)}")
+        sentences.append(f"{where}: {_sentence(form, place, details)}".removeprefix(": "))
     if len(found) > _MOST_SENTENCES:
-        sentences.append(f"{source}: and {len(found) - _MOST_SENTENCES} keys more are refused")
-    raise InputError("\n".join(dict.fromkeys(sentences)))
+        sentences.append(
+            f"{source}: and {len(found) - _MOST_SENTENCES} keys more are refused".removeprefix(": ")
+        )
+    return InputError("\n".join(dict.fromkeys(sentences)))
 
 
 def _by_place(

@@ -3,11 +3,13 @@
 from typing import Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from aimd_des import checks
 from aimd_des.errors import InputError
 from aimd_des.scenario.base import described
+from aimd_des.scenario.parameters import as_data
+from aimd_des.scenario.refusals import refused
 from aimd_des.study.columns import LABELS, MEASURES
 
 __all__ = ["Axis", "Setting", "StudyTable", "Value"]
@@ -22,9 +24,53 @@ _LARGEST = 2**53
 
 
 class StudyTable(BaseModel):
-    """A table of the file: every key is known, and every value has its type."""
+    """A table of the file: every key is known, and every value has its type.
+
+    What is outside its range is an `InputError`, whether it was given by name or as data.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, json_schema_extra=described)
+
+    def __init__(self, /, **data: Any) -> None:
+        try:
+            super().__init__(**data)
+        except ValidationError as refusal:
+            raise refused(type(self), refusal, data) from None
+
+    # A table in another one is made as pydantic makes it, so that errors keep their place.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def model_validate(cls, obj: Any, **options: Any) -> Self:
+        """Make a table of data, as pydantic does.
+
+        Parameters
+        ----------
+        obj : dict
+            Tables and lists.
+        **options
+            Of pydantic.
+
+        Returns
+        -------
+        Self
+            Checked.
+
+        Raises
+        ------
+        InputError
+            If anything is unknown, of a wrong type or outside its range.
+        """
+        try:
+            return super().model_validate(obj, **options)
+        except ValidationError as refusal:
+            raise refused(cls, refusal, obj) from None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_data(cls, data: Any) -> Any:
+        """Take arrays and NumPy's numbers for what a file would have."""
+        return as_data(data)
 
 
 class Axis(StudyTable):
@@ -37,7 +83,7 @@ class Axis(StudyTable):
     key : str, optional
         The key of the scenario that varies, such as "channel.latency".
     values : list of numbers, of strings or of booleans, optional
-        What it is set to.
+        What it is set to; from Python an array, a Series or a range will do.
     linspace : [first, last, number], optional
         As many numbers with equal distances, rounded to twelve digits; integers where all are whole.
     logspace : [first, last, number], optional
@@ -49,7 +95,7 @@ class Axis(StudyTable):
 
     Raises
     ------
-    pydantic.ValidationError
+    InputError
         If not exactly one of the forms is given, or the values are not all different and of one kind.
     """
 
@@ -63,10 +109,11 @@ class Axis(StudyTable):
 
     @model_validator(mode="before")
     @classmethod
-    def _from_file(cls, data: Any) -> Any:
+    def _from_data(cls, data: Any) -> Any:
         """Give the axis the name of its key, and take lists, as TOML has them, for tuples."""
         if not isinstance(data, dict):
             return data
+        data = as_data(data)
         ranges = {
             word: tuple(data[word])
             for word in ("linspace", "logspace")

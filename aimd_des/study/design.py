@@ -1,17 +1,52 @@
 """A study as data: a base scenario, the axes along which it varies, and how often each point is repeated."""
 
+from collections.abc import Iterator, Mapping
+from itertools import product
 from typing import Any, Self
 
 from pydantic import Field, model_validator
 
 from aimd_des import checks
 from aimd_des.errors import InputError
-from aimd_des.scenario.keys import split_key
-from aimd_des.study.axis import Axis, StudyTable
+from aimd_des.scenario import validate_scenario
+from aimd_des.scenario.keys import split_key, with_settings
+from aimd_des.study.axis import Axis, Setting, StudyTable, Value
 from aimd_des.study.columns import MEASURES, known_frame, known_measure
 from aimd_des.study.where import Condition
 
-__all__ = ["Precision", "Study"]
+__all__ = ["Precision", "Study", "place_of", "shown_labels"]
+
+
+def shown_labels(labels: Mapping[str, Value]) -> str:
+    """Name a point by its axes.
+
+    Parameters
+    ----------
+    labels : mapping
+        The value of each axis by its name.
+
+    Returns
+    -------
+    str
+        Empty where there are no axes.
+    """
+    return ", ".join(f"{name} = {value}" for name, value in labels.items())
+
+
+def place_of(labels: Mapping[str, Value]) -> str:
+    """Say where a scenario is, to begin a sentence with.
+
+    Parameters
+    ----------
+    labels : mapping
+        The value of each axis by its name.
+
+    Returns
+    -------
+    str
+        At which point.
+    """
+    return f"at {shown_labels(labels)}" if labels else "scenario"
 
 
 class Precision(StudyTable):
@@ -32,7 +67,7 @@ class Precision(StudyTable):
 
     Raises
     ------
-    pydantic.ValidationError
+    InputError
         If a value is outside its range.
     """
 
@@ -80,8 +115,9 @@ class Study(StudyTable):
 
     Raises
     ------
-    pydantic.ValidationError
-        If anything is unknown, of a wrong type or outside its range.
+    InputError
+        If anything is unknown, of a wrong type or outside its range, or the scenario of the first point is
+        refused.
     """
 
     title: str = ""
@@ -94,6 +130,14 @@ class Study(StudyTable):
     precision: Precision | None = None
     scenario: dict[str, Any]
     axes: list[Axis] = Field(default_factory=list)
+
+    def __init__(self, /, **data: Any) -> None:
+        super().__init__(**data)
+        for labels, settings in self.positions():
+            validate_scenario(with_settings(self.scenario, settings), place_of(labels))
+            break  # a sweep will look at all
+
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -147,6 +191,32 @@ class Study(StudyTable):
                 raise InputError.of("zip", word, "the same word at two axes or more, which vary together")
             if len(set(lengths.values())) > 1:
                 raise InputError.of(f"numbers of values of the axes with zip = {word!r}", lengths, "equal")
+
+    def positions(self) -> Iterator[tuple[dict[str, Value], dict[str, Any]]]:
+        """Combine the axes: those that are zipped as one, all others as a product, the last one fastest.
+
+        Yields
+        ------
+        dict
+            The value of each axis by its name; they fulfil the condition.
+        dict
+            The keys of the scenario that are set there, with their values.
+        """
+        condition = None if self.where is None else Condition(self.where, [axis.name for axis in self.axes])
+        groups: dict[str, list[tuple[str, list[Setting]]]] = {}
+        for place, axis in enumerate(self.axes):
+            word = f"axis {place}" if axis.zip is None else f"zip {axis.zip}"
+            groups.setdefault(word, []).append((axis.name, axis.settings()))
+        steps = [
+            [[(name, *settings[place]) for name, settings in group] for place in range(len(group[0][1]))]
+            for group in groups.values()
+        ]
+        for chosen in product(*steps):
+            parts = [part for step in chosen for part in step]
+            by_name = {name: value for name, value, _ in parts}
+            labels = {axis.name: by_name[axis.name] for axis in self.axes}
+            if condition is None or condition(labels):
+                yield labels, {key: value for _, _, setting in parts for key, value in setting.items()}
 
     def columns(self) -> tuple[str, ...]:
         """Name the measures that are kept.

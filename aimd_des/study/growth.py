@@ -10,10 +10,10 @@ import pyarrow as pa
 import aimd_des
 from aimd_des.errors import InputError
 from aimd_des.scenario.refusals import checked
-from aimd_des.study.design import Study
+from aimd_des.study.design import Study, shown_labels
 from aimd_des.study.fingerprint import FORM, fingerprint
 from aimd_des.study.measure import plan_schema, run_schema
-from aimd_des.study.points import Point, Run, expand, run_of, shown_labels
+from aimd_des.study.points import Point, Run, expand, run_of
 from aimd_des.study.schedule import Schedule
 from aimd_des.study.store import Store
 

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from hashlib import sha256
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,12 +13,11 @@ import aimd_des
 from aimd_des.errors import InputError
 from aimd_des.scenario import Scenario, validate_scenario
 from aimd_des.scenario.keys import with_settings
-from aimd_des.study.axis import Setting, Value
-from aimd_des.study.design import Study
+from aimd_des.study.axis import Value
+from aimd_des.study.design import Study, place_of, shown_labels
 from aimd_des.study.fingerprint import problem_digests
-from aimd_des.study.where import Condition
 
-__all__ = ["Job", "Point", "Run", "expand", "problem_words", "run_of", "shown_labels"]
+__all__ = ["Job", "Point", "Run", "expand", "problem_words", "run_of"]
 
 # What a seed is for: the first word of its spawn key. They never change.
 _PAIRED, _UNPAIRED = 0, 1
@@ -125,13 +123,10 @@ def expand(study: Study) -> list[Point]:
     InputError
         If a scenario is refused, no point fulfils the condition, or two points are one.
     """
-    condition = None if study.where is None else Condition(study.where, [axis.name for axis in study.axes])
     points: list[Point] = []
     problems: dict[str, dict[str, str]] = {}
     first: dict[str, Point] = {}
-    for labels, settings in _positions(study):
-        if condition is not None and not condition(labels):
-            continue
+    for labels, settings in study.positions():
         point = _point(study, labels, settings, problems)
         same = first.setdefault(run_of(study, point, 0).key, point)
         if same is not point:
@@ -143,32 +138,13 @@ def expand(study: Study) -> list[Point]:
     return points
 
 
-def _positions(study: Study) -> list[tuple[dict[str, Value], dict[str, Any]]]:
-    """Combine the axes: those that are zipped as one, all others as a product."""
-    groups: dict[str, list[tuple[str, list[Setting]]]] = {}
-    for place, axis in enumerate(study.axes):
-        word = f"axis {place}" if axis.zip is None else f"zip {axis.zip}"
-        groups.setdefault(word, []).append((axis.name, axis.settings()))
-    steps = [
-        [[(name, *settings[place]) for name, settings in group] for place in range(len(group[0][1]))]
-        for group in groups.values()
-    ]
-    found = []
-    for chosen in product(*steps):
-        parts = [part for step in chosen for part in step]
-        by_name = {name: value for name, value, _ in parts}
-        labels = {axis.name: by_name[axis.name] for axis in study.axes}
-        found.append((labels, {key: value for _, _, setting in parts for key, value in setting.items()}))
-    return found
-
-
 def _point(
     study: Study,
     labels: dict[str, Value],
     settings: dict[str, Any],
     problems: dict[str, dict[str, str]],
 ) -> Point:
-    where = f"at {shown_labels(labels)}" if labels else "scenario"
+    where = place_of(labels)
     data = _lean(with_settings(study.scenario, settings), study.keep)
     scenario = validate_scenario(data, where)
     try:
@@ -235,22 +211,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     return int(value) if isinstance(value, float) and value.is_integer() else value
-
-
-def shown_labels(labels: Mapping[str, Value]) -> str:
-    """Name a point by its axes.
-
-    Parameters
-    ----------
-    labels : mapping
-        The value of each axis by its name.
-
-    Returns
-    -------
-    str
-        Empty where there are no axes.
-    """
-    return ", ".join(f"{name} = {value}" for name, value in labels.items())
 
 
 def run_of(study: Study, point: Point, replication: int) -> Run:
