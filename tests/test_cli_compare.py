@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from aimd_des.cli.differences import flat
+from aimd_des.cli.differences import differences, flat
 from aimd_des.cli.tables import shown
 from tests.command_line import digest, refusal, run, said, words, write
 from tests.conftest import INLINE
@@ -80,3 +80,11 @@ def test_runs_that_have_nothing_in_common_are_refused() -> None:
 def test_paths_name_every_value() -> None:
     table = {"a": 1, "b": {"c": [1, 2], "d": {}}, "e": [{"f": 2}, {"f": 3}], "g": []}
     assert flat(table) == {"a": 1, "b.c": [1, 2], "b.d": {}, "e.0.f": 2, "e.1.f": 3, "g": []}
+
+
+def test_a_key_that_is_null_in_one_and_missing_in_the_other_differs() -> None:
+    assert differences({"a": None, "b": 1}, {"b": 1}) == [["a", "None", "-"]]
+    assert differences({}, {"a": {"b": None}}) == [["a.b", "-", "None"]]
+    assert differences({"a": None}, {"a": None}) == []
+    assert differences({"a": None}, {"a": "None"}) == [["a", "None", "'None'"]]
+    assert flat({}) == {}

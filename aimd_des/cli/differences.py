@@ -76,7 +76,7 @@ def flat(table: Any, above: str = "") -> dict[str, Any]:
     dict
         Path to value; lists of values are values, lists of tables are not.
     """
-    if isinstance(table, dict) and table:
+    if isinstance(table, dict) and (table or not above):
         items = list(table.items())
     elif isinstance(table, list) and table and all(isinstance(part, dict) for part in table):
         items = list(enumerate(table))
