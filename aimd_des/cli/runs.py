@@ -32,8 +32,9 @@ def show_run(run: StoredRun, measures: Sequence[str] = ()) -> None:
         If the run has no such measure.
     """
     _chosen(run, measures)
-    given = {key: value for key, value in run.scenario.items() if key not in _PROBLEM}
-    problem = [] if "model" in given else [("problem", _written_out(run))]
+    of_model = "model" in run.scenario
+    given = {key: value for key, value in run.scenario.items() if of_model or key not in _PROBLEM}
+    problem = [] if of_model else [("problem", _written_out(run))]
     pairs = [(key.replace("_", " "), value) for key, value in given.items() if value not in ("", {}, [])]
     versions = ("versions", run.versions)
     print_pairs(f"Run in {run.folder}", [*pairs, *problem, ("digest", run.digest), versions])

@@ -1,6 +1,6 @@
 """From the tables of a scenario to the problem, and to what refers to it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -10,8 +10,9 @@ from aimd_des.problem import Problem
 from aimd_des.registry import model_parameters, named_model
 from aimd_des.scenario.generated import KindTable
 from aimd_des.scenario.prices import RedrawnPrices
+from aimd_des.scenario.tables import ResourceChange
 
-__all__ = ["built_by", "changes_of", "under"]
+__all__ = ["built_by", "changes_of", "under", "with_resources"]
 
 
 @contextmanager
@@ -69,6 +70,36 @@ def built_by(model: str, parameters: dict[str, Any], seed: int) -> Problem:
     except (ArithmeticError, MemoryError, TypeError, ValueError) as error:  # what it does not check itself
         cause = f"{type(error).__name__}: {error}".rstrip(": ")
         raise InputError(f"parameters: {model} makes no problem of them ({cause})") from error
+
+
+def with_resources(problem: Problem, changes: Mapping[str, ResourceChange]) -> Problem:
+    """Put what a scenario says of resources over what the model has made.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the model.
+    changes : mapping
+        By the number of the resource, from 0, as a word.
+
+    Returns
+    -------
+    Problem
+        With the costs and the names of the model.
+
+    Raises
+    ------
+    InputError
+        If there is no such resource, or a value is outside its range.
+    """
+    resources = list(problem.resources)
+    for number, change in changes.items():
+        if number not in map(str, range(len(resources))):
+            names = ", ".join(f"{place} ({one.name})" for place, one in enumerate(resources))
+            raise InputError.of("number of a resource", number, f"one of those of the model: {names}")
+        with under(f"resources.{number}"):
+            resources[int(number)] = change.of(resources[int(number)])
+    return Problem(resources, problem.costs, agent_names=problem.agent_names)
 
 
 def changes_of(

@@ -17,12 +17,19 @@ from aimd_des.registry import model_parameters, named_model
 from aimd_des.response import CONTINUOUS, DISCRETE
 from aimd_des.results import Result
 from aimd_des.scenario.base import Table
-from aimd_des.scenario.building import built_by, changes_of, under
+from aimd_des.scenario.building import built_by, changes_of, under, with_resources
 from aimd_des.scenario.canonical import canonical_form, typed_parameters
 from aimd_des.scenario.generated import KindTable, kind_table, one_of
 from aimd_des.scenario.parameters import as_data, refuse_no_data
 from aimd_des.scenario.prices import RedrawnPrices
-from aimd_des.scenario.tables import ChannelTable, ClocksTable, CostsTable, RecordingTable, ResourceTable
+from aimd_des.scenario.tables import (
+    ChannelTable,
+    ClocksTable,
+    CostsTable,
+    RecordingTable,
+    ResourceChange,
+    ResourceTable,
+)
 from aimd_des.simulation import Simulation
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
@@ -66,7 +73,8 @@ class Scenario(Table):
     parameters : dict
         Of the model; defaults are filled in, `seed` with the scenario's own.
     resources, costs : optional
-        The problem written out, in place of a model: a table for each resource, and polynomial costs.
+        The problem written out, in place of a model: a table for each resource, and polynomial costs.  With a
+        model, `resources` has tables by the numbers of its resources: what is other than the model has it.
     dynamics : {"discrete", "continuous", "synchronous"}
         "discrete": event-driven, agents on their clocks behind a channel; "continuous":
         event-driven, agents that grow all the time; "synchronous": Algorithms 1 and 2.
@@ -114,7 +122,7 @@ class Scenario(Table):
     interventions: list[InterventionTable] = Field(default_factory=list)
     recording: RecordingTable = Field(default_factory=RecordingTable)
     costs: CostsTable | None = None
-    resources: list[ResourceTable] | None = None
+    resources: list[ResourceTable] | dict[str, ResourceChange] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -123,10 +131,7 @@ class Scenario(Table):
             raise InputError.of("until", self.until, "a whole number of steps")
         checks.integer("seed", self.seed, low=0, high=_LARGEST_SEED)
         refuse_no_data("parameters", self.parameters)
-        inline = [name for name in ("resources", "costs") if getattr(self, name) is not None]
-        if (self.model is not None and inline) or (self.model is None and len(inline) < 2):
-            given = [*(["model"] if self.model is not None else []), *inline]
-            raise InputError.of("the problem", given, "either a model, or resources together with costs")
+        self._check_problem()
         if self.dynamics == "discrete" and self.control_unit.of.name == "crossing":
             reason = "'sampled' with discrete dynamics: demand that jumps at ticks crosses nothing"
             raise InputError.of("control_unit.kind", "crossing", reason)
@@ -142,6 +147,15 @@ class Scenario(Table):
                     "prices are drawn by a model",
                 )
         return self
+
+    def _check_problem(self) -> None:
+        given = [name for name in ("model", "resources", "costs") if getattr(self, name) is not None]
+        changes = isinstance(self.resources, dict)
+        if given not in (["model"], ["resources", "costs"], *([["model", "resources"]] if changes else [])):
+            raise InputError.of("the problem", given, "either a model, or resources together with costs")
+        if changes and self.model is None:
+            allowed = "tables in a list, [[resources]], where the problem is written out"
+            raise InputError.of("resources", list(self.resources or ()), allowed)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Tables with a kind are classes that no module has by name: data are sent in their place.
@@ -239,8 +253,10 @@ class Scenario(Table):
         """
         if self.model is not None:
             problem = built_by(self.model, self.parameters, self.seed)
+            if isinstance(self.resources, dict):
+                problem = with_resources(problem, self.resources)
         else:
-            assert self.resources is not None  # noqa: S101 - _check saw to it
+            assert isinstance(self.resources, list)  # noqa: S101 - _check saw to it
             assert self.costs is not None  # noqa: S101
             problem = Problem([table.build() for table in self.resources], self.costs.build())
         if self.compensation is not None:

@@ -1,5 +1,6 @@
 """The tables of a scenario without a kind: each checks itself by making the object that it describes."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import model_validator
@@ -13,7 +14,7 @@ from aimd_des.recording import Recording
 from aimd_des.scenario.base import Table
 from aimd_des.scenario.generated import KindTable, one_of
 
-__all__ = ["ChannelTable", "ClocksTable", "CostsTable", "RecordingTable", "ResourceTable"]
+__all__ = ["ChannelTable", "ClocksTable", "CostsTable", "RecordingTable", "ResourceChange", "ResourceTable"]
 
 Times = Literal["auto", "end"] | float | list[float]
 
@@ -62,6 +63,39 @@ class ResourceTable(Table):
             Checked.
         """
         return Resource(**dict(self))
+
+
+class ResourceChange(Table):
+    """One of ``[resources.0]`` and so on: what is other than the model has it.
+
+    Attributes
+    ----------
+    capacity, normalization, threshold : float, optional
+        C, Gamma and gamma.
+    increase, decrease : float or list of float, optional
+        alpha and beta, of all agents or of each.
+    """
+
+    capacity: float | None = None
+    increase: float | list[float] | None = None
+    decrease: float | list[float] | None = None
+    normalization: float | None = None
+    threshold: float | None = None
+
+    def of(self, resource: Resource) -> Resource:
+        """Change a resource of a model.
+
+        Parameters
+        ----------
+        resource : Resource
+            As the model has it.
+
+        Returns
+        -------
+        Resource
+            Checked.
+        """
+        return replace(resource, **{name: value for name, value in self if value is not None})
 
 
 class CostsTable(Table):
