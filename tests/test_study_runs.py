@@ -35,7 +35,7 @@ from aimd_des.study.pools import dask_executor
 from aimd_des.study.seal import write_sealed
 from aimd_des.study.store import Store
 from aimd_des.study.worker import Outcome, Task
-from tests.conftest import INLINE, python, quietly
+from tests.conftest import INLINE, ROOT, python, quietly
 
 BASE = {**{key: value for key, value in tomllib.loads(INLINE).items() if key != "seed"}, "until": 30}
 DESIGN: dict[str, Any] = {
@@ -514,11 +514,22 @@ def test_who_waits_for_a_lock_gets_it_when_it_is_free(tmp_path: Path) -> None:
     other.join()
 
 
-KILLS = int(os.environ.get("AIMD_DES_TEST_KILLS", "3"))
+KILLS = int(os.environ.get("AIMD_DES_TEST_KILLS", "4"))
+
+# A disk on which writing takes its time, so that many a process is killed in the middle of it.
+SLOW_DISK = """
+import os, time
+sync = os.fsync
+def slow(descriptor):
+    time.sleep(0.05)
+    sync(descriptor)
+os.fsync = slow
+"""
 
 # Imports once, and forks for each sweep: a process that is killed need not have been long in coming.
 KILLER = """
 import os, random, signal, sys, time, tomllib
+import slow_disk
 from multiprocessing import forkserver
 from pathlib import Path
 from aimd_des.study import Study, run_study
@@ -528,13 +539,16 @@ def ours():
     for place in Path("/proc").glob("[0-9]*"):
         try:
             if f"MARK={os.environ['MARK']}".encode() in (place / "environ").read_bytes():
-                found.append(place.name)
+                found.append(int(place.name))
         except OSError:
             pass
     return found
 
 def there():
     return len(list(Path("out").glob("runs/*.parquet")))
+
+def half():
+    return len(list(Path("out").rglob(".*.tmp")))
 
 def sweep():
     child = os.fork()
@@ -546,37 +560,50 @@ def sweep():
     return child
 
 study = Study.model_validate(tomllib.loads(Path("study.toml").read_text()))
-forkserver.set_forkserver_preload(["aimd_des.study.worker"])
+forkserver.set_forkserver_preload(["slow_disk", "aimd_des.study.worker"])
 forkserver.ensure_running()
 while len(ours()) < 3 and Path("/proc/self/environ").exists():  # this one, the server, and its tracker
     time.sleep(0.1)
-alone, rng = len(ours()), random.Random(1)
+alone, rng, child = set(ours()), random.Random(1), None
 for _ in range(int(sys.argv[1])):
-    enough, child = there() + rng.randint(1, 8), sweep()
+    enough, child = there() + rng.randint(1, 6), child or sweep()
     while there() < enough and os.waitpid(child, os.WNOHANG) == (0, 0):
         time.sleep(0.002)
     time.sleep(rng.uniform(0.0, 0.05))
+    workers = [one for one in ours() if one not in alone and one != child]
+    # One that is the only worker may have a run for the last time.
+    if len(workers) == 2 and rng.random() < 0.5:
+        os.kill(rng.choice(workers), signal.SIGKILL)
+        print("worker", there(), 0, half(), flush=True)
+        continue
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
-    until = time.monotonic() + 30
-    while len(ours()) > alone and time.monotonic() < until:
+    child, until = None, time.monotonic() + 30
+    while set(ours()) > alone and time.monotonic() < until:
         time.sleep(0.05)
-    print(there(), len(ours()) - alone, len(list(Path("out").rglob(".*.tmp"))), flush=True)
+    print("sweep", there(), len(set(ours()) - alone), half(), flush=True)
+if child is not None:
+    assert os.waitpid(child, 0)[1] == 0
 assert os.waitpid(sweep(), 0)[1] == 0
 """
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="the system has no signal that kills at once")
-def test_a_sweep_that_is_killed_at_any_moment_goes_on(tmp_path: Path) -> None:
-    large = design(replications=6 + 3 * KILLS)
+def test_sweeps_and_workers_that_are_killed_at_any_moment_leave_nothing(tmp_path: Path) -> None:
+    large = design(replications=2 + 2 * KILLS)
     in_a_thread(large, tmp_path / "whole")
     (tmp_path / "study.toml").write_text(tomli_w.dumps(large.spoken()))
-    killed = python("-c", KILLER, str(KILLS), cwd=tmp_path, MARK=str(tmp_path), OPENBLAS_NUM_THREADS="1")
+    (tmp_path / "slow_disk.py").write_text(SLOW_DISK)
+    setting = {"MARK": str(tmp_path), "OPENBLAS_NUM_THREADS": "1"}
+    setting["PYTHONPATH"] = os.pathsep.join((str(ROOT), str(tmp_path)))
+    killed = python("-c", KILLER, str(KILLS), cwd=tmp_path, **setting)
     assert killed.returncode == 0, killed.stderr
-    counts = [tuple(map(int, line.split())) for line in killed.stdout.splitlines()]
-    assert len(counts) == KILLS
-    assert all(0 < there < 4 * large.replications and orphans == 0 for there, orphans, _ in counts)
+    lines = [line.split() for line in killed.stdout.splitlines()]
+    assert len(lines) == KILLS
+    assert {"worker", "sweep"} >= {victim for victim, *_ in lines}
+    assert all(0 < int(there) < 4 * large.replications for _, there, _, _ in lines)
+    assert all(int(orphans) == 0 for _, _, orphans, _ in lines)
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
