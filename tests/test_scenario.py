@@ -5,6 +5,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -339,7 +341,8 @@ def test_an_unknown_key_or_a_wrong_type_is_refused_with_its_line(
             "decrease of disk[1] = 1.0: must be a finite number at least 0 and less than 1",
         ),
         ("increase", "0", "increase of disk = 0.0: must be a finite number greater than 0"),
-        ("increase", "[]", None),
+        ("increase", "[]", "shape of increase of disk = (0,): must be (n_agents,), one for each agent"),
+        ("increase", "[0.1]", None),
         ("normalization", "-1e-3", "normalization of disk = -0.001: must be a finite number greater than 0"),
         ("threshold", "1.5", "threshold of disk = 1.5: must be a finite number greater than 0 and at most 1"),
         ("name", '""', "name of a resource = '': must be a string that is not empty"),
@@ -353,7 +356,7 @@ def test_a_value_of_a_resource_outside_its_range_is_refused_with_its_table(
     text = head + re.sub(rf"(?m)^{key} = .*$", f"{key} = {value}", tail, count=1)
     assert text != INLINE
     if sentence is None:  # how many agents there are is known only with the costs
-        with pytest.raises(InputError, match=r"^shape of increase of disk = \(0,\): must be \(5,\)"):
+        with pytest.raises(InputError, match=r"^shape of increase of disk = \(1,\): must be \(5,\)"):
             load(text).problem()
     else:
         (found,) = refusals(text)
@@ -569,6 +572,21 @@ def test_a_length_that_does_not_fit_the_agents_is_refused() -> None:
         InputError, match=r"= \(2,\): must be \(5,\); give one number for all agents or one for"
     ):
         scenario.run()
+
+
+def test_numpys_numbers_arrays_and_series_are_taken_as_a_file_has_them() -> None:
+    """In keys, in tables, and in values that replace those of a file."""
+    Path("five.toml").write_text(INLINE, encoding="utf-8")
+    plainly = load_scenario(
+        "five.toml", until=40, **{"channel.latency": 0.25, "clocks.phase": [0.0, 0.5, 0.25, 0.0, 0.5]}
+    )
+    dressed = load_scenario(
+        "five.toml",
+        until=np.array(40),
+        **{"channel.latency": np.float32(0.25), "clocks.phase": pd.Series([0.0, 0.5, 0.25, 0.0, 0.5])},
+    )
+    assert dressed == plainly
+    assert dressed.to_toml() == plainly.to_toml()
 
 
 def test_in_python_what_is_wrong_is_a_validation_error() -> None:

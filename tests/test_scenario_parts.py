@@ -506,10 +506,10 @@ def test_a_large_network_is_built_when_the_run_begins(monkeypatch: pytest.Monkey
         (10**30, "parameters.n_cameras = 1000000000000000000000000000000: must be an integer of 64 bits"),
         ([{"a": 2**64}], "parameters.n_cameras.0.a = 18446744073709551616: must be an integer of 64 bits"),
         (
-            (1, 2),
-            "parameters.n_cameras = (1, 2): must be a string, number, truth value, date, time, list or tabl",
+            {1, 2},
+            "parameters.n_cameras = {1, 2}: must be a string, number, truth value, date, time, list or tabl",
         ),
-        (np.arange(2), "parameters.n_cameras = array([0, 1]): must be a string"),
+        (np.arange(2) * 1j, "parameters.n_cameras.0 = 0j: must be a string"),
     ],
 )
 def test_a_parameter_that_no_file_can_hold_is_refused(value: object, sentence: str) -> None:
@@ -519,6 +519,11 @@ def test_a_parameter_that_no_file_can_hold_is_refused(value: object, sentence: s
 
 def test_a_parameter_that_is_nested_too_deep_is_refused() -> None:
     text = f"{MODEL}deep = {'[' * 50}{']' * 50}\n"
+    deeper: list[Any] = []
+    for _ in range(5000):  # more than Python can call itself
+        deeper = [deeper]
+    with pytest.raises(InputError, match=r"parameters\.deep[.0]+: is nested deeper than 32 tables and lists"):
+        validate_scenario({**tomllib.loads(MODEL), "parameters": {"deep": deeper}}, "here")
     with pytest.raises(InputError, match=r"parameters\.deep[.0]+: is nested deeper than 32 tables and lists"):
         load(text)
 

@@ -124,6 +124,12 @@ class Scenario(Table):
     costs: CostsTable | None = None
     resources: list[ResourceTable] | dict[str, ResourceChange] | None = None
 
+    @model_validator(mode="before")
+    @classmethod
+    def _from_python(cls, data: Any) -> Any:
+        """Take arrays and series for lists, and NumPy's numbers for Python's, in all tables below."""
+        return as_data(data)
+
     @model_validator(mode="after")
     def _check(self) -> Self:
         checks.number("until", self.until, low=0.0, low_open=True)

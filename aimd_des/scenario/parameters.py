@@ -47,13 +47,15 @@ def refuse_no_data(field: str, value: Any, depth: int = 0) -> None:
         raise InputError.of(field, value, "a string, number, truth value, date, time, list or table")
 
 
-def as_data(value: Any) -> Any:
+def as_data(value: Any, depth: int = 0) -> Any:
     """Write values as a file has them.
 
     Parameters
     ----------
     value : object
         With tuples, ranges, arrays and Series where there are lists in a file, or numbers of NumPy.
+    depth : int
+        Of tables and lists around it; what is deeper than can be allowed is left as it is.
 
     Returns
     -------
@@ -62,6 +64,8 @@ def as_data(value: Any) -> Any:
     """
     if isinstance(value, np.ndarray | np.generic | pd.Series | pd.Index):
         value = value.tolist()
+    if depth > 2 * _DEEPEST:
+        return value
     if isinstance(value, dict):
-        return {key: as_data(item) for key, item in value.items()}
-    return [as_data(item) for item in value] if isinstance(value, list | tuple | range) else value
+        return {key: as_data(item, depth + 1) for key, item in value.items()}
+    return [as_data(item, depth + 1) for item in value] if isinstance(value, list | tuple | range) else value
