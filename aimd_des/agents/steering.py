@@ -20,7 +20,7 @@ from aimd_des.agents.post import Post, broadcast
 from aimd_des.agents.settling import settle
 from aimd_des.compiled import announced, formula, routine
 from aimd_des.control_unit import MOST_AT_ONE_INSTANT, adapted, soonest_crossing
-from aimd_des.environment import FIRST_ORDER, Kind
+from aimd_des.environment import Kind
 from aimd_des.metrics import fold_overshoot
 from aimd_des.population import observe_totals, total_of
 from aimd_des.ticks import next_ticks
@@ -52,14 +52,12 @@ def _crowded(crowd: Crowd, pilot: Pilot, post: Post) -> bool:
 
 
 @formula
-def _find_moments(crowd: Crowd, pilot: Pilot, limits: Limits) -> None:
-    """Find where the agents are in their own time: the time, or their next tick."""
+def _find_moments(crowd: Crowd, pilot: Pilot) -> None:
+    """Find where the agents are in their own time: the time, or their next tick; looks come before ticks."""
     now = pilot.now[0]
     if crowd.grain > 0.0:
         rhythm = crowd.rhythm
-        over = now == limits.acted_at and limits.acted >= FIRST_ORDER
-        from_ = np.nextafter(now, np.inf) if over else now
-        next_ticks(rhythm.phase, rhythm.period, rhythm.jitter, rhythm.key, from_, pilot.moment)
+        next_ticks(rhythm.phase, rhythm.period, rhythm.jitter, rhythm.key, now, pilot.moment)
     else:
         pilot.moment[0] = now
 
@@ -71,14 +69,13 @@ def _total(crowd: Crowd, pilot: Pilot, resource: int) -> float:
 
 
 @formula
-def _find_totals(crowd: Crowd, pilot: Pilot, meter: Meter, limits: Limits) -> None:
+def _find_totals(crowd: Crowd, pilot: Pilot, meter: Meter) -> None:
     """Bring all agents to the time of the look, and add up their demand."""
     now = pilot.now[0]
-    turn = limits.acted + 1 if now == limits.acted_at else 0
-    settle(crowd, 0, crowd.flights.base.shape[0], now, turn if crowd.grain > 0.0 else LAST)
+    settle(crowd, 0, crowd.flights.base.shape[0], now, 0 if crowd.grain > 0.0 else LAST)
     if meter.lines and crowd.answers.held[0] > 0:
         fold_answers(crowd.answers, meter)
-    _find_moments(crowd, pilot, limits)
+    _find_moments(crowd, pilot)
     for j in range(pilot.total.shape[0]):
         pilot.total[j] = _total(crowd, pilot, j)
 
@@ -171,7 +168,7 @@ def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, l
             return CROWDED
         if now != summed:
             pilot.now[0] = summed = now
-            _find_totals(crowd, pilot, meter, limits)
+            _find_totals(crowd, pilot, meter)
         if not looking:
             if keeping:
                 _keep(crowd, pilot, watch)
@@ -232,7 +229,7 @@ def sense(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, li
             if not _within(row, _OBSERVE, pilot.turns[ROW], limits):
                 return REACHED
             pilot.now[0] = row
-            _find_totals(crowd, pilot, meter, limits)
+            _find_totals(crowd, pilot, meter)
             _keep(crowd, pilot, watch)
             continue
         if not _within(now, _SENSE, j, limits):
@@ -244,7 +241,7 @@ def sense(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, li
         settle(crowd, queue, queue + 1, now, LAST)
         if meter.lines and crowd.answers.held[0] > 0:
             fold_answers(crowd.answers, meter)
-        _find_moments(crowd, pilot, limits)
+        _find_moments(crowd, pilot)
         total = _total(crowd, pilot, j)
         soonest = soonest_crossing(now, crowd.law.limit[j], total, pilot.growth[j])
         pilot.watchful[j] = soonest > now or pilot.failed[0]

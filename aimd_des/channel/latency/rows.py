@@ -129,7 +129,8 @@ def quantile_row(table: LatencyTable, out: FloatArray) -> None:
             if distribution == _CONSTANT:
                 out[i] = first[i]
             elif distribution == _UNIFORM:
-                out[i] = min(first[i] + (second[i] - first[i]) * u, second[i])
+                # Never above the longest: the largest u makes the product a last bit less than the width.
+                out[i] = first[i] + (second[i] - first[i]) * u
             elif distribution == _LOGNORMAL:
                 out[i] = first[i] * exp(second[i] * standard_normal(u))
             elif distribution == _PARETO:
