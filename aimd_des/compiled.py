@@ -13,7 +13,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, ClassVar, TypeVar, cast
 
 import numba
 from numba.core.caching import FunctionCache, IndexDataCacheFile
@@ -24,6 +24,8 @@ __all__ = ["announced", "formula", "kernel", "routine"]
 
 # Nobody has to set up logging to see a warning; whoever does can silence it.
 _LOGGER = logging.getLogger("aimd_des")
+
+_FORMULAS = "formulas (about ten seconds)"
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -60,6 +62,9 @@ def _package_stamp() -> str:
 class _PackageCache(FunctionCache):  # type: ignore[misc]  # numba has no type information
     """A cache on disk that is out of date as soon as a file changes that a kernel may depend on."""
 
+    # What users of this process have been told of.
+    told: ClassVar[set[str]] = set()
+
     def __init__(self, py_func: Callable[..., Any], announced: str = "") -> None:
         super().__init__(py_func)
         self._announced = announced
@@ -72,8 +77,11 @@ class _PackageCache(FunctionCache):  # type: ignore[misc]  # numba has no type i
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load what an earlier run compiled; say so where there is nothing and compiling takes its time."""
         found = super().load_overload(sig, target_context)
-        if found is None and self._announced:
-            _LOGGER.warning("compiling %s, which is done once on a machine; please wait", self._announced)
+        # Many kernels are compiled for one run: the first speaks for all but those that take long.
+        what = self._announced or ("" if self.told else _FORMULAS)
+        if found is None and what and what not in self.told:
+            self.told.add(what)
+            _LOGGER.warning("compiling %s, which is done once on a machine; please wait", what)
         return found
 
 

@@ -193,6 +193,23 @@ def test_what_takes_long_to_compile_is_announced_once(
     ]
 
 
+def test_compiling_is_announced_whatever_is_compiled(tmp_path: Path) -> None:
+    """In a process of its own, which has told nobody of anything yet; what takes long is told besides."""
+    (tmp_path / "compiled_here.py").write_text(SOURCE, encoding="utf-8")
+    program = (
+        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        "from compiled_here import ratio, twice, scaled\n"
+        "ratio(1.0, 2.0), scaled(2.0, 3), twice(2.0), ratio(1, 2)"
+    )
+    told = [
+        f"compiling {what}, which is done once on a machine; please wait"
+        for what in ("formulas (about ten seconds)", "a thing (a moment)")
+    ]
+    for lines in (told, []):  # the second time everything comes from the disk
+        outcome = python("-c", program, str(tmp_path), NUMBA_CACHE_DIR="")
+        assert (outcome.returncode, outcome.stderr.splitlines()) == (0, lines)
+
+
 def test_numbers_written_out_in_calls_make_no_code_of_their_own(module: ModuleType) -> None:
     assert module.thrice(1.5, 3) == 9.0
     assert len(module.scaled.signatures) == 1
