@@ -28,7 +28,8 @@ class Overshoot:
     Attributes
     ----------
     peak : ndarray, shape (m,)
-        Highest total demand over the capacity; 1.05 is 5 % above.
+        Highest total demand over the capacity; 1.05 is 5 % above.  What it is for no time, between two events
+        of one instant, does not count.
     time : ndarray, shape (m,)
         Share of time with total demand above capacity.
     mean : ndarray, shape (m,)

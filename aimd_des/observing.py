@@ -1,7 +1,9 @@
 """Observers: they look at the times asked for, and integrate total demand exactly.
 
 Total demand is constant between ticks (discrete) or a line between responses (continuous), so
-peak, time above capacity and mean excess are integrals in closed form, piece by piece.
+peak, time above capacity and mean excess are integrals in closed form, piece by piece.  What the total is
+for no time, between two events of one instant, is in none of them: the peak is the least upper bound over
+intervals of time.
 """
 
 from array import array
@@ -114,7 +116,8 @@ def fold_change(running: FloatArray, time: float, change: float, slope: float, c
     total = running[1]
     duration = time - running[0]
     end = total + slope * duration
-    running[2] = max(running[2], total, end)
+    if duration > 0.0:  # what is so for no time, between two events of one instant, is no demand
+        running[2] = max(running[2], total, end)
     running[5] += 0.5 * (total + end) * duration
     if end > capacity:
         over = end - capacity
@@ -206,11 +209,10 @@ class LinearPieces:
             self.changed(now, resource, 0.0)
         self.flush()
         if now > self._begun:
-            _, total, *measures = self.running.T
+            measures = self.running.T[2:]
             capacity = self.system.law.capacity.copy()
             self.stretches.append(Stretch(self._begun, now, capacity, *(row.copy() for row in measures)))
-            self.running[:, 2] = total
-            self.running[:, 3:] = 0.0
+            self.running[:, 2:] = 0.0
             self._begun = now
 
 

@@ -120,7 +120,10 @@ class Result:
 
     @cached_property
     def demand(self) -> pd.DataFrame:
-        """Sums over the agents: time, resource, total (demand), average (of the averages)."""
+        """Sums over all agents: time, resource, total (demand), average (of the averages).
+
+        Averages of those who are away are in it as they stood when they left; `tracking` leaves them out.
+        """
         seen, m = self.observations, self.problem.n_resources
         count = len(seen.demand_times)
         return pd.DataFrame(
@@ -181,7 +184,7 @@ class Result:
         """The averages against the optimum in force, at the times at which allocations were recorded.
 
         Columns: time, resource, capacity, level (sum of the averages over the capacity), relative_error; of
-        those who are here at the time.
+        those who are here at the time, while `demand` sums over all.
         """
         return tracking_frame(self.problem, self.history, self._optima, self.observations)
 

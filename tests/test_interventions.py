@@ -205,6 +205,13 @@ def test_a_ramp_ends_where_it_shall() -> None:
     assert result.pieces["capacity"].tolist() == [1000.0, 875.0, 750.0, 625.0, 500.0]
 
 
+def test_a_ramp_begins_with_the_capacity_that_is_in_force_then() -> None:
+    step, ramp = CapacityStep(0, 2.0, 600.0), CapacityRamp(0, 4.0, 8.0, 200.0, steps=4)
+    result = run(growing(capacity=1000.0), 10.0, step, ramp)
+    assert result.pieces["start"].tolist() == [0.0, 2.0, 5.0, 6.0, 7.0, 8.0]
+    assert result.pieces["capacity"].tolist() == [1000.0, 600.0, 500.0, 400.0, 300.0, 200.0]
+
+
 def test_a_profile_is_repeated(tmp_path: Path) -> None:
     path = tmp_path / "day.csv"
     path.write_text("hour,left\n0,900\n6,500\n18,700\n")
@@ -237,6 +244,52 @@ def test_overshoot_is_measured_against_the_capacity_in_force(dynamics: str, agen
     assert over.peak[0] == pieces["overshoot_peak"].iloc[1]
     assert over.time[0] == pytest.approx(3 / 8)
     assert over.mean[0] == pytest.approx(pieces["overshoot_mean"].iloc[1] * 3 / 8)
+
+
+@BOTH
+@pytest.mark.parametrize("dynamics", ["continuous", "discrete"])
+def test_each_peak_is_over_the_capacity_of_its_own_piece(dynamics: str, agents: Any) -> None:
+    """3t (or steps of 3) against 12 up to time 5, and against 30 from there to 8: the worst is first."""
+    problem = growing(capacity=12.0, normalization=1e-9)
+    parts: dict[str, Any] = {"channel": BroadcastChannel(loss=1.0), "dynamics": dynamics, "agents": agents}
+    result = run(problem, 8.0, CapacityStep(0, 5.0, 30.0), **parts)
+    assert result.pieces["overshoot_peak"].tolist() == pytest.approx([1.25, 0.8], rel=1e-12)
+    assert result.observations.overshoot.peak[0] == pytest.approx(1.25, rel=1e-12)
+
+
+@BOTH
+@pytest.mark.parametrize("dynamics", ["continuous", "discrete"])
+def test_a_total_that_lasts_no_time_is_no_peak(dynamics: str, agents: Any) -> None:
+    """At 5 agent 0 takes 100 and gives it back; the total is 3 * 5 before, and 10 after."""
+
+    def flash(system: System) -> ProcessGenerator:
+        yield system.env.at(5.0, Kind.INTERVENE)
+        for demand in (100.0, 0.0):
+            system.set_demand(0, 0, demand)
+
+    def stay(system: System) -> ProcessGenerator:
+        yield system.env.at(5.0, Kind.INTERVENE)
+        system.set_demand(0, 0, 100.0)
+
+    parts: dict[str, Any] = {"dynamics": dynamics, "agents": agents}
+    problem, last = growing(capacity=10.0, normalization=1e-9), 5.5
+    if dynamics == "discrete":  # nobody hears, so that everybody grows
+        parts["channel"] = BroadcastChannel(loss=1.0)
+    peaks = [
+        float(run(problem, last, processes=[process], **parts).observations.overshoot.peak[0])
+        for process in (flash, stay)
+    ]
+    after = 100.0 + 10.0 + (1.5 if dynamics == "continuous" else 3.0)
+    assert peaks == pytest.approx([1.5, after / 10.0], rel=1e-12)
+
+
+@BOTH
+def test_demand_that_is_answered_in_the_instant_of_a_step_is_no_peak(agents: Any) -> None:
+    """Total 3t; at 5 the capacity falls to 12, and everybody halves its demand in that instant."""
+    problem = growing(capacity=30.0, normalization=1e3, decrease=0.5)
+    result = run(problem, 6.0, CapacityStep(0, 5.0, 12.0), agents=agents)
+    assert result.pieces["overshoot_peak"].tolist() == pytest.approx([0.5, 10.5 / 12.0], rel=1e-12)
+    assert result.pieces["overshoot_time"].tolist() == [0.0, 0.0]
 
 
 # -- the control unit and the channel --------------------------------------------------------------------
