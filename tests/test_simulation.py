@@ -17,7 +17,7 @@ from aimd_des import InputError, Problem, Recording, Result, run_discrete
 from aimd_des.agents import Camera, Fleet
 from aimd_des.channel import BroadcastChannel
 from aimd_des.clock import Clock, Clocks
-from aimd_des.control_unit import Sampled
+from aimd_des.control_unit import Crossing, Sampled
 from aimd_des.environment import Kind
 from aimd_des.simulation import Simulation
 from aimd_des.streams import Purpose
@@ -427,6 +427,16 @@ def test_defaults_are_a_perfect_channel_and_clocks_in_phase() -> None:
     bare = quietly(Simulation(problem, seed=2).run, 50)
     spelled = simulate(problem, 50, 2, control_unit=Sampled(1.0, 0.0), clocks=Clocks(1.0, 0.0), agents=Camera)
     assert_same_run(bare, spelled)
+
+
+@pytest.mark.parametrize("until", [5e-324, 1e-322, 1e-300])
+@pytest.mark.parametrize("parts", [{"dynamics": "continuous", "control_unit": Crossing(1.0)}, {}])
+def test_the_shortest_of_runs_end(parts: dict[str, Any], until: float) -> None:
+    """A fleet never returned where a part of the run was no time at all."""
+    problem = random_problem(1, 3, 2)
+    runs = [simulate(problem, until, agents=agents, **parts) for agents in (Camera, Fleet)]
+    assert runs[0].digest == runs[1].digest
+    assert not len(runs[0].signals)
 
 
 @pytest.mark.parametrize("until", [0.0, -1.0, math.nan, math.inf, "10", None, True])

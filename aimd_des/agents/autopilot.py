@@ -181,9 +181,11 @@ class Autopilot:
         # Listeners outside are told in time: whatever they do comes before the next signal.
         told = fleet.crowd.hearing > 0 and not fleet.meter.lines
         post = post._replace(compiled=post.compiled and not told)
-        stride = self._next()[0] + self.system.until / _REPORTS
-        bounds = (self.system.until, 0, 0), (stride, 0, 0)
-        limits = Limits(*min(env.upcoming, *bounds), *env.acted)
+        due, until = self._next()[0], self.system.until
+        # However short the run, the next look is within the stride.
+        stride = max(due + until / _REPORTS, math.nextafter(due, math.inf))
+        upcoming = min(env.upcoming, (until, 0, 0))
+        limits = Limits(*min(upcoming, (stride, 0, 0)), upcoming[0], *env.acted)
         post.order[0] = env.reserve(2 * len(post.arrival) * _SIGNALS)
         steer = sense if pilot.crossing else sample
         status: int = steer(fleet.crowd, pilot, post, fleet.meter, self.watch, limits)

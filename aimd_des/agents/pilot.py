@@ -105,6 +105,8 @@ class Limits(NamedTuple):
     ----------
     horizon, kind, order : float, int, int
         Time, kind and order number of what is due next besides.
+    change : float
+        Before this nobody can cut a signal that leaves, or the run is over.
     acted_at, acted : float, int
         When somebody last acted, and the last turn that was over then.
     """
@@ -112,5 +114,6 @@ class Limits(NamedTuple):
     horizon: float
     kind: int
     order: int
+    change: float
     acted_at: float
     acted: int
