@@ -207,7 +207,7 @@ class Crossing:
         """Go from one possible crossing to the next: responses only lower the total, growth bounds it."""
         env, limit, growth = system.env, system.law.limit, system.conditions.growth
         shortest, longest = self.bounds
-        alarm, hold_off = _Alarm(system, resource), shortest
+        alarm = _Alarm(system, resource, shortest)
         at_this_instant, instant, signalled_at = 0, -1.0, 0.0
         yield alarm.at(env.now, sooner_if_raised=False)
         while True:
@@ -223,10 +223,10 @@ class Crossing:
                 raise SimulationError(self.standstill(system, resource))
             if alarm.holding:
                 expected = signalled_at + float(growth[resource]) * (now - instant)
-                hold_off = adapted(hold_off, shortest, longest, expected, total)
+                alarm.hold_off = adapted(alarm.hold_off, shortest, longest, expected, total)
             instant, signalled_at, alarm.holding = now, total, True
             system.broadcast(resource, self.sensing_delay)
-            yield alarm.at(now + hold_off, sooner_if_raised=False)
+            yield alarm.at(now + alarm.hold_off, sooner_if_raised=False)
 
     def standstill(self, system: System, resource: int) -> str:
         """Say why time cannot advance.
@@ -255,13 +255,14 @@ class Crossing:
 class _Alarm:
     """Wakes the sensing of one resource at a time, or before it when things have become tighter.
 
-    `holding` says whether a hold-off is what is waited for.
+    `hold_off` is the present one, and `holding` says whether it is what is waited for.
     """
 
     def __init__(self, system: System, resource: int) -> None:
         self.env = system.env
         self.resource = resource
         self.mailbox = Mailbox(system.env)
+        self.shortest = self.hold_off = shortest
         self.latest = 0
         self.watchful = self.holding = False
         system.conditions.on_tightening.append(self._tightened)
@@ -287,5 +288,5 @@ class _Alarm:
 
     def _recovered(self, time: float) -> None:
         """Let the unit that takes over look at once; it knows of no hold-off."""
-        self.holding = False
+        self.holding, self.hold_off = False, self.shortest
         self.at(time, sooner_if_raised=True)

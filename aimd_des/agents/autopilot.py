@@ -169,6 +169,7 @@ class Autopilot:
         """Let the unit that takes over look at once; it knows of no hold-off."""
         if self.pilot.crossing:
             self.pilot.holding[:] = False
+            self.pilot.hold_off[:] = self.pilot.shortest
             self.pilot.watchful[:] = True
             self.pilot.alarm[:] = time
             self._set_alarm()
