@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from aimd_des import (
     BroadcastChannel,
+    Camera,
     Crossing,
     Fleet,
     InputError,
@@ -31,8 +32,12 @@ from aimd_des.compensation import (
     no_compensation,
     read_number,
 )
+from aimd_des.environment import Kind
+from aimd_des.interventions import Absence, Crash
 from aimd_des.optimum import solve_optimum
 from aimd_des.response import CONTINUOUS, DISCRETE
+from aimd_des.system import System
+from aimd_des.transport import ProcessGenerator
 from models.smart_cameras import smart_cameras
 from scenarios._systems import memory_alone, spread
 from tests.conftest import assert_same_run, quietly, random_problem
@@ -218,6 +223,60 @@ def test_a_fleet_makes_good_as_processes_do(dynamics: Any, way: Compensation) ->
     assert runs[0].account.responses.sum() > 50
     # Negative control: it does make a difference.
     assert quietly(Simulation(problem, **parts).run, 80.0).digest != runs[0].digest
+
+
+@pytest.mark.parametrize("agents", [Camera, Fleet])
+@pytest.mark.parametrize("dynamics", ["continuous", "discrete"])
+@pytest.mark.parametrize("anew", [True, False])
+def test_who_comes_back_counts_its_answers_and_the_numbers_it_hears_anew(
+    anew: bool, dynamics: Any, agents: Any
+) -> None:
+    """Answers of an agent that has its past go on; what was sent while it was away was not lost on it."""
+    counts = []
+
+    def look(system: System) -> ProcessGenerator:
+        for time in (19.75, 30.0):
+            yield system.env.at(time, Kind.DELIVER)  # before the look of 30
+            system.settle()
+            counts.append((int(system.state.answered[0, 0]), int(system.state.heard[0, 0])))
+
+    away = Crash(0, 20.0, 30.0) if anew else Absence(0, 20.0, 30.0)
+    parts: dict[str, Any] = {"dynamics": dynamics, "agents": agents, "control_unit": Sampled(), "seed": 3}
+    for way in (KnownLoss(0.3), EstimatedLoss(8)):
+        quietly(
+            Simulation(
+                random_problem(5, 4, 1), compensation=way, interventions=[away], processes=[look], **parts
+            ).run,
+            31.0,
+        )
+        before, after = counts[-2:]
+        assert before[0] > 3
+        assert before[1] > 3 or isinstance(way, KnownLoss)
+        assert after == (0 if anew else before[0], 0)
+
+
+@pytest.mark.parametrize("agents", [Camera, Fleet])
+def test_numbers_of_an_absence_are_not_taken_for_losses(agents: Any) -> None:
+    """Nothing is lost: an agent that estimates its loss does as one that does not."""
+    parts: dict[str, Any] = {
+        "dynamics": "continuous",
+        "control_unit": Crossing(0.5),
+        "agents": agents,
+        "seed": 3,
+    }
+    digests = {
+        quietly(
+            Simulation(
+                random_problem(5, 4, 1),
+                compensation=way,
+                interventions=[Absence([0, 1], 20.0, 60.0)],
+                **parts,
+            ).run,
+            200.0,
+        ).digest
+        for way in (None, EstimatedLoss(8))
+    }
+    assert len(digests) == 1
 
 
 LOSS = spread(0.0, 0.5)

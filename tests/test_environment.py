@@ -232,6 +232,20 @@ def test_what_is_upcoming_is_plain_numbers(env: OrderedEnvironment) -> None:
     assert [type(part) for part in env.upcoming] == [float, int, int]
 
 
+def test_whose_turn_is_over(env: OrderedEnvironment) -> None:
+    """That of who acts now, and of all before; of everybody when somebody without an index has acted."""
+    seen: Log = []
+
+    def look(_: simpy.Event) -> None:
+        seen.append([env.has_acted(agent) for agent in (1, 2, 3, None)])
+
+    for kind, order in ((Kind.OBSERVE, None), (Kind.ACT, 2), (Kind.ACT, None)):
+        call_at(env, 1.0, kind, look, order=order)
+    call_at(env, 2.0, Kind.OBSERVE, look)
+    env.run_to(3.0)
+    assert seen == [[False] * 4, [True, True, False, False], [True] * 4, [False] * 4]
+
+
 def test_an_error_in_a_process_ends_the_run_with_its_own_message(env: OrderedEnvironment) -> None:
     def fail() -> Generator[simpy.Event, Any, None]:
         yield env.at(1.0, Kind.ACT)
