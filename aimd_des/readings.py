@@ -7,7 +7,9 @@ import numpy as np
 from aimd_des.checks import FloatArray
 from aimd_des.clock import AgentClocks
 from aimd_des.environment import OrderedEnvironment
+from aimd_des.names import agent_index, resource_index
 from aimd_des.population import average_of, observe, observe_totals, total_of, totals
+from aimd_des.problem import Problem
 from aimd_des.response import demand_at
 from aimd_des.state import Law, State
 
@@ -19,6 +21,8 @@ class Readings:
 
     Parameters
     ----------
+    problem : Problem
+        Whose agents and resources may be given by name.
     env : OrderedEnvironment
         Decides when something happens.
     clocks : AgentClocks, optional
@@ -38,8 +42,15 @@ class Readings:
     """
 
     def __init__(
-        self, env: OrderedEnvironment, clocks: AgentClocks | None, state: State, law: Law, grain: float
+        self,
+        problem: Problem,
+        env: OrderedEnvironment,
+        clocks: AgentClocks | None,
+        state: State,
+        law: Law,
+        grain: float,
     ) -> None:
+        self.problem = problem
         self.env, self.clocks, self.state, self.law, self.grain = env, clocks, state, law, grain
         self.rows = State(*([memoryview(row) for row in array] for array in state))  # type: ignore[arg-type]
         self._now = np.empty(1)
@@ -77,23 +88,27 @@ class Readings:
         self._now[0] = self.env.now
         return self._now
 
-    def total(self, resource: int) -> float:
+    def total(self, resource: str | int) -> float:
         """Sum the demand of all agents for one resource as it is now.
 
         Parameters
         ----------
-        resource : int
-            j.
+        resource : str or int
+            Its name, or j.
 
         Returns
         -------
         float
             In units of the resource.
+
+        Raises
+        ------
+        InputError
+            If there is no such resource.
         """
+        j, state = resource_index(self.problem, resource), self.state
         self.settle()
-        state = self.state
-        increase = self.law.increase[resource]
-        return total_of(state.demand[resource], increase, state.anchor[resource], self.moments(), self.grain)
+        return total_of(state.demand[j], self.law.increase[j], state.anchor[j], self.moments(), self.grain)
 
     def totals(self) -> FloatArray:
         """Sum the demand of all agents for every resource as it is now.
@@ -149,36 +164,47 @@ class Readings:
             return float(self.env.now)
         return float(self.clocks.next_tick(agent, self.clock_time()))
 
-    def demand(self, agent: int, resource: int) -> float:
+    def demand(self, agent: str | int, resource: str | int) -> float:
         """Read one agent's demand for one resource as it is now.
 
         Parameters
         ----------
-        agent, resource : int
-            i and j.
+        agent, resource : str or int
+            Their names, or i and j.
 
         Returns
         -------
         float
             In units of the resource.
-        """
-        self.settle()
-        held, anchor = self.rows.demand[resource][agent], self.rows.anchor[resource][agent]
-        increase = float(self.law.increase[resource, agent])
-        return demand_at(held, increase, self.moment(agent) - anchor, self.grain)
 
-    def average(self, agent: int, resource: int) -> float:
+        Raises
+        ------
+        InputError
+            If there is no such agent, or no such resource.
+        """
+        i, j = agent_index(self.problem, agent), resource_index(self.problem, resource)
+        self.settle()
+        since = self.moment(i) - self.rows.anchor[j][i]
+        return demand_at(self.rows.demand[j][i], float(self.law.increase[j, i]), since, self.grain)
+
+    def average(self, agent: str | int, resource: str | int) -> float:
         """Read one agent's long-term average of one resource as it is now.
 
         Parameters
         ----------
-        agent, resource : int
-            i and j.
+        agent, resource : str or int
+            Their names, or i and j.
 
         Returns
         -------
         float
             In units of the resource.
+
+        Raises
+        ------
+        InputError
+            If there is no such agent, or no such resource.
         """
+        i, j = agent_index(self.problem, agent), resource_index(self.problem, resource)
         self.settle()
-        return float(average_of(self.state, self.law, resource, agent, self.moment(agent), self.grain))
+        return float(average_of(self.state, self.law, j, i, self.moment(i), self.grain))

@@ -1,6 +1,5 @@
 """One run in progress: what the control unit, the channel, the agents and observers share."""
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -15,6 +14,7 @@ from aimd_des.environment import OrderedEnvironment
 from aimd_des.errors import InputError
 from aimd_des.log import Entry, EventLog
 from aimd_des.memory import folded_at, keep_parts
+from aimd_des.names import agent_index, resource_index
 from aimd_des.problem import Problem
 from aimd_des.readings import Readings
 from aimd_des.response import CONTINUOUS, DISCRETE
@@ -82,8 +82,7 @@ class System(Readings):
         grain = CONTINUOUS if clocks is None else DISCRETE
         law = law_of(problem, grain, averaging, compensation)
         own = None if clocks is None else clocks.start(n, self.keys[Purpose.CLOCK])
-        super().__init__(OrderedEnvironment(), own, start(m, n, grain, law.memory), law, grain)
-        self.problem = problem
+        super().__init__(problem, OrderedEnvironment(), own, start(m, n, grain, law.memory), law, grain)
         self.until = until
         self.log = log
         self.conditions = Conditions.at_start(problem)
@@ -97,13 +96,13 @@ class System(Readings):
         draws = ResponseDraws(self.keys[Purpose.RESPONSE], n)
         self.response_draws: Callable[[Signal], list[float]] = draws.__getitem__
 
-    def set_demand(self, agent: int, resource: int, demand: float) -> None:
+    def set_demand(self, agent: str | int, resource: str | int, demand: float) -> None:
         """Set one agent's demand for one resource, from which it grows on.
 
         Parameters
         ----------
-        agent, resource : int
-            i and j.
+        agent, resource : str or int
+            Their names, or i and j.
         demand : float
             At least 0, in units of the resource.
 
@@ -113,27 +112,38 @@ class System(Readings):
             If there is no such agent or resource, the agent is away, or the demand is negative or not
             finite.
         """
-        checks.integer("agent", agent, low=0, high=self.problem.n_agents - 1)
-        checks.integer("resource", resource, low=0, high=self.problem.n_resources - 1)
+        i, j = agent_index(self.problem, agent), resource_index(self.problem, resource)
         demand = checks.number("demand", demand, low=0.0)
-        if self.conditions.away[agent]:
-            name = self.problem.agent_names[agent]
+        if self.conditions.away[i]:
+            name = self.problem.agent_names[i]
             raise InputError.of("agent", name, "one that is here", "let it join first")
-        rows, law, before = self.rows, self.law, self.demand(agent, resource)
-        held, folded, anchor = rows.demand[resource], rows.accumulated[resource], rows.anchor[resource]
-        # A tick folds in the demand at hand, so what is set now stands just before the next tick.
-        last, alpha = self.moment(agent) - self.grain, float(law.increase[resource, agent])
-        line = folded[agent], held[agent], alpha
-        span = anchor[agent], rows.origin[resource][agent], last, self.grain
-        keep_parts(law.memory, self.state.parts, resource, agent, *line, *span)
-        folded[agent] = folded_at(law.memory, *line, last - anchor[agent], self.grain)
-        held[agent], anchor[agent] = demand, last
+        before = self.demand(i, j)
+        self.break_line(i, j, demand)
         if self.log is not None:
-            self.log.add((self.env.now, Entry.CHANGE, resource, agent, -1, demand - before))
+            self.log.add((self.env.now, Entry.CHANGE, j, i, -1, demand - before))
         for tell in self.on_intervention:
-            tell(self.env.now, resource, demand - before)
+            tell(self.env.now, j, demand - before)
         if demand > before:
-            self.tighten(resource)
+            self.tighten(j)
+
+    def break_line(self, agent: int, resource: int, demand: float) -> None:
+        """Let one agent's demand for one resource go on as a new line; nobody is told.
+
+        Parameters
+        ----------
+        agent, resource : int
+            i and j.
+        demand : float
+            From which it grows on, in units of the resource.
+        """
+        i, j, rows, memory = agent, resource, self.rows, self.law.memory
+        held, folded, anchor = rows.demand[j], rows.accumulated[j], rows.anchor[j]
+        # A tick folds in the demand at hand, so what is set now stands just before the next tick.
+        last = self.moment(i) - self.grain
+        line = folded[i], held[i], float(self.law.increase[j, i])
+        keep_parts(memory, self.state.parts, j, i, *line, anchor[i], rows.origin[j][i], last, self.grain)
+        folded[i] = folded_at(memory, *line, last - anchor[i], self.grain)
+        held[i], anchor[i] = demand, last
 
     def tighten(self, resource: int) -> None:
         """Let it be known that a threshold may be reached sooner than it looked.
@@ -186,13 +196,13 @@ class System(Readings):
         if self.log is not None:
             self.log.lead(collective.settle)
 
-    def broadcast(self, resource: int, delay: float = 0.0) -> None:
+    def broadcast(self, resource: str | int, delay: float = 0.0) -> None:
         """Send a capacity signal for one resource to all agents.
 
         Parameters
         ----------
-        resource : int
-            j.
+        resource : str or int
+            Its name, or j.
         delay : float
             How long after now it leaves the control unit, at least 0 and in units of time.
 
@@ -202,8 +212,7 @@ class System(Readings):
             If there is no such resource, the delay is negative or not finite, or the channel says
             anything but a time for each agent that is not before the departure.
         """
-        if not (0 <= resource < self.problem.n_resources and 0.0 <= delay < math.inf):
-            checks.integer("resource", resource, low=0, high=self.problem.n_resources - 1)
-            checks.number("delay", delay, low=0.0)
+        j = resource_index(self.problem, resource)
+        delay = checks.number("delay", delay, low=0.0)
         self.settle()
-        self.transmitter.send(resource, self.env.now, delay, self.total)
+        self.transmitter.send(j, self.env.now, delay, self.total)

@@ -360,6 +360,30 @@ def test_a_loss_model_of_ones_own(page: Names) -> None:
     assert simulation.run(until=300).digest == result.digest
 
 
+# -- names and indices -----------------------------------------------------------------------------------
+
+
+def test_agents_and_resources_are_given_by_name_or_by_index() -> None:
+    problem, seen = random_problem(2, 3, 2), []
+    name = problem.resource_names[1]
+
+    def named(system: System) -> ProcessGenerator:
+        yield system.env.at(2.0, Kind.INTERVENE)
+        system.set_demand("2", name, 0.5)
+        system.broadcast(name)
+        yield system.env.at(3.0, Kind.OBSERVE)
+        for resource, agent in ((name, "2"), (1, 2), (np.int64(1), np.int64(2))):
+            values = system.total(resource), system.demand(agent, resource), system.average(agent, resource)
+            seen.append(values)
+
+    result = Simulation(problem, processes=[named], recording=Recording(events=True), seed=0).run(4.0)
+    assert seen[0] == seen[1] == seen[2]
+    assert min(seen[0]) > 0.0
+    events = result.events[result.events["time"] == 2.0]
+    told = dict(zip(events["kind"], events["resource"], strict=True))
+    assert told["change"] == told["signal"] == name
+
+
 # -- what a part may do wrong ----------------------------------------------------------------------------
 
 

@@ -22,6 +22,7 @@ ORDER = [
     "costs",
     "problem",
     "registry",
+    "names",
     "gradients",
     "optimum",
     "conditions",

@@ -10,8 +10,8 @@ from aimd_des.costs import Costs
 from aimd_des.environment import Kind
 from aimd_des.errors import InputError
 from aimd_des.interventions.changes import join, leave
-from aimd_des.interventions.names import Agents, agent_indices
 from aimd_des.interventions.prices import checked_costs, set_costs, weigh
+from aimd_des.names import Agents, agent_indices
 from aimd_des.problem import Problem
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator

@@ -13,7 +13,7 @@ from aimd_des.checks import FloatArray
 from aimd_des.environment import Kind
 from aimd_des.errors import InputError
 from aimd_des.interventions.changes import set_capacity
-from aimd_des.interventions.names import resource_index
+from aimd_des.names import resource_index
 from aimd_des.problem import Problem
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from aimd_des import checks
 from aimd_des.environment import Kind
 from aimd_des.interventions.changes import cut_off, fail, reconnect, recover
-from aimd_des.interventions.names import Agents, agent_indices
+from aimd_des.names import Agents, agent_indices
 from aimd_des.problem import Problem
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator

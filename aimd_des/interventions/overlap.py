@@ -7,7 +7,7 @@ from aimd_des.errors import InputError
 from aimd_des.interventions.agents import Absence, Crash, Join, Prices, UnusualActivity
 from aimd_des.interventions.capacity import CapacityProfile, CapacityRamp, CapacityStep
 from aimd_des.interventions.faults import Failover, Partition
-from aimd_des.interventions.names import agent_indices
+from aimd_des.names import agent_indices
 from aimd_des.problem import Problem
 
 __all__ = ["check_absences", "check_end"]

@@ -1,4 +1,4 @@
-"""Agents and resources by name or by index, as interventions are given them."""
+"""Agents and resources by name or by index, as readings, interventions and processes are given them."""
 
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -8,7 +8,7 @@ from aimd_des import checks
 from aimd_des.errors import InputError
 from aimd_des.problem import Problem
 
-__all__ = ["Agents", "agent_indices", "resource_index"]
+__all__ = ["Agents", "agent_index", "agent_indices", "resource_index"]
 
 #: One agent or several, by name or by index.
 Agents = str | int | Sequence[str | int]
@@ -16,6 +16,8 @@ Agents = str | int | Sequence[str | int]
 
 def _index(field: str, names: Sequence[str], given: object) -> int:
     """Find one of the names, or take an index for what it is."""
+    if type(given) is int and 0 <= given < len(names):
+        return given  # at once: whoever looks at totals asks for nothing else
     if not isinstance(given, str):
         return checks.integer(field, given, low=0, high=len(names) - 1)
     if given in names:
@@ -48,6 +50,29 @@ def resource_index(problem: Problem, resource: str | int) -> int:
     return _index("resource", problem.resource_names, resource)
 
 
+def agent_index(problem: Problem, agent: str | int) -> int:
+    """Find an agent.
+
+    Parameters
+    ----------
+    problem : Problem
+        Who shares.
+    agent : str or int
+        Its name, or i.
+
+    Returns
+    -------
+    int
+        i.
+
+    Raises
+    ------
+    InputError
+        If there is none; with the nearest name.
+    """
+    return _index("agent", problem.agent_names, agent)
+
+
 def agent_indices(problem: Problem, agents: Agents) -> list[int]:
     """Find agents.
 
@@ -70,7 +95,7 @@ def agent_indices(problem: Problem, agents: Agents) -> list[int]:
     """
     # One that is no list is looked up, or refused, as one agent.
     given: list[Any] = list(agents) if checks.axes(agents) else [agents]  # type: ignore[arg-type]  # it has elements
-    found = [_index("agent", problem.agent_names, agent) for agent in given]
+    found = [agent_index(problem, agent) for agent in given]
     if not found or len(set(found)) != len(found):
         raise InputError.of("agents", given, "one agent or several different ones")
     return found
