@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, cast, get_args
 
-from aimd_des import checks
+from aimd_des import checks, handed
 from aimd_des.agents import Autopilot, Camera, Fleet
 from aimd_des.averaging import Averaging, Cumulative
 from aimd_des.channel import BroadcastChannel, Channel
@@ -186,8 +186,9 @@ class Simulation:
         Raises
         ------
         InputError
-            If the end is no positive number, a time to be recorded or an intervention lies beyond it,
-            or a value for each agent is given somewhere and their number is not n.
+            If the end is no positive number, a time to be recorded or an intervention lies beyond it, a value
+            for each agent is given somewhere and their number is not n, or a part of one's own hands back
+            what it cannot.
         SimulationError
             If simulated time cannot advance.
 
@@ -207,9 +208,9 @@ class Simulation:
         observer = Observer(system, self.recording)
         self._populate(system, observer)
         for intervention in self.interventions:
-            system.env.process(intervention.process(system))
+            _start(system, handed.said_by(intervention, "process"), intervention.process(system))
         for process in self.processes:
-            system.env.process(process(system))
+            _start(system, handed.said_by(process), process(system))
         system.env.run_to(until, watch)
         system.finish()
         signals = system.transmitter.sent.signals()
@@ -238,7 +239,7 @@ class Simulation:
     def _populate(self, system: System, observer: Observer) -> None:
         """Start the control unit, then the agents."""
         control_unit, maker = self.control_unit, cast(Any, self.agents)
-        process = control_unit.process(system)
+        process, method = control_unit.process(system), handed.said_by(control_unit, "process")
         if maker is Fleet:
             fleet = Fleet(system, self.special, observer.meter)
             system.join(fleet)
@@ -249,8 +250,15 @@ class Simulation:
             special = {
                 index: self.special.get(index, cast(Maker, maker)) for index in range(self.problem.n_agents)
             }
-        system.env.process(process)
+        _start(system, method, process)
         for index, make in special.items():
             agent = make(index, system)
+            handed.having(handed.said_by(make), agent, ["receive", "process"])
             system.agents[index] = agent
-            system.env.process(agent.process())
+            _start(system, handed.said_by(agent, "process"), agent.process())
+
+
+def _start(system: System, method: str, process: object) -> None:
+    """Let a process of a part live, which may be the user's own."""
+    handed.generator(method, process)
+    system.env.process(cast(ProcessGenerator, process))

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from aimd_des import checks, streams
+from aimd_des import checks, handed, streams
 from aimd_des.averaging import Averaging
 from aimd_des.channel import Channel
 from aimd_des.clock import Clocks
@@ -79,6 +79,7 @@ class System(Readings):
         n, m = problem.n_agents, problem.n_resources
         self.keys = {purpose: streams.key(seed, purpose) for purpose in Purpose}
         self.link = channel.open(n, self.keys)
+        handed.having(handed.said_by(channel, "open"), self.link, ["transmit"])
         grain = CONTINUOUS if clocks is None else DISCRETE
         law = law_of(problem, grain, averaging, compensation)
         own = None if clocks is None else clocks.start(n, self.keys[Purpose.CLOCK])

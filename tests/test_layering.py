@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ORDER = [
     "errors",
     "checks",
+    "handed",
     "compiled",
     "elementary",
     "environment",
@@ -21,8 +22,8 @@ ORDER = [
     "frames",
     "costs",
     "problem",
-    "registry",
     "names",
+    "registry",
     "gradients",
     "optimum",
     "conditions",

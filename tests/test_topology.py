@@ -678,15 +678,15 @@ CHANNEL_ERRORS: dict[str, tuple[Callable[[], object], list[str]]] = {
     "broadcasts": (lambda: topology.flood(meshed()).statistics(1), ["broadcasts = 1", "at least 2"]),
     "own latency": (
         lambda: arrivals(topology.flood(meshed(), latency=lambda row: Backwards(-row))),
-        ["latency[0] = -", "at least 0"],
+        ["Backwards.draw()[0] = -", "at least 0"],
     ),
     "own shape": (
         lambda: arrivals(topology.flood(meshed(), latency=lambda row: Backwards(row[:3]))),
-        ["shape of latency = (3,): must be (10,)"],
+        ["shape of Backwards.draw() = (3,): must be (10,)"],
     ),
     "own loss": (
         lambda: arrivals(topology.flood(meshed(), loss=lambda row: Nowhere())),
-        ["shape of loss = (1,): must be (10,), one for each arc"],
+        ["shape of Process.draw() = (1,): must be (10,), one for each arc"],
     ),
 }
 

@@ -4,13 +4,14 @@ from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
+from aimd_des import handed
 from aimd_des.channel.draws import Draws
 from aimd_des.channel.latency.rows import LatencyTable, latency_row
 from aimd_des.channel.parameters import fit
 from aimd_des.checks import FloatArray
 from aimd_des.streams import Purpose
 
-__all__ = ["Latency", "Parametrised"]
+__all__ = ["Latency", "Parametrised", "draw_latency"]
 
 
 @runtime_checkable
@@ -83,3 +84,28 @@ class Parametrised:
         address = draws.keys[Purpose.LATENCY], draws.resource, draws.number, draws.lane(0)
         latency_row(self.table(draws.n_agents), *address, out, spare)
         return np.asarray(out)
+
+
+def draw_latency(latency: Latency, draws: Draws, of: str = "agent") -> FloatArray:
+    """Ask a model of latency that may be the user's own.
+
+    Parameters
+    ----------
+    latency : Latency
+        The model.
+    draws : Draws
+        Of a broadcast.
+    of : str
+        What has a link each.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        At least 0, in units of time; inf where a copy never arrives.
+
+    Raises
+    ------
+    InputError
+        If it says anything else.
+    """
+    return handed.numbers(handed.said_by(latency, "draw"), latency.draw(draws), (draws.n_agents,), of, 0.0)

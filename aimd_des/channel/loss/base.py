@@ -5,9 +5,10 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des import handed
 from aimd_des.channel.draws import Draws
 
-__all__ = ["BoolArray", "Loss", "LossProcess"]
+__all__ = ["BoolArray", "Loss", "LossProcess", "draw_loss", "start_loss"]
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -27,3 +28,53 @@ class Loss(Protocol):
     def start(self, n_agents: int) -> LossProcess:
         """Begin a run with n agents."""
         ...
+
+
+def start_loss(loss: Loss, n_links: int) -> LossProcess:
+    """Begin a run with a model of loss that may be the user's own.
+
+    Parameters
+    ----------
+    loss : Loss
+        The model.
+    n_links : int
+        How many links there are.
+
+    Returns
+    -------
+    LossProcess
+        The losses of the run.
+
+    Raises
+    ------
+    InputError
+        If it is anything that does not draw.
+    """
+    process = loss.start(n_links)
+    handed.having(handed.said_by(loss, "start"), process, ["draw"])
+    return process
+
+
+def draw_loss(loss: LossProcess, draws: Draws, of: str = "agent") -> BoolArray:
+    """Ask a model of loss that may be the user's own.
+
+    Parameters
+    ----------
+    loss : LossProcess
+        The losses of the run.
+    draws : Draws
+        Of a broadcast.
+    of : str
+        What has a link each.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        Whether each link loses the broadcast.
+
+    Raises
+    ------
+    InputError
+        If it says anything else.
+    """
+    return handed.flags(handed.said_by(loss, "draw"), loss.draw(draws), (draws.n_agents,), of)

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.channel.draws import Draws
-from aimd_des.channel.loss.base import BoolArray, Loss, LossProcess
+from aimd_des.channel.loss.base import BoolArray, Loss, LossProcess, draw_loss, start_loss
 from aimd_des.channel.loss.independent import Bernoulli
 from aimd_des.channel.loss.rows import TabledLoss, join
 from aimd_des.channel.loss.trace import Trace
@@ -85,7 +85,7 @@ class Combined:
         InputError
             If there is a value for each agent somewhere and their number is not n.
         """
-        processes = [part.start(n_agents) for part in self.losses]
+        processes = [start_loss(part, n_agents) for part in self.losses]
         tables = [process.table for process in processes if type(process) is TabledLoss]
         return TabledLoss(join(tables)) if len(tables) == len(processes) else _Parts(processes)
 
@@ -100,5 +100,5 @@ class _Parts:
         """Ask every model, also for copies that another one has lost: what it remembers must be kept up."""
         lost = np.zeros(draws.n_agents, dtype=np.bool_)
         for part, process in enumerate(self._processes):
-            lost |= process.draw(replace(draws, part=part))
+            lost |= draw_loss(process, replace(draws, part=part))
         return lost

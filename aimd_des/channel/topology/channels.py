@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aimd_des import checks
 from aimd_des.channel.broadcast import Broadcast, CompiledLink, Copies, Link, compiled_models
 from aimd_des.channel.draws import Draws
 from aimd_des.channel.latency import Constant, Latency
+from aimd_des.channel.latency.base import draw_latency
 from aimd_des.channel.loss import Bernoulli, Combined, CommonMode, Loss, LossProcess, Trace
+from aimd_des.channel.loss.base import draw_loss, start_loss
 from aimd_des.channel.network import NetworkTable, spread
 from aimd_des.channel.table import channel_table
 from aimd_des.channel.topology.attributes import Graph
@@ -61,7 +62,7 @@ class _NetworkChannel:
             remedy = "name the agents among the nodes by `agents`; the others are relays"
             raise InputError.of("agents of the network", len(self.routes.agents), f"{n_agents}", remedy)
         n_arcs, network = len(self.routes.head), self.routes.table()
-        loss = self.loss.start(n_arcs)
+        loss = start_loss(self.loss, n_arcs)
         if tables := compiled_models(self.latency, loss, n_arcs):
             return CompiledLink(channel_table(*tables, 0.0, False, keys, network))
         return _OpenNetwork(self.latency, loss, network, keys)
@@ -270,15 +271,10 @@ class _OpenNetwork:
 
     def transmit(self, broadcast: Broadcast, departure: float) -> Copies:
         """Draw loss and latency of every arc, and say when copies arrive."""
-        shape = self.network.latency.shape
-        draws = Draws(self.keys, broadcast.resource, broadcast.number, departure, shape[0])
-        lost, drawn = np.asarray(self.loss.draw(draws), dtype=np.bool_), self.latency.draw(draws)
-        if lost.shape != shape:
-            raise InputError.of("shape of loss", lost.shape, f"{shape}, one for each arc")
-        # A negative latency might send a copy round in circles for ever; a minimum finds NaN, too.
-        if np.shape(drawn) != shape or not np.min(drawn) >= 0.0:
-            checks.array("latency", np.where(np.isposinf(drawn), 0.0, drawn), shape, low=0.0)
-        self.network.latency[:] = drawn
+        draws = Draws(self.keys, broadcast.resource, broadcast.number, departure, len(self.network.latency))
+        lost = draw_loss(self.loss, draws, "arc")
+        # A negative latency might send a copy round in circles for ever.
+        self.network.latency[:] = draw_latency(self.latency, draws, "arc")
         arrival = np.empty(len(self.network.agent))
         spread(self.network, lost, departure, arrival)
         return Copies(arrival)
