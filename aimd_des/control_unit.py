@@ -48,7 +48,8 @@ class Sampled:
     phase : float
         Time of the first look, at least 0.
     sensing_delay : float
-        How long after a look its signals leave the control unit, at least 0.
+        How long after a look its signals leave the control unit, at least 0; a partition, or a fault of the
+        control unit, cuts those that leave while it lasts.
 
     Raises
     ------
@@ -258,11 +259,11 @@ class _Alarm:
     `hold_off` is the present one, and `holding` says whether it is what is waited for.
     """
 
-    def __init__(self, system: System, resource: int) -> None:
+    def __init__(self, system: System, resource: int, shortest: float) -> None:
         self.env = system.env
         self.resource = resource
-        self.mailbox = Mailbox(system.env)
         self.shortest = self.hold_off = shortest
+        self.mailbox = Mailbox(system.env)
         self.latest = 0
         self.watchful = self.holding = False
         system.conditions.on_tightening.append(self._tightened)

@@ -92,8 +92,7 @@ class System(Readings):
         self.on_intervention: list[Callable[[float, int, float], None]] = []
         self.collective: Collective | None = None
         carrier = Carrier(self.env, self.agents, self.conditions.away, log)
-        cut = self.conditions.cut
-        self.transmitter = Transmitter(self.env, self.link, m, cut, until, carrier, log)
+        self.transmitter = Transmitter(self.env, self.link, m, self.conditions, until, carrier, log)
         draws = ResponseDraws(self.keys[Purpose.RESPONSE], n)
         self.response_draws: Callable[[Signal], list[float]] = draws.__getitem__
 
@@ -205,7 +204,8 @@ class System(Readings):
         resource : str or int
             Its name, or j.
         delay : float
-            How long after now it leaves the control unit, at least 0 and in units of time.
+            How long after now it leaves the control unit, at least 0 and in units of time; a partition, or a
+            fault of the control unit, cuts it where it lasts when it leaves.
 
         Raises
         ------

@@ -7,12 +7,13 @@ from typing import overload
 
 import numpy as np
 import numpy.typing as npt
+import simpy
 
-from aimd_des import checks
-from aimd_des.channel import Broadcast, Link
+from aimd_des import handed
+from aimd_des.channel import Broadcast, Copies, DrawnLink, Link
 from aimd_des.checks import FloatArray
-from aimd_des.environment import OrderedEnvironment
-from aimd_des.errors import InputError
+from aimd_des.conditions import Conditions
+from aimd_des.environment import Kind, OrderedEnvironment
 from aimd_des.log import Entry, EventLog
 from aimd_des.recording import Signals
 from aimd_des.transport import Carrier, Collective, Signal
@@ -88,8 +89,8 @@ class Transmitter:
         The channel in this run.
     n_resources : int
         m.
-    cut : ndarray of bool, shape (n,)
-        Agents to which nothing gets through at the moment.
+    conditions : Conditions
+        Who is cut off, and whether the control unit is down.
     until : float
         The end of the run.
     carrier : Carrier
@@ -114,17 +115,17 @@ class Transmitter:
         env: OrderedEnvironment,
         link: Link,
         n_resources: int,
-        cut: npt.NDArray[np.bool_],
+        conditions: Conditions,
         until: float,
         carrier: Carrier,
         log: EventLog | None,
     ) -> None:
         self.env, self.link, self.until, self.carrier, self.log = env, link, until, carrier, log
-        self.cut, self.n_agents = cut, len(cut)
+        self.conditions, self.n_agents = conditions, len(conditions.cut)
         carrier.missed = self.missed
         self.sent = SentSignals()
         self.numbers = np.zeros(n_resources, dtype=np.int64)
-        self.delivered, self.lost, self.duplicated = np.zeros((3, n_resources, len(cut)), dtype=np.int64)
+        self.delivered, self.lost, self.duplicated = np.zeros((3, n_resources, self.n_agents), dtype=np.int64)
         self.collective: Collective | None = None
 
     @property
@@ -154,33 +155,65 @@ class Transmitter:
         signal = Broadcast(resource, int(self.numbers[resource]), time)
         self.numbers[resource] += 1
         self.sent.append(signal)
-        copies = self.link.transmit(signal, time + delay)
-        self._check(copies.arrival, time + delay)
-        arrival = self._through(copies.arrival)
-        lost, arrives = arrival == math.inf, arrival < self.until
-        self.lost[resource] += lost
-        self.delivered[resource] += arrives
+        departure = time + delay
+        copies = self._drawn(signal, departure)
+        # Turns are taken at the look: what lands at one instant lands in the order of the looks.
+        turn, *orders = (self.env.reserve(many) for many in (1, self.n_agents, self.n_agents))
+        late = departure > time
+        if not late:
+            copies = _without(self.conditions.cut, copies)
         if self.log is not None:
             self.log.add((time, Entry.SIGNAL, resource, -1, signal.number, total(resource)))
+        self._lose(signal, copies.arrival == math.inf)
+        if not late:
+            self._leave(signal, copies, orders)
+        elif departure < self.until:
+
+            def leave_late(_: simpy.Event) -> None:
+                self._leave_late(signal, copies, orders)
+
+            self.env.at(departure, Kind.DELIVER, turn).callbacks.append(leave_late)
+
+    def _drawn(self, signal: Broadcast, departure: float) -> Copies:
+        """Ask the channel, and refuse what it cannot mean."""
+        link = self.link
+        if isinstance(link, DrawnLink):
+            return link.draw(signal, departure)
+        field = handed.said_by(link, "transmit")
+        copies = handed.instance(field, link.transmit(signal, departure), Copies, "Copies")
+        arrival = self._times(f"{field}.arrival", copies.arrival, departure)
+        second = copies.second
+        return Copies(arrival, None if second is None else self._times(f"{field}.second", second, departure))
+
+    def _times(self, field: str, times: object, departure: float) -> FloatArray:
+        return handed.numbers(field, times, (self.n_agents,), "agent", departure).copy()
+
+    def _lose(self, signal: Broadcast, lost: npt.NDArray[np.bool_]) -> None:
+        """Enter the loss of copies that go no further."""
+        self.lost[signal.resource] += lost
+        if self.log is not None:
             for agent in np.flatnonzero(lost).tolist():
-                self.log.add((time, Entry.LOST, resource, agent, signal.number, 0.0))
-        self._carry(Signal(resource, signal.number), arrival, arrives)
-        if copies.second is not None:
-            self._check(copies.second, time + delay)
-            second = self._through(copies.second)
-            twice = second < self.until
-            self.duplicated[resource] += twice
-            self._carry(Signal(resource, signal.number, 1), second, twice)
+                self.log.add((self.env.now, Entry.LOST, signal.resource, agent, signal.number, 0.0))
 
-    def _through(self, arrival: FloatArray) -> FloatArray:
-        """Take out what does not get through at the moment."""
-        return np.where(self.cut, math.inf, arrival) if self.cut.any() else arrival
+    def _leave_late(self, signal: Broadcast, drawn: Copies, orders: list[int]) -> None:
+        """Let a signal leave after its sensing delay, as far as nothing is in the way now."""
+        if self.collective is not None:
+            self.collective.settle()
+        cut = self.conditions.cut | self.conditions.failed
+        copies = _without(cut, drawn)
+        self._lose(signal, (copies.arrival == math.inf) & (drawn.arrival < math.inf))
+        self._leave(signal, copies, orders)
 
-    def _check(self, arrival: FloatArray, departure: float) -> None:
-        """Refuse what a channel cannot mean; a minimum finds NaN, too."""
-        if arrival.shape != (self.n_agents,) or not arrival.min() >= departure:
-            checks.array("arrival", np.where(arrival == math.inf, departure, arrival), (self.n_agents,))
-            raise InputError.of("arrival", float(arrival.min()), f"at least {departure!r}, the departure")
+    def _leave(self, signal: Broadcast, copies: Copies, orders: list[int]) -> None:
+        """Put copies on their way, each behind those that left before it where links keep the order."""
+        if isinstance(self.link, DrawnLink):
+            self.link.keep_order(copies)
+        accounts = self.delivered, self.duplicated
+        for copy, (arrival, account, order) in enumerate(zip(copies, accounts, orders, strict=True)):
+            if arrival is not None:
+                arrives = arrival < self.until
+                account[signal.resource] += arrives
+                self._carry(Signal(signal.resource, signal.number, copy), arrival, arrives, order)
 
     def missed(self, signal: Signal, agent: int) -> None:
         """Take note that a copy has landed where nobody is: it is lost after all.
@@ -198,8 +231,9 @@ class Transmitter:
             self.delivered[signal.resource, agent] -= 1
             self.lost[signal.resource, agent] += 1
 
-    def _carry(self, signal: Signal, arrival: FloatArray, arrives: npt.NDArray[np.bool_]) -> None:
-        first_order = self.env.reserve(self.n_agents)
+    def _carry(
+        self, signal: Signal, arrival: FloatArray, arrives: npt.NDArray[np.bool_], first_order: int
+    ) -> None:
         if self.collective is not None:
             self.collective.send(signal, arrival, first_order)
             arrival = np.where(self.collective.members, math.inf, arrival)
@@ -208,3 +242,12 @@ class Transmitter:
         if len(receivers):
             times = arrival[receivers].tolist()
             self.carrier.send(signal, times, receivers.tolist(), first_order)
+
+
+def _without(cut: npt.NDArray[np.bool_], copies: Copies) -> Copies:
+    """Take out the copies that do not get through."""
+    if not cut.any():
+        return copies
+    first, second = (None if times is None else np.where(cut, math.inf, times) for times in copies)
+    assert first is not None  # noqa: S101 - there is always a first copy
+    return Copies(first, second)

@@ -418,8 +418,20 @@ class Saying:
         (meddling(lambda system: system.broadcast(-1)), "resource = -1: must be "),
         (meddling(lambda system: system.broadcast(1)), "resource = 1: must be "),
         (meddling(lambda system: system.broadcast(0, delay=-1.0)), "delay = -1.0: must be "),
-        ({"channel": Saying([50.0])}, r"shape of arrival = \(1,\): must be \(5,\)"),
-        ({"channel": Saying([50.0, math.nan, 50.0, 50.0, 50.0])}, r"arrival\[1\] = nan: must be "),
+        (meddling(lambda system: system.demand(-1, 0)), "agent = -1: must be "),
+        (meddling(lambda system: system.demand(0, -1)), "resource = -1: must be "),
+        (meddling(lambda system: system.average(5, 0)), "agent = 5: must be "),
+        (meddling(lambda system: system.demand("five", 0)), "agent = 'five': must be one of 0, 1, 2, 3, 4"),
+        (meddling(lambda system: system.total(True)), "resource = True: must be "),
+        (
+            meddling(lambda system: system.total("memroy")),
+            "resource = 'memroy': must be one of memory; did you mean 'memory'?",
+        ),
+        ({"channel": Saying([50.0])}, r"shape of Saying\.transmit\(\)\.arrival = \(1,\): must be \(5,\)"),
+        (
+            {"channel": Saying([50.0, math.nan, 50.0, 50.0, 50.0])},
+            r"Saying\.transmit\(\)\.arrival\[1\] = nan: must be ",
+        ),
     ],
 )
 def test_what_a_part_does_wrong_is_refused_by_name(page: Names, parts: dict[str, Any], message: str) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.agents.crowd import Crowd, accept
-from aimd_des.channel.table import ChannelTable, transmit
+from aimd_des.channel.table import ChannelTable, put_in_order, transmit
 from aimd_des.checks import FloatArray
 from aimd_des.compiled import routine
 
@@ -21,7 +21,8 @@ class Post(NamedTuple):
     Attributes
     ----------
     compiled : bool
-        Whether compiled code may send; if not, it stops where a signal is due.
+        Whether compiled code may send what leaves before anybody can cut it; if not, it stops where a signal
+        is due.
     channel : ChannelTable
         The channel in this run.
     cut : ndarray of bool, shape (n,)
@@ -95,11 +96,16 @@ def broadcast(
         if post.cut[i]:
             post.arrival[i] = post.second[i] = np.inf
         lost[i] += post.arrival[i] == np.inf
+    if post.channel.fifo:
+        put_in_order(post.channel.latest, post.arrival)
+    for i in range(n):
         delivered[i] += post.arrival[i] < crowd.until
     accept(crowd, resource, number, 0, post.arrival, post.order[0], acted_at, acted)
     post.order[0] += n
     if post.channel.duplicates:
         duplicated = post.duplicated[resource]
+        if post.channel.fifo:
+            put_in_order(post.channel.latest, post.second)
         for i in range(n):
             duplicated[i] += post.second[i] < crowd.until
         accept(crowd, resource, number, 1, post.second, post.order[0], acted_at, acted)

@@ -115,13 +115,20 @@ def _keep(crowd: Crowd, pilot: Pilot, watch: Watch) -> None:
 
 
 @formula
+def _sends(pilot: Pilot, post: Post, limits: Limits) -> bool:
+    """Tell whether compiled code may send: what leaves later may be cut, which is known then."""
+    departure = pilot.now[0] + pilot.delay
+    return post.compiled and (departure < limits.change or departure == pilot.now[0])
+
+
+@formula
 def _signal(crowd: Crowd, pilot: Pilot, post: Post, limits: Limits) -> int:
     """Broadcast for each resource whose total demand is above its threshold."""
     due, up = False, not pilot.failed[0]
     for j in range(pilot.due.shape[0]):
         pilot.due[j] = up and pilot.total[j] > crowd.law.limit[j]
         due = due or pilot.due[j]
-    if due and not post.compiled:
+    if due and not _sends(pilot, post, limits):
         return BROADCAST
     now, delay = pilot.now[0], pilot.delay
     for j in range(pilot.due.shape[0]):
@@ -255,7 +262,7 @@ def sense(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, li
         if pilot.repeated[j] > MOST_AT_ONE_INSTANT:
             return STANDSTILL
         _hold_off(pilot, j, now, total)
-        if not post.compiled:
+        if not _sends(pilot, post, limits):
             return BROADCAST
         if not broadcast(crowd, post, j, now, pilot.delay, limits.acted_at, limits.acted):
             return REFUSED

@@ -19,16 +19,26 @@ from aimd_des.channel.latency import (
     ShiftedGamma,
     Uniform,
 )
-from aimd_des.channel.latency.base import Parametrised
+from aimd_des.channel.latency.base import Parametrised, draw_latency
 from aimd_des.channel.latency.rows import LatencyTable
 from aimd_des.channel.loss import Bernoulli, Loss, LossProcess
+from aimd_des.channel.loss.base import draw_loss, start_loss
 from aimd_des.channel.loss.rows import LossTable, TabledLoss, refuse_loss
 from aimd_des.channel.parameters import model_of
-from aimd_des.channel.table import ChannelTable, channel_table, transmit
+from aimd_des.channel.table import ChannelTable, channel_table, put_in_order, transmit
 from aimd_des.checks import FloatArray
 from aimd_des.streams import Key, Purpose
 
-__all__ = ["Broadcast", "BroadcastChannel", "Channel", "CompiledLink", "Copies", "Link", "compiled_models"]
+__all__ = [
+    "Broadcast",
+    "BroadcastChannel",
+    "Channel",
+    "CompiledLink",
+    "Copies",
+    "DrawnLink",
+    "Link",
+    "compiled_models",
+]
 
 # What there are formulas for in compiled code; not what users derive from these.
 _COMPILED = {Constant, Empirical, Exponential, LogNormal, Pareto, ShiftedGamma, Uniform}
@@ -100,6 +110,67 @@ class Link(Protocol):
         ...
 
 
+class DrawnLink:
+    """A link whose copies may be cut after they are drawn and before they take their place behind others.
+
+    Attributes
+    ----------
+    latest : ndarray, shape (n,), or None
+        The last arrival on each link; None where links need not keep the order.
+    """
+
+    latest: FloatArray | None
+
+    def draw(self, broadcast: Broadcast, departure: float) -> Copies:
+        """Draw when copies arrive if nothing is in their way.
+
+        Parameters
+        ----------
+        broadcast : Broadcast
+            The signal.
+        departure : float
+            When it leaves the control unit.
+
+        Returns
+        -------
+        Copies
+            Fresh arrays.
+        """
+        raise NotImplementedError
+
+    def keep_order(self, copies: Copies) -> None:
+        """Let copies that leave now overtake nobody on their links.
+
+        Parameters
+        ----------
+        copies : Copies
+            As drawn, without those that are cut: they hold nobody back.  Receive when they arrive.
+        """
+        if self.latest is not None:
+            for arrival in copies:
+                if arrival is not None:
+                    put_in_order(self.latest, arrival)
+
+    def transmit(self, broadcast: Broadcast, departure: float) -> Copies:
+        """Say what becomes of a broadcast where nothing is cut.
+
+        Parameters
+        ----------
+        broadcast : Broadcast
+            The signal.
+        departure : float
+            When it leaves the control unit.
+
+        Returns
+        -------
+        Copies
+            When they arrive.
+        """
+        copies = self.draw(broadcast, departure)
+        self.keep_order(copies)
+        return copies
+
+
 @runtime_checkable
 class Channel(Protocol):
     """Anything that carries broadcasts."""
@@ -167,14 +238,14 @@ class BroadcastChannel:
         assert isinstance(self.loss, Loss)  # noqa: S101
         self.latency.check(n_agents)
         checks.fits("duplication", self.duplication, n_agents)
-        duplication, loss = np.asarray(self.duplication, dtype=np.float64), self.loss.start(n_agents)
+        duplication, loss = np.asarray(self.duplication, dtype=np.float64), start_loss(self.loss, n_agents)
         if tables := compiled_models(self.latency, loss, n_agents):
             return CompiledLink(channel_table(*tables, duplication, self.fifo, keys))
         latest = np.zeros(n_agents) if self.fifo else None
         return _OpenChannel(self.latency, loss, duplication, latest, n_agents, keys)
 
 
-class CompiledLink:
+class CompiledLink(DrawnLink):
     """A channel of built-in models in one run.
 
     Parameters
@@ -185,8 +256,9 @@ class CompiledLink:
 
     def __init__(self, table: ChannelTable) -> None:
         self.table = table
+        self.latest = table.latest if table.fifo else None
 
-    def transmit(self, broadcast: Broadcast, departure: float) -> Copies:
+    def draw(self, broadcast: Broadcast, departure: float) -> Copies:
         """Draw loss, latency and duplication of every copy.
 
         Parameters
@@ -219,9 +291,9 @@ class CompiledLink:
         self.table.latest[:] = 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class _OpenChannel:
-    """A `BroadcastChannel` with the user's own models; `latest` is the last arrival on FIFO links."""
+@dataclass(eq=False)
+class _OpenChannel(DrawnLink):
+    """A `BroadcastChannel` with the user's own models."""
 
     latency: Latency
     loss: LossProcess
@@ -230,24 +302,15 @@ class _OpenChannel:
     n_agents: int
     keys: Mapping[Purpose, Key]
 
-    def transmit(self, broadcast: Broadcast, departure: float) -> Copies:
+    def draw(self, broadcast: Broadcast, departure: float) -> Copies:
         """Draw loss, latency and duplication of every copy."""
         draws = Draws(self.keys, broadcast.resource, broadcast.number, departure, self.n_agents)
-        lost = self.loss.draw(draws)
-        arrival = departure + self.latency.draw(draws)
+        lost = draw_loss(self.loss, draws)
+        arrival = departure + draw_latency(self.latency, draws)
         arrival[lost] = np.inf
         second = None
         if self.duplication.any():
             doubled = ~lost & (draws.uniforms(Purpose.DUPLICATION) < self.duplication)
-            late = departure + self.latency.draw(replace(draws, copy=1))
+            late = departure + draw_latency(self.latency, replace(draws, copy=1))
             second = np.where(doubled, late, np.inf)
-        if self.latest is not None:
-            arrival = self._in_order(arrival)
-            second = None if second is None else self._in_order(second)
         return Copies(arrival, second)
-
-    def _in_order(self, arrival: FloatArray) -> FloatArray:
-        assert self.latest is not None  # noqa: S101 - only FIFO links come here
-        ordered = np.maximum(arrival, self.latest)
-        np.copyto(self.latest, ordered, where=np.isfinite(ordered))
-        return ordered

@@ -14,7 +14,7 @@ from aimd_des.checks import FloatArray
 from aimd_des.compiled import kernel, routine
 from aimd_des.streams import Key, Purpose, uniforms_row
 
-__all__ = ["ChannelTable", "channel_table", "transmit"]
+__all__ = ["ChannelTable", "channel_table", "put_in_order", "transmit"]
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -111,8 +111,17 @@ def channel_table(
 
 
 @kernel
-def _put_in_order(latest: FloatArray, arrival: FloatArray) -> None:
-    """Let no copy overtake another one on its link."""
+def put_in_order(latest: FloatArray, arrival: FloatArray) -> None:
+    """Let no copy overtake another one on its link.
+
+    Parameters
+    ----------
+    latest : ndarray, shape (n,)
+        The last arrival on each link; moves on.
+    arrival : ndarray, shape (n,)
+        When copies arrive if nothing is in their way, in the order in which they leave; inf where they are
+        lost, or cut.  Receives when they arrive.
+    """
     for i in range(arrival.shape[0]):
         arrival[i] = max(arrival[i], latest[i])
         if arrival[i] < np.inf:
@@ -135,12 +144,12 @@ def _transmit_seconds(
 def transmit(
     table: ChannelTable, resource: int, number: int, departure: float, arrival: FloatArray, second: FloatArray
 ) -> int:
-    """Draw loss, latency and duplication of every copy of a broadcast.
+    """Draw loss, latency and duplication of every copy of a broadcast; `put_in_order` comes after it.
 
     Parameters
     ----------
     table : ChannelTable
-        The channel; its memory moves on.
+        The channel; its memory of losses moves on.
     resource, number : int
         The broadcast.
     departure : float
@@ -167,8 +176,4 @@ def transmit(
         arrival[i] = np.inf if lost[i] else departure + arrival[i]
     if table.duplicates:
         _transmit_seconds(table, resource, number, departure, second)
-    if table.fifo:
-        _put_in_order(table.latest, arrival)
-        if table.duplicates:
-            _put_in_order(table.latest, second)
     return code
