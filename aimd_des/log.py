@@ -48,6 +48,14 @@ class Entry(IntEnum):
     """The control unit is down from now on; 0."""
     RECOVER = 13
     """A control unit takes over; 0."""
+    NORMALIZATION = 14
+    """Gamma of a resource changes; what it is from now on."""
+    THRESHOLD = 15
+    """The share of a capacity above which a signal is due changes; what it is from now on."""
+    INCREASE = 16
+    """alpha of an agent changes; what it is from now on."""
+    DECREASE = 17
+    """beta of an agent changes; what it is from now on."""
 
 
 class EventLog:

@@ -5,10 +5,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des import checks, handed
 from aimd_des.averaging import Averaging, Cumulative
 from aimd_des.checks import FloatArray
-from aimd_des.compensation import Answering, Compensation, no_compensation
-from aimd_des.memory import Memory
+from aimd_des.compensation import ESTIMATED, KNOWN, NOTHING, Answering, Compensation, no_compensation
+from aimd_des.conditions import locked
+from aimd_des.errors import InputError
+from aimd_des.memory import CUMULATIVE, FORGETTING, WINDOW, Memory
 from aimd_des.problem import Problem
 
 __all__ = ["Law", "State", "law_of", "start"]
@@ -57,7 +60,7 @@ class State(NamedTuple):
 
 
 class Law(NamedTuple):
-    """The parameters of the agents' rule; only interventions change them.
+    """The parameters of the agents' rule; nobody but the functions of interventions can write there.
 
     Attributes
     ----------
@@ -111,18 +114,45 @@ def law_of(
     Raises
     ------
     InputError
-        If the averaging does not go with the grain, or a loss known for each agent is not for n.
+        If the averaging does not go with the grain, a loss known for each agent is not for n, or one of them
+        hands back what is no memory, or no answering.
     """
-    n = problem.n_agents
     return Law(
-        increase=problem.increase.T.copy(),
-        decrease=problem.decrease.T.copy(),
-        normalization=problem.normalization.copy(),
-        limit=problem.limit.copy(),
-        capacity=problem.capacity.copy(),
-        memory=(Cumulative() if averaging is None else averaging).memory(grain),
-        answering=no_compensation(n) if compensation is None else compensation.answering(n),
+        increase=locked(problem.increase.T.copy()),
+        decrease=locked(problem.decrease.T.copy()),
+        normalization=locked(problem.normalization.copy()),
+        limit=locked(problem.limit.copy()),
+        capacity=locked(problem.capacity.copy()),
+        memory=_memory_of(Cumulative() if averaging is None else averaging, grain),
+        answering=_answering_of(compensation, problem.n_agents),
     )
+
+
+def _memory_of(averaging: Averaging, grain: float) -> Memory:
+    field = handed.said_by(averaging, "memory")
+    memory = handed.instance(field, averaging.memory(grain), Memory, "a Memory, see aimd_des.memory")
+    if memory.kind not in (CUMULATIVE, WINDOW, FORGETTING):
+        raise InputError.of(f"{field}.kind", memory.kind, "CUMULATIVE, WINDOW or FORGETTING")
+    for name in ("rate", "span", "part"):
+        checks.number(f"{field}.{name}", getattr(memory, name), low=0.0)
+    checks.integer(f"{field}.parts", memory.parts, low=0)
+    return memory
+
+
+def _answering_of(compensation: Compensation | None, n_agents: int) -> Answering:
+    if compensation is None:
+        answering = no_compensation(n_agents)
+    else:
+        field = handed.said_by(compensation, "answering")
+        answering = handed.instance(
+            field, compensation.answering(n_agents), Answering, "an Answering, see aimd_des.compensation"
+        )
+        if answering.rule not in (NOTHING, KNOWN, ESTIMATED):
+            raise InputError.of(f"{field}.rule", answering.rule, "NOTHING, KNOWN or ESTIMATED")
+        checks.array(f"{field}.loss", answering.loss, (n_agents,), low=0.0, high=1.0, high_open=True)
+        checks.integer(f"{field}.period", answering.period, low=0)
+        checks.integer(f"{type(compensation).__name__}.bits", compensation.bits, low=0)
+    return answering._replace(loss=locked(np.array(answering.loss, dtype=np.float64)))
 
 
 def start(n_resources: int, n_agents: int, grain: float, memory: Memory) -> State:

@@ -55,8 +55,8 @@ class Camera:
         Indices of the resources.
     marginal_cost : callable
         ``marginal_cost(averages, resource)``: the partial derivative of the agent's cost.
-    increase, decrease, normalization : list of float, length m
-        alpha, beta and Gamma.
+    increase, decrease, normalization : tuple of float, length m
+        alpha, beta and Gamma as they are now.
     """
 
     def __init__(self, agent: int, system: System) -> None:
@@ -70,30 +70,27 @@ class Camera:
         self._latch: dict[int, Signal] = {}
         self._late: list[Signal] = []
         self._averages = [0.0] * system.problem.n_resources
-        # What an answer needs, at hand: most of a run is spent there.
         law, rows = system.law, system.rows
         self.resources = range(system.problem.n_resources)
-        self.increase: list[float] = law.increase[:, agent].tolist()
-        self.decrease: list[float] = law.decrease[:, agent].tolist()
-        self.normalization: list[float] = law.normalization.tolist()
-        self._rows: list[_Row] = list(
-            zip(
-                rows.demand,
-                rows.accumulated,
-                rows.anchor,
-                rows.origin,
-                self.increase,
-                self.decrease,
-                self.normalization,
-                strict=True,
-            )
-        )
+        self._take_law()
+        system.conditions.on_law.append(self._take_law)
         self._responses, self._saturated = rows.responses, rows.saturated
         self._memory, self._answering = law.memory, law.answering
         self._cumulative = law.memory.kind == CUMULATIVE
         self._compensates = law.answering.rule != NOTHING
         self._env, self._grain, self._log = system.env, system.grain, system.log
         self._on_response = system.on_response
+
+    def _take_law(self) -> None:
+        """Put at hand what an answer needs, as it is now: most of a run is spent there."""
+        law, rows, i = self.system.law, self.system.rows, self.agent
+        # In the law, alpha is 0 while the agent is away.
+        self.increase: tuple[float, ...] = tuple(self.system.conditions.increase[:, i].tolist())
+        self.decrease: tuple[float, ...] = tuple(law.decrease[:, i].tolist())
+        self.normalization: tuple[float, ...] = tuple(law.normalization.tolist())
+        lines = rows.demand, rows.accumulated, rows.anchor, rows.origin
+        parameters = self.increase, self.decrease, self.normalization
+        self._rows: list[_Row] = list(zip(*lines, *parameters, strict=True))
 
     def receive(self, signal: Signal) -> None:
         """Take note of a capacity signal that arrives now; a continuous agent answers it at once.

@@ -119,7 +119,7 @@ class Fleet:
             lines=False,
             steps=False,
             capacity=self.crowd.law.capacity,
-            slope=lines.slope if lines else np.zeros(m),
+            slope=self.system.conditions.growth,
             running=lines.running if lines else np.zeros((m, 6)),
             peak=steps.peak if steps else np.zeros(m),
             above=steps.above if steps else np.zeros(m),

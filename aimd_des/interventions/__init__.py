@@ -15,10 +15,16 @@ from aimd_des.interventions.changes import (
     leave,
     reconnect,
     recover,
-    set_capacity,
 )
 from aimd_des.interventions.faults import Failover, Partition
 from aimd_des.interventions.overlap import check_absences, check_end
+from aimd_des.interventions.parameters import (
+    set_capacity,
+    set_decrease,
+    set_increase,
+    set_normalization,
+    set_threshold,
+)
 from aimd_des.interventions.prices import set_costs, weigh
 from aimd_des.problem import Problem
 from aimd_des.system import System
@@ -46,6 +52,10 @@ __all__ = [
     "recover",
     "set_capacity",
     "set_costs",
+    "set_decrease",
+    "set_increase",
+    "set_normalization",
+    "set_threshold",
     "weigh",
 ]
 

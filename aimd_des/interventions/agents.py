@@ -204,7 +204,8 @@ class UnusualActivity(_OfAgents):
     until : float, optional
         When it is over, later than that; never unless given.
     weight : float
-        What their costs are multiplied by, greater than 0: below 1 they hold more.
+        What their costs are multiplied by, greater than 0: below 1 they hold more.  Those of activities at
+        the same time are multiplied.
     """
 
     agents: Agents
@@ -230,12 +231,12 @@ class UnusualActivity(_OfAgents):
         simpy.Event
             Both times.
         """
-        agents = agent_indices(system.problem, self.agents)
+        own = object()
         yield system.env.at(self.at, Kind.INTERVENE)
-        weigh(system, agents, self.weight)
+        weigh(system, self.agents, self.weight, by=own)
         if self.until is not None:
             yield system.env.at(self.until, Kind.INTERVENE)
-            weigh(system, agents, 1.0)
+            weigh(system, self.agents, 1.0, by=own)
 
 
 @dataclass(frozen=True, eq=False)

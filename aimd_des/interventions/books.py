@@ -1,11 +1,10 @@
 """The books that every change keeps: the log, and the problems that are in force one after another."""
 
-from aimd_des import checks
-from aimd_des.conditions import Piece
+from aimd_des.conditions import Piece, locked
 from aimd_des.log import Entry
 from aimd_des.system import System
 
-__all__ = ["begin_piece", "end_piece", "known_agent", "note"]
+__all__ = ["begin_piece", "end_piece", "note"]
 
 
 def note(system: System, entry: Entry, resource: int = -1, agent: int = -1, value: float = 0.0) -> None:
@@ -50,28 +49,5 @@ def begin_piece(system: System) -> None:
     conditions, now = system.conditions, float(system.env.now)
     if conditions.pieces[-1].start == now:
         conditions.pieces.pop()
-    piece = Piece(now, system.law.capacity.copy(), ~conditions.away, conditions.costs)
+    piece = Piece(now, locked(system.law.capacity.copy()), locked(~conditions.away), conditions.costs)
     conditions.pieces.append(piece)
-
-
-def known_agent(system: System, agent: int) -> int:
-    """Refuse an agent that does not exist.
-
-    Parameters
-    ----------
-    system : System
-        The run in progress.
-    agent : int
-        i.
-
-    Returns
-    -------
-    int
-        i.
-
-    Raises
-    ------
-    InputError
-        If there is no such agent.
-    """
-    return checks.integer("agent", agent, low=0, high=system.problem.n_agents - 1)

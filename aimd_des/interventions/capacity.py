@@ -12,7 +12,7 @@ from aimd_des.channel.measured import read_columns
 from aimd_des.checks import FloatArray
 from aimd_des.environment import Kind
 from aimd_des.errors import InputError
-from aimd_des.interventions.changes import set_capacity
+from aimd_des.interventions.parameters import set_capacity
 from aimd_des.names import resource_index
 from aimd_des.problem import Problem
 from aimd_des.system import System

@@ -1,53 +1,23 @@
-"""What can be changed while a run goes on: each is one function of the system, to be called by a process.
+"""Who takes part and who hears, changed while a run goes on: functions of the system, called by processes.
 
 What is changed holds from the present event on.  Call these at `Kind.INTERVENE`, so that everything else that
-happens at the same instant finds the new conditions.
+happens at the same instant finds the new conditions.  What has begun twice ends when it has ended twice.
 """
-
-from collections.abc import Sequence
 
 import numpy as np
 
-from aimd_des import checks
-from aimd_des.conditions import growth_of
+from aimd_des.checks import FloatArray
+from aimd_des.conditions import growth_of, put
 from aimd_des.errors import InputError
-from aimd_des.interventions.books import begin_piece, end_piece, known_agent, note
+from aimd_des.interventions.books import begin_piece, end_piece, note
 from aimd_des.log import Entry
+from aimd_des.names import Agents, agent_index, agent_indices
 from aimd_des.system import System
 
-__all__ = ["cut_off", "fail", "join", "leave", "reconnect", "recover", "set_capacity"]
+__all__ = ["cut_off", "fail", "join", "leave", "reconnect", "recover"]
 
 
-def set_capacity(system: System, resource: int, capacity: float) -> None:
-    """Change the capacity of a resource, and its threshold in proportion.
-
-    Parameters
-    ----------
-    system : System
-        The run in progress.
-    resource : int
-        j.
-    capacity : float
-        C > 0, in units of the resource.
-
-    Raises
-    ------
-    InputError
-        If there is no such resource, or the capacity is not positive.
-    """
-    j = checks.integer("resource", resource, low=0, high=system.problem.n_resources - 1)
-    value = checks.number("capacity", capacity, low=0.0, low_open=True)
-    end_piece(system)
-    lower = value < system.law.capacity[j]
-    system.law.capacity[j] = value
-    system.law.limit[j] = system.problem.threshold[j] * value
-    note(system, Entry.CAPACITY, resource=j, value=value)
-    begin_piece(system)
-    if lower:
-        system.tighten(j)
-
-
-def leave(system: System, agent: int) -> None:
+def leave(system: System, agent: str | int) -> None:
     """Let an agent go away: what it holds is released in this instant, and it hears nothing.
 
     Its average stands still.  A signal that has reached it and waits for its next tick is forgotten.
@@ -56,38 +26,37 @@ def leave(system: System, agent: int) -> None:
     ----------
     system : System
         The run in progress.
-    agent : int
-        i.
+    agent : str or int
+        Its name, or i.
 
     Raises
     ------
     InputError
         If there is no such agent, or it is away already.
     """
-    i, conditions = known_agent(system, agent), system.conditions
+    i, conditions = agent_index(system.problem, agent), system.conditions
     if conditions.away[i]:
         raise InputError.of("agent", system.problem.agent_names[i], "one that is here", "it is away already")
     end_piece(system)
     for j in range(system.problem.n_resources):
         system.set_demand(i, j, 0.0)
     system.state.pause[:, i] = system.moment(i) - system.grain
-    system.law.increase[:, i] = 0.0
-    conditions.growth[:] = growth_of(system.law.increase)
+    _grow(system, i, 0.0)
     system.forget(i, lost=False)
-    conditions.away[i] = True
+    put(conditions.away, i, True)
     note(system, Entry.LEAVE, agent=i)
     begin_piece(system)
 
 
-def join(system: System, agent: int, *, anew: bool = False) -> None:
+def join(system: System, agent: str | int, *, anew: bool = False) -> None:
     """Let an agent that is away come back; it begins with nothing in hand.
 
     Parameters
     ----------
     system : System
         The run in progress.
-    agent : int
-        i.
+    agent : str or int
+        Its name, or i.
     anew : bool
         Whether it has forgotten its past and averages from now on; if not, its average goes on from where it
         stood, and the time in between counts for nothing.
@@ -97,12 +66,12 @@ def join(system: System, agent: int, *, anew: bool = False) -> None:
     InputError
         If there is no such agent, or it is here.
     """
-    i, conditions, state = known_agent(system, agent), system.conditions, system.state
+    i, conditions, state = agent_index(system.problem, agent), system.conditions, system.state
     if not conditions.away[i]:
         raise InputError.of("agent", system.problem.agent_names[i], "one that is away", "it is here already")
     end_piece(system)
     system.forget(i, lost=True)
-    conditions.away[i] = False
+    put(conditions.away, i, False)
     moment, last = system.moment(i), system.moment(i) - system.grain
     if anew:
         state.origin[:, i], state.accumulated[:, i], state.answered[:, i] = moment, 0.0, 0
@@ -111,55 +80,65 @@ def join(system: System, agent: int, *, anew: bool = False) -> None:
     # Numbers that were sent while it was away are not lost signals.
     state.heard[:, i] = 0
     state.anchor[:, i], state.pause[:, i] = last, np.inf
-    system.law.increase[:, i] = system.problem.increase[i]
-    conditions.growth[:] = growth_of(system.law.increase)
+    _grow(system, i, conditions.increase[:, i])
     note(system, Entry.JOIN, agent=i, value=float(anew))
     begin_piece(system)
     for j in range(system.problem.n_resources):
         system.tighten(j)
 
 
-def cut_off(system: System, agents: Sequence[int]) -> None:
-    """Cut agents off: signals that are sent from now on are lost on them; what is on its way arrives.
+def _grow(system: System, agent: int, increase: float | FloatArray) -> None:
+    put(system.law.increase, (slice(None), agent), increase)
+    put(system.conditions.growth, slice(None), growth_of(system.law.increase))
+
+
+def cut_off(system: System, agents: Agents) -> None:
+    """Cut agents off: signals that leave from now on are lost on them; what is on its way arrives.
 
     Parameters
     ----------
     system : System
         The run in progress.
-    agents : sequence of int
-        Who is on the other side.
+    agents : str, int or sequence of these
+        Who is on the other side: names, or i.
 
     Raises
     ------
     InputError
-        If there is no such agent.
+        If there is no such agent, one is named twice, or none is named.
     """
-    _cut(system, agents, cut=True)
+    conditions = system.conditions
+    for i in agent_indices(system.problem, agents):
+        put(conditions.cuts, i, conditions.cuts[i] + 1)
+        if not conditions.cut[i]:
+            put(conditions.cut, i, True)
+            note(system, Entry.CUT, agent=i)
 
 
-def reconnect(system: System, agents: Sequence[int]) -> None:
-    """Let signals that are sent from now on get through to agents again.
+def reconnect(system: System, agents: Agents) -> None:
+    """Let signals that leave from now on get through again to agents that nothing else cuts off.
 
     Parameters
     ----------
     system : System
         The run in progress.
-    agents : sequence of int
-        Who.
+    agents : str, int or sequence of these
+        Who: names, or i.
 
     Raises
     ------
     InputError
-        If there is no such agent.
+        If there is no such agent, one is not cut off, one is named twice, or none is named.
     """
-    _cut(system, agents, cut=False)
-
-
-def _cut(system: System, agents: Sequence[int], *, cut: bool) -> None:
-    for agent in agents:
-        i = known_agent(system, agent)
-        system.conditions.cut[i] = cut
-        note(system, Entry.CUT if cut else Entry.HEAL, agent=i)
+    conditions, indices = system.conditions, agent_indices(system.problem, agents)
+    for i in indices:
+        if not conditions.cuts[i]:
+            raise InputError.of("agent", system.problem.agent_names[i], "one that is cut off", "it hears")
+    for i in indices:
+        put(conditions.cuts, i, conditions.cuts[i] - 1)
+        if not conditions.cuts[i]:
+            put(conditions.cut, i, False)
+            note(system, Entry.HEAL, agent=i)
 
 
 def fail(system: System) -> None:
@@ -170,19 +149,34 @@ def fail(system: System) -> None:
     system : System
         The run in progress.
     """
-    system.conditions.failed[0] = True
-    note(system, Entry.FAIL)
+    conditions = system.conditions
+    conditions.failures += 1
+    if not conditions.failed[0]:
+        put(conditions.failed, 0, True)
+        note(system, Entry.FAIL)
 
 
 def recover(system: System) -> None:
-    """Let a control unit take over: one that samples at its next look, one that senses crossings at once.
+    """Let a control unit take over, if no other fault goes on.
+
+    One that samples does so at its next look, one that senses crossings at once.
 
     Parameters
     ----------
     system : System
         The run in progress.
+
+    Raises
+    ------
+    InputError
+        If the control unit is not down.
     """
-    system.conditions.failed[0] = False
-    note(system, Entry.RECOVER)
-    for tell in system.conditions.on_recovery:
-        tell(float(system.env.now))
+    conditions = system.conditions
+    if not conditions.failures:
+        raise InputError.of("control unit", "up", "down before it recovers", "let it fail first")
+    conditions.failures -= 1
+    if not conditions.failures:
+        put(conditions.failed, 0, False)
+        note(system, Entry.RECOVER)
+        for tell in conditions.on_recovery:
+            tell(float(system.env.now))

@@ -24,8 +24,10 @@ def _take(fault: "Failover | Partition") -> None:
 class Failover:
     """The control unit goes down, and after a while another one takes over.
 
-    Signals that are on their way arrive.  The new unit knows of no hold-off: one that senses crossings
-    looks at once, one that samples at its next look.
+    Signals that are on their way arrive; those that would leave meanwhile, after their sensing delay, are
+    lost.  Where faults overlap, it is down until the last of them is over.  The new unit knows of no
+    hold-off, and begins with the shortest where hold-offs adapt: one that senses crossings looks at once, one
+    that samples at its next look.
 
     Parameters
     ----------
@@ -76,9 +78,10 @@ class Failover:
 
 @dataclass(frozen=True)
 class Partition:
-    """The channel is partitioned, and heals: signals that are sent meanwhile are lost on some agents.
+    """The channel is partitioned, and heals: signals that leave meanwhile are lost on some agents.
 
-    Signals that are on their way when it begins arrive.
+    Signals that are on their way when it begins arrive.  Where partitions overlap, an agent hears again when
+    the last of them that cuts it off is over.
 
     Parameters
     ----------

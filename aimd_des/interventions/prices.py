@@ -1,12 +1,16 @@
 """Private costs that change while a run goes on; called by processes as the functions of `changes` are."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable
+
+import numpy as np
 
 from aimd_des import checks
+from aimd_des.conditions import locked
 from aimd_des.costs import Costs, weighted_costs
 from aimd_des.errors import InputError
-from aimd_des.interventions.books import begin_piece, end_piece, known_agent, note
+from aimd_des.interventions.books import begin_piece, end_piece, note
 from aimd_des.log import Entry
+from aimd_des.names import Agents, agent_indices
 from aimd_des.problem import Problem
 from aimd_des.system import System
 
@@ -58,26 +62,38 @@ def checked_costs(problem: Problem, costs: Costs) -> None:
     Problem(problem.resources, costs)  # refuses what is not convex or not increasing
 
 
-def weigh(system: System, agents: Sequence[int], weight: float) -> None:
+def weigh(system: System, agents: Agents, weight: float, *, by: Hashable = None) -> None:
     """Multiply the private costs of agents by a weight: below 1 they ask for more, above for less.
 
     Parameters
     ----------
     system : System
         The run in progress.
-    agents : sequence of int
-        Whose; the latest weight of an agent is the one that counts.
+    agents : str, int or sequence of these
+        Whose: names, or i.
     weight : float
         Greater than 0; 1 is as without.
+    by : hashable, optional
+        Who weighs.  Of one, the latest weight of an agent is the one that counts; weights of several are
+        multiplied, and when one of them is 1 again it is as if it had never been another.
 
     Raises
     ------
     InputError
-        If there is no such agent, or the weight is not positive.
+        If there is no such agent, one is named twice, none is named, or the weight is not positive.
     """
     value = checks.number("weight", weight, low=0.0, low_open=True)
-    for agent in agents:
-        system.conditions.weights[known_agent(system, agent)] = value
+    indices, conditions = agent_indices(system.problem, agents), system.conditions
+    weighing = conditions.weighing
+    own = weighing.setdefault(by, np.ones(system.problem.n_agents))
+    own[indices] = value
+    if (own == 1.0).all():
+        del weighing[by]
+    # Multiplied anew in the order in which they began: dividing would leave a rounding error.
+    weights = np.ones(system.problem.n_agents)
+    for each in weighing.values():
+        weights *= each
+    conditions.weights = locked(weights)
     _reprice(system)
 
 

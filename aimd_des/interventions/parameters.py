@@ -1,0 +1,167 @@
+"""Capacities, thresholds and the parameters of the agents' rule, changed while a run goes on.
+
+Functions of the system as those of `changes`.  Nobody else can write into the arrays of `system.law`, so that
+agents that are processes and a fleet obey alike, and the log tells of it.
+"""
+
+from collections.abc import Sequence
+
+from aimd_des import checks
+from aimd_des.conditions import growth_of, put
+from aimd_des.interventions.books import begin_piece, end_piece, note
+from aimd_des.log import Entry
+from aimd_des.names import Agents, agent_indices, resource_index
+from aimd_des.system import System
+
+__all__ = ["set_capacity", "set_decrease", "set_increase", "set_normalization", "set_threshold"]
+
+
+def set_capacity(system: System, resource: str | int, capacity: float) -> None:
+    """Change the capacity of a resource, and its threshold in proportion.
+
+    Parameters
+    ----------
+    system : System
+        The run in progress.
+    resource : str or int
+        Its name, or j.
+    capacity : float
+        C > 0, in units of the resource.
+
+    Raises
+    ------
+    InputError
+        If there is no such resource, or the capacity is not positive.
+    """
+    j = resource_index(system.problem, resource)
+    value = checks.number("capacity", capacity, low=0.0, low_open=True)
+    end_piece(system)
+    lower = value < system.law.capacity[j]
+    put(system.law.capacity, j, value)
+    put(system.law.limit, j, system.conditions.threshold[j] * value)
+    _conclude(system, Entry.CAPACITY, j, value)
+    if lower:
+        system.tighten(j)
+
+
+def set_threshold(system: System, resource: str | int, threshold: float) -> None:
+    """Change the share of a capacity above which a signal is due.
+
+    Parameters
+    ----------
+    system : System
+        The run in progress.
+    resource : str or int
+        Its name, or j.
+    threshold : float
+        gamma, greater than 0 and at most 1.
+
+    Raises
+    ------
+    InputError
+        If there is no such resource, or the threshold is outside its range.
+    """
+    j = resource_index(system.problem, resource)
+    value = checks.number("threshold", threshold, low=0.0, low_open=True, high=1.0)
+    end_piece(system)
+    lower = value < system.conditions.threshold[j]
+    put(system.conditions.threshold, j, value)
+    put(system.law.limit, j, value * system.law.capacity[j])
+    _conclude(system, Entry.THRESHOLD, j, value)
+    if lower:
+        system.tighten(j)
+
+
+def set_normalization(system: System, resource: str | int, normalization: float) -> None:
+    """Change the normalization factor of a resource.
+
+    Parameters
+    ----------
+    system : System
+        The run in progress.
+    resource : str or int
+        Its name, or j.
+    normalization : float
+        Gamma > 0.
+
+    Raises
+    ------
+    InputError
+        If there is no such resource, or the factor is not positive.
+    """
+    j = resource_index(system.problem, resource)
+    value = checks.number("normalization", normalization, low=0.0, low_open=True)
+    end_piece(system)
+    put(system.law.normalization, j, value)
+    _conclude(system, Entry.NORMALIZATION, j, value)
+
+
+def set_increase(system: System, agents: Agents, resource: str | int, increase: float) -> None:
+    """Change how fast agents grow; of those that are away, from when they are back.
+
+    Parameters
+    ----------
+    system : System
+        The run in progress.
+    agents : str, int or sequence of these
+        Whose: names, or i.
+    resource : str or int
+        Its name, or j.
+    increase : float
+        alpha > 0, in units of the resource per tick or per unit of time.
+
+    Raises
+    ------
+    InputError
+        If there is no such agent or resource, one agent is named twice, or alpha is not positive.
+    """
+    j, indices = resource_index(system.problem, resource), agent_indices(system.problem, agents)
+    value = checks.number("increase", increase, low=0.0, low_open=True)
+    conditions = system.conditions
+    end_piece(system)
+    for i in indices:
+        put(conditions.increase, (j, i), value)
+        if not conditions.away[i]:
+            # Growth up to now is that of before.
+            system.break_line(i, j, system.demand(i, j))
+            put(system.law.increase, (j, i), value)
+    put(conditions.growth, slice(None), growth_of(system.law.increase))
+    _conclude(system, Entry.INCREASE, j, value, indices)
+    system.tighten(j)
+
+
+def set_decrease(system: System, agents: Agents, resource: str | int, decrease: float) -> None:
+    """Change what responses of agents multiply their demand by.
+
+    Parameters
+    ----------
+    system : System
+        The run in progress.
+    agents : str, int or sequence of these
+        Whose: names, or i.
+    resource : str or int
+        Its name, or j.
+    decrease : float
+        beta, at least 0 and less than 1.
+
+    Raises
+    ------
+    InputError
+        If there is no such agent or resource, one agent is named twice, or beta is outside its range.
+    """
+    j, indices = resource_index(system.problem, resource), agent_indices(system.problem, agents)
+    value = checks.number("decrease", decrease, low=0.0, high=1.0, high_open=True)
+    end_piece(system)
+    put(system.law.decrease, (j, indices), value)
+    _conclude(system, Entry.DECREASE, j, value, indices)
+
+
+def _conclude(
+    system: System, entry: Entry, resource: int, value: float, agents: Sequence[int] = (-1,)
+) -> None:
+    """Tell of a change, and begin a piece with it."""
+    for tell in system.conditions.on_law:
+        tell()
+    for agent in agents:
+        note(system, entry, resource, agent, value)
+    begin_piece(system)
