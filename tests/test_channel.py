@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 
 from aimd_des import InputError, Problem, Result
-from aimd_des.channel import BroadcastChannel
+from aimd_des.channel import Broadcast, BroadcastChannel, Draws
 from aimd_des.latency import Constant
 from aimd_des.loss import Bernoulli
 from aimd_des.simulation import Simulation
-from aimd_des.streams import Purpose
+from aimd_des.streams import Purpose, key
 from models import smart_cameras
 from tests.conftest import quadratic_problem, quietly, random_problem, reference_draws
 
@@ -59,6 +59,31 @@ def test_the_copies_that_are_lost_are_those_with_a_draw_below_the_probability(lo
         for j, sent in enumerate(lossy.summary()["signals"])
     ]
     assert lossy.summary()["lost"].tolist() == lost
+
+
+class OwnLatency:
+    """Not among those that there are formulas for in compiled code."""
+
+    def check(self, n_agents: int) -> None:
+        pass
+
+    def draw(self, draws: Draws) -> Any:
+        return np.zeros(draws.n_agents)
+
+
+@pytest.mark.parametrize("latency", [Constant(0.0), OwnLatency()], ids=["compiled", "of one's own"])
+def test_whether_a_copy_is_doubled_has_nothing_to_do_with_losses(latency: Any) -> None:
+    """With the numbers of losses for it, no copy that arrives would be doubled here."""
+    keys = {purpose: key(3, purpose) for purpose in Purpose}
+    link = BroadcastChannel(latency, loss=0.5, duplication=0.5).open(200, keys)
+    for number in range(3):
+        copies = link.transmit(Broadcast(1, number, 0.0), 0.0)
+        kept = reference_draws(3, 2, 1, number, 200) >= 0.5
+        doubled = reference_draws(3, 5, 1, number, 200) < 0.5
+        assert copies.second is not None
+        assert np.array_equal(np.isfinite(copies.arrival), kept)
+        assert np.array_equal(np.isfinite(copies.second), kept & doubled)
+        assert (kept & doubled).any()
 
 
 def test_where_everything_is_lost_nobody_ever_responds() -> None:

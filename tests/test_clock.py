@@ -9,10 +9,10 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from aimd_des import InputError
+from aimd_des import InputError, Recording, Simulation
 from aimd_des.clock import AgentClocks, Clock, Clocks
 from aimd_des.streams import Purpose, key
-from tests.conftest import reference_draws
+from tests.conftest import quadratic_problem, quietly, reference_draws
 
 PERIODS = st.one_of(st.sampled_from([0.1, 0.3, 1.0, 1 / 3, 7e-4]), st.floats(1e-4, 1e4))
 PHASES = st.one_of(st.sampled_from([0.0, 0.1, 0.5, 1e6]), st.floats(0.0, 1e6))
@@ -119,6 +119,27 @@ def test_random_phases_are_draws_within_a_period() -> None:
     expected = 4.0 * reference_draws(9, Purpose.CLOCK, 1, 0, 50)
     assert [clocks.time(agent, 0) for agent in range(50)] == expected.tolist()
     assert (clocks.time(7, 3) - clocks.time(7, 0)) == pytest.approx(12.0)
+
+
+def test_random_phases_are_spread_over_the_period_that_a_clock_has() -> None:
+    clocks = start(n=3, seed=9, period=4.0, phase="random", drift=[0.0, 0.5, -0.5])
+    draws = reference_draws(9, 4, 1, 0, 3)
+    assert [clocks.time(agent, 0) for agent in range(3)] == [4.0 * draws[0], 6.0 * draws[1], 2.0 * draws[2]]
+
+
+def test_the_clocks_of_a_run_are_drawn_for_clocks() -> None:
+    """Nobody answers but at the ticks that the numbers of clocks give."""
+    problem = quadratic_problem([1.0, 1.0, 1.0], capacity=1.0, increase=0.1)
+    simulation = Simulation(
+        problem, clocks=Clocks(phase="random", jitter=0.5), seed=8, recording=Recording(events=True)
+    )
+    events = quietly(simulation.run, 12.0).events
+    phase = reference_draws(8, 4, 1, 0, 3)
+    ticks = [phase + tick + 0.5 * reference_draws(8, 4, 0, tick, 3) for tick in range(12)]
+    answers = events[events["kind"].isin(["respond", "hold"])]
+    assert len(answers) > 12
+    for time, agent in zip(answers["time"], answers["agent"].astype(int), strict=True):
+        assert time in [tick[agent] for tick in ticks]
 
 
 def test_jitter_delays_each_tick_by_a_draw_of_its_own() -> None:

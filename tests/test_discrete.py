@@ -234,6 +234,18 @@ def test_a_probability_of_one_is_not_above_one() -> None:
     assert result.account.responses.sum() == len([time for time, _, _ in signals_of(result) if time < 99])
 
 
+@pytest.mark.parametrize("demand", [[6.0], "end"])
+def test_allocations_may_be_looked_at_before_totals(demand: Any) -> None:
+    """Two agents add 1 in each step and never reach the capacity: at step k each holds k."""
+    problem = quadratic_problem([1.0, 1.0], capacity=1e6, increase=1.0)
+    result = run_discrete(
+        problem, steps=9, seed=1, recording=Recording(demand=demand, allocations=[0.0, 2.0, 5.0])
+    )
+    seen = result.observations
+    assert seen.demand[:, 0, :].tolist() == [[0.0] * 2, [2.0] * 2, [5.0] * 2, [9.0] * 2]
+    assert seen.average[:, 0, :].tolist() == [[0.0] * 2, [1.0] * 2, [2.5] * 2, [4.5] * 2]
+
+
 def test_the_same_seed_gives_the_same_run_and_another_another() -> None:
     problem = random_problem(1, 6, 2)
     runs = [quietly(run_discrete, problem, steps=80, seed=seed) for seed in (5, 5, 6)]

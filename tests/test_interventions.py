@@ -389,6 +389,17 @@ def test_the_tracking_error_is_that_of_the_optimum_in_force() -> None:
     assert result.pieces["multiplier"].tolist() == pytest.approx([8.0, 24 / 7, 8.0])
 
 
+def test_at_the_instant_of_a_change_averages_are_held_against_what_is_new() -> None:
+    problem = quadratic_problem([1.0, 2.0], capacity=3.0, increase=0.05)
+    looks = Recording(allocations=[9.75, 10.0])
+    result = run(problem, 12.0, CapacityStep(0, 10.0, 1.5), recording=looks)
+    assert result.tracking["capacity"].tolist() == [3.0, 1.5, 1.5]
+    average = result.observations.average[1, 0]
+    error = abs(average - np.array([1.0, 0.5])).sum() / 1.5
+    assert result.tracking["relative_error"].iloc[1] == pytest.approx(error, rel=1e-9)
+    assert result.tracking["level"].iloc[1] == pytest.approx(average.sum() / 1.5, rel=1e-12)
+
+
 # -- a process of one's own ------------------------------------------------------------------------------
 
 
