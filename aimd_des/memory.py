@@ -145,6 +145,8 @@ def folded_at(
         In units of the resource, times ticks or time.
     """
     if memory.kind == FORGETTING:
+        if accumulated == 0.0 and demand == 0.0 and since <= grain:
+            return 0.0  # a tick that folds in nothing; the rounding of what follows would be taken for demand
         kept = exp(-memory.rate * since)
         grown = memory.span * -expm1(-memory.rate * since)
         return accumulated * kept + (demand * grown + increase * (memory.span * (since - grown)))

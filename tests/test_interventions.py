@@ -128,6 +128,18 @@ def test_who_crashes_or_joins_has_no_past(agents: Any) -> None:
 
 
 @BOTH
+@pytest.mark.parametrize("average", [averaging.Cumulative(), averaging.Forgetting(20.0)])
+def test_who_has_never_held_anything_has_nothing_to_give_back(average: Any, agents: Any) -> None:
+    """Agent 1 comes at 5.5 and is told at 6, before its first tick."""
+    problem = growing(2, capacity=1.0, normalization=1e3)
+    parts: dict[str, Any] = {"dynamics": "discrete", "averaging": average, "recording": EVENTS}
+    result = run(problem, 6.5, Join(1, 5.5), agents=agents, **parts)
+    events = result.events[result.events["agent"] == "1"]
+    assert events.loc[events["kind"].isin(["respond", "hold"]), "kind"].tolist() == ["hold"]
+    assert result.account.saturated[0, 1] == 0
+
+
+@BOTH
 @pytest.mark.parametrize("dynamics", ["continuous", "discrete"])
 def test_a_signal_for_an_agent_that_is_away_is_lost_on_it(dynamics: str, agents: Any) -> None:
     """Signals leave at 1, 2, ... 9 and take 2.25: those of 2 to 4 land between 4 and 7."""
