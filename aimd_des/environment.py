@@ -6,14 +6,15 @@ Events are handled by (time, kind, order).  Kinds at one instant:
 
 Interventions first, then signals that arrive, then the control unit looks, then observers look,
 then agents tick.  Within a kind, agents act in the order of their index, copies land in the order
-of their broadcasts and then of the agents, and everything else keeps the order in which it was
-scheduled.  Events are scheduled at absolute times: now + (t - now) is not always t.
+of their broadcasts and then of the agents, interventions that are listed take place in the order of the
+list, and everything else keeps the order in which it was scheduled.  Events are scheduled at absolute
+times: now + (t - now) is not always t.
 
 This is the only module that touches what SimPy keeps private.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from enum import IntEnum
 from heapq import heappop, heappush
 from itertools import count
@@ -73,6 +74,7 @@ class OrderedEnvironment(simpy.Environment):
         self._now: float = 0.0
         self._eid = count(FIRST_ORDER)
         self._turns = count()
+        self._places: dict[simpy.Process | None, int] = {}
         self._acted_at, self._acted = -math.inf, 0
         self.tracking = False
         self._reached: tuple[Any, ...] = _NOTHING
@@ -142,6 +144,16 @@ class OrderedEnvironment(simpy.Environment):
         self._eid = count(first + how_many)
         return first
 
+    def intervene(self, process: Generator[simpy.Event, Any, Any]) -> None:
+        """Start a process that intervenes: at one instant after those that were started so before it.
+
+        Parameters
+        ----------
+        process : generator
+            Its events of the kind INTERVENE have that place, whenever they are scheduled.
+        """
+        self._places[self.process(process)] = len(self._places)
+
     def at(self, time: float, kind: Kind, order: int | None = None) -> simpy.Event:
         """Schedule an event at an absolute time, for a process to yield.
 
@@ -152,8 +164,8 @@ class OrderedEnvironment(simpy.Environment):
         kind : Kind
             What it is; decides among events at the same time.
         order : int, optional
-            Decides among events of the same time and kind; the turn in which it was scheduled
-            unless given.
+            Decides among events of the same time and kind; unless given, the place of an intervention
+            that is listed, else the turn in which it was scheduled.
 
         Returns
         -------
@@ -167,6 +179,8 @@ class OrderedEnvironment(simpy.Environment):
         """
         if not self._now <= time < math.inf:
             raise InputError.of("time", time, f"finite and not before the present, {self._now!r}")
+        if kind is Kind.INTERVENE and order is None:
+            order = self._places.get(self.active_process)
         event = _Due(self, next(self._eid) if order is None else order, next(self._turns))
         if kind is Kind.ACT:
             event.callbacks.append(self._note_act)

@@ -208,9 +208,9 @@ class Simulation:
         observer = Observer(system, self.recording)
         self._populate(system, observer)
         for intervention in self.interventions:
-            _start(system, handed.said_by(intervention, "process"), intervention.process(system))
+            _start(system.env.intervene, handed.said_by(intervention, "process"), intervention.process(system))
         for process in self.processes:
-            _start(system, handed.said_by(process), process(system))
+            _start(system.env.process, handed.said_by(process), process(system))
         system.env.run_to(until, watch)
         system.finish()
         signals = system.transmitter.sent.signals()
@@ -250,15 +250,15 @@ class Simulation:
             special = {
                 index: self.special.get(index, cast(Maker, maker)) for index in range(self.problem.n_agents)
             }
-        _start(system, method, process)
+        _start(system.env.process, method, process)
         for index, make in special.items():
             agent = make(index, system)
             handed.having(handed.said_by(make), agent, ["receive", "process"])
             system.agents[index] = agent
-            _start(system, handed.said_by(agent, "process"), agent.process())
+            _start(system.env.process, handed.said_by(agent, "process"), agent.process())
 
 
-def _start(system: System, method: str, process: object) -> None:
+def _start(start: Callable[[ProcessGenerator], object], method: str, process: object) -> None:
     """Let a process of a part live, which may be the user's own."""
     handed.generator(method, process)
-    system.env.process(cast(ProcessGenerator, process))
+    start(cast(ProcessGenerator, process))

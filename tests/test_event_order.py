@@ -29,7 +29,8 @@ from aimd_des import (
 )
 from aimd_des.channel import Broadcast, Copies
 from aimd_des.environment import Kind
-from aimd_des.log import EventLog
+from aimd_des.interventions import CapacityProfile, CapacityRamp, CapacityStep
+from aimd_des.log import Entry, EventLog
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator, Signal
 from tests.conftest import problems, quadratic_problem, quietly, random_problem
@@ -336,6 +337,27 @@ def test_rule_2_a_copy_that_a_link_holds_back_lands_just_after_the_one_before_it
         landed = [line for line in story(run(6.0, *sends, **parts)) if "deliver" in line]
         order = sorted(range(2), key=lambda b: times[b])
         assert landed == [f"{exactly(times[b])} agent 0 deliver {b}" for b in order]
+
+
+@pytest.mark.parametrize("listed", list(permutations(["ramp", "step", "profile"])))
+def test_rule_2_interventions_take_place_in_the_order_of_the_list(listed: tuple[str, ...]) -> None:
+    """Each has scheduled what it does at 5 at another time: 0, 4 and 3."""
+    changes: dict[str, Any] = {
+        "step": CapacityStep(0, 5.0, 11.0),
+        "ramp": CapacityRamp(0, 3.0, 5.0, 12.0, steps=2),
+        "profile": CapacityProfile(0, [3.0, 5.0], [9.0, 13.0]),
+    }
+
+    def own(system: System) -> ProcessGenerator:
+        yield system.env.at(5.0, Kind.INTERVENE)
+        assert system.log is not None
+        system.log.add((5.0, Entry.CHANGE, 0, 0, -1, 0.0))
+
+    last = {"step": 11.0, "ramp": 12.0, "profile": 13.0}
+    events = run(6.0, own, interventions=[changes[name] for name in listed]).events
+    events = events[events["time"] == 5.0]
+    assert events["kind"].tolist() == ["capacity"] * 3 + ["change"]
+    assert events["value"].tolist() == [*(last[name] for name in listed), 0.0]
 
 
 @given(st.permutations([1.0, 2.0, 3.0, 4.0]))
