@@ -16,7 +16,7 @@ from aimd_des.errors import SimulationError
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
 
-__all__ = ["ControlUnit", "Crossing", "Sampled", "adapted", "soonest_crossing"]
+__all__ = ["ControlUnit", "Crossing", "Sampled", "Unanswered", "adapted", "soonest_crossing"]
 
 # Broadcasts at one instant, one after another without anybody responding, after which time is
 # taken to stand still.  If responses were possible at all, with a chance of 1/100 say, to get here
@@ -136,6 +136,34 @@ def adapted(hold_off: float, shortest: float, longest: float, expected: float, t
     return min(2.0 * hold_off, longest)
 
 
+class Unanswered:
+    """What total demand would be if nobody had answered since the last signal, whatever else has changed.
+
+    Parameters
+    ----------
+    system : System
+        The run in progress.
+
+    Attributes
+    ----------
+    level, since : ndarray, shape (m,)
+        What it was, in units of the resources, and when; it grows as total demand does.
+    """
+
+    def __init__(self, system: System) -> None:
+        self.level, self.since = np.zeros((2, system.problem.n_resources))
+        self._env, self._growth = system.env, system.conditions.growth
+        system.conditions.on_piece.append(self._before_growth_changes)
+        system.on_intervention.append(self._changed)
+
+    def _before_growth_changes(self) -> None:
+        self.level += self._growth * (self._env.now - self.since)
+        self.since[:] = self._env.now
+
+    def _changed(self, time: float, resource: int, change: float) -> None:
+        self.level[resource] += change
+
+
 @dataclass(frozen=True)
 class Crossing:
     """A control unit that senses the instant at which total demand reaches its threshold.
@@ -200,16 +228,18 @@ class Crossing:
         simpy.Event
             Nothing: there is a process for each resource.
         """
+        unanswered = Unanswered(system)
         for resource in range(system.problem.n_resources):
-            system.env.process(self._sense(system, resource))
+            system.env.process(self._sense(system, resource, unanswered))
         yield from ()
 
-    def _sense(self, system: System, resource: int) -> ProcessGenerator:
+    def _sense(self, system: System, resource: int, unanswered: Unanswered) -> ProcessGenerator:
         """Go from one possible crossing to the next: responses only lower the total, growth bounds it."""
         env, limit, growth = system.env, system.law.limit, system.conditions.growth
         shortest, longest = self.bounds
         alarm = _Alarm(system, resource, shortest)
-        at_this_instant, instant, signalled_at = 0, -1.0, 0.0
+        at_this_instant, instant = 0, -1.0
+        level, since = unanswered.level, unanswered.since
         yield alarm.at(env.now, sooner_if_raised=False)
         while True:
             now, total = env.now, system.total(resource)
@@ -223,9 +253,10 @@ class Crossing:
             if at_this_instant > MOST_AT_ONE_INSTANT:
                 raise SimulationError(self.standstill(system, resource))
             if alarm.holding:
-                expected = signalled_at + float(growth[resource]) * (now - instant)
+                expected = float(level[resource] + growth[resource] * (now - since[resource]))
                 alarm.hold_off = adapted(alarm.hold_off, shortest, longest, expected, total)
-            instant, signalled_at, alarm.holding = now, total, True
+            instant, alarm.holding = now, True
+            level[resource], since[resource] = total, now
             system.broadcast(resource, self.sensing_delay)
             yield alarm.at(now + alarm.hold_off, sooner_if_raised=False)
 

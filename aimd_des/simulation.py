@@ -208,7 +208,8 @@ class Simulation:
         observer = Observer(system, self.recording)
         self._populate(system, observer)
         for intervention in self.interventions:
-            _start(system.env.intervene, handed.said_by(intervention, "process"), intervention.process(system))
+            said = handed.said_by(intervention, "process")
+            _start(system.env.intervene, said, intervention.process(system))
         for process in self.processes:
             _start(system.env.process, handed.said_by(process), process(system))
         system.env.run_to(until, watch)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from aimd_des import BroadcastChannel, Crossing, Fleet, InputError, Problem, Result, Simulation, latency
 from aimd_des.control_unit import adapted
+from aimd_des.interventions import Absence, Join
 from tests.conftest import assert_same_run, problems, quadratic_problem, quietly, signals_of
 from tests.test_camera import Script
 
@@ -86,6 +87,19 @@ def test_it_is_kept_from_one_crossing_to_the_next(agents: dict[str, Any]) -> Non
     channel = Script(NEVER, NEVER, [9.5, 9.5], *[NEVER] * 9)
     found = times(run(two(), 15.0, unit, channel, **agents))
     assert found == [8.0, 8.5, 9.5, 12.75, 14.75]
+
+
+@BOTH
+def test_an_agent_that_comes_or_goes_is_no_answer(agents: dict[str, Any]) -> None:
+    lost, unit = BroadcastChannel(loss=1.0), Crossing(0.5, longest=8.0)
+    # The total is t, and from 8.25 on it grows by 1.5: at 8.5 it is less than if it had always done so.
+    joined = quadratic_problem([1.0] * 3, capacity=8.0, increase=0.5)
+    found = times(run(joined, 14.0, unit, lost, interventions=[Join(2, 8.25)], **agents))
+    assert found == [8.0, 8.5, 9.5, 11.5]
+    # The total is 1.5 t, falls from 12 to 8 at 8, and is 9.5 at 9.5.
+    left = quadratic_problem([1.0] * 3, capacity=9.0, increase=0.5)
+    found = times(run(left, 14.0, unit, lost, interventions=[Absence(2, 8.0)], **agents))
+    assert found == [6.0, 6.5, 7.5, 9.5, 13.5]
 
 
 @pytest.mark.parametrize("value", [0.25, 1.0])

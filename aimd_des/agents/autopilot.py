@@ -14,7 +14,7 @@ from aimd_des.agents.steering import sample, sense
 from aimd_des.channel import BroadcastChannel, CompiledLink
 from aimd_des.channel.loss.rows import refuse_loss
 from aimd_des.channel.table import ChannelTable
-from aimd_des.control_unit import Crossing, Sampled
+from aimd_des.control_unit import Crossing, Sampled, Unanswered
 from aimd_des.environment import Kind, Mailbox
 from aimd_des.errors import SimulationError
 from aimd_des.observing import ConstantPieces, Observer
@@ -50,6 +50,7 @@ class Autopilot:
         common = system.clocks is None or system.clocks.common
         sampled = control_unit if isinstance(control_unit, Sampled) else Sampled()
         shortest, longest = control_unit.bounds if isinstance(control_unit, Crossing) else (0.0, 0.0)
+        unanswered = Unanswered(system)
         self.pilot = Pilot(
             crossing=isinstance(control_unit, Crossing),
             period=sampled.period,
@@ -63,7 +64,8 @@ class Autopilot:
             watchful=np.zeros(m, dtype=np.bool_),
             growth=system.conditions.growth,
             instant=np.full(m, -1.0),
-            signalled_at=np.zeros(m),
+            unanswered=unanswered.level,
+            since=unanswered.since,
             hold_off=np.full(m, shortest),
             holding=np.zeros(m, dtype=np.bool_),
             repeated=np.zeros(m, dtype=np.int64),

@@ -51,8 +51,10 @@ class Pilot(NamedTuple):
         Whether it waits for a crossing there, and not for the end of the hold-off.
     growth : ndarray, shape (m,)
         Of total demand, in units of the resource per unit of time.
-    instant, signalled_at : ndarray, shape (m,)
-        When a crossing one broadcast last, and total demand then.
+    instant : ndarray, shape (m,)
+        When a crossing one broadcast last.
+    unanswered, since : ndarray, shape (m,)
+        What total demand would be if nobody had answered, and when it was so.
     hold_off : ndarray, shape (m,)
         The present one.
     holding : ndarray of bool, shape (m,)
@@ -86,7 +88,8 @@ class Pilot(NamedTuple):
     watchful: BoolArray
     growth: FloatArray
     instant: FloatArray
-    signalled_at: FloatArray
+    unanswered: FloatArray
+    since: FloatArray
     hold_off: FloatArray
     holding: BoolArray
     repeated: IntArray

@@ -196,9 +196,9 @@ def _hold_off(pilot: Pilot, resource: int, now: float, total: float) -> None:
     """Set the alarm to the end of the hold-off after a signal."""
     j = resource
     if pilot.holding[j]:
-        expected = pilot.signalled_at[j] + pilot.growth[j] * (now - pilot.instant[j])
+        expected = pilot.unanswered[j] + pilot.growth[j] * (now - pilot.since[j])
         pilot.hold_off[j] = adapted(pilot.hold_off[j], pilot.shortest, pilot.longest, expected, total)
-    pilot.instant[j], pilot.signalled_at[j], pilot.holding[j] = now, total, True
+    pilot.instant[j], pilot.since[j], pilot.unanswered[j], pilot.holding[j] = now, now, total, True
     pilot.alarm[j] = now + pilot.hold_off[j]
 
 
