@@ -23,6 +23,7 @@ ORDER = [
     "costs",
     "problem",
     "names",
+    "sources",
     "registry",
     "gradients",
     "optimum",

@@ -530,7 +530,7 @@ NO_MODULE = "must be a module on the Python path or in the working directory"
         ("models smart", NO_MODULE),
         ("", NO_MODULE),
         ("models..smart_cameras", NO_MODULE),
-        ("math", "must be a module that registers a model; decorate its function with model"),
+        ("math", "must be a module that registers a model; decorate its function with aimd_des.model"),
         ("__main__", "must be a module"),
     ],
 )

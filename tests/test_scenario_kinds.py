@@ -84,7 +84,8 @@ def test_models_are_found() -> None:
 
 
 def test_a_model_that_cannot_be_imported_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "broken_model.py").write_text("import nothing_of_that_name", encoding="utf-8")
+    source = "import aimd_des\nimport nothing_of_that_name\n\n@aimd_des.model\ndef broken():\n    ...\n"
+    (tmp_path / "broken_model.py").write_text(source, encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr("aimd_des.scenario.kinds._MODELS", "broken_model")
     with pytest.raises(

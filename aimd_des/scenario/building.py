@@ -7,7 +7,7 @@ from typing import Any
 from aimd_des.errors import InputError
 from aimd_des.interventions import Intervention, check_absences
 from aimd_des.problem import Problem
-from aimd_des.registry import model_parameters, named_model
+from aimd_des.registry import made_by, model_parameters
 from aimd_des.scenario.generated import KindTable
 from aimd_des.scenario.prices import RedrawnPrices
 from aimd_des.scenario.tables import ResourceChange
@@ -62,14 +62,7 @@ def built_by(model: str, parameters: dict[str, Any], seed: int) -> Problem:
     InputError
         If there is no such model or parameter, or the model makes no problem of them.
     """
-    complete = model_parameters(model, parameters, seed)
-    try:
-        return named_model(model)(**complete)
-    except InputError:
-        raise
-    except (ArithmeticError, MemoryError, TypeError, ValueError) as error:  # what it does not check itself
-        cause = f"{type(error).__name__}: {error}".rstrip(": ")
-        raise InputError(f"parameters: {model} makes no problem of them ({cause})") from error
+    return made_by(model, model_parameters(model, parameters, seed))
 
 
 def with_resources(problem: Problem, changes: Mapping[str, ResourceChange]) -> Problem:

@@ -2,9 +2,7 @@
 
 import inspect
 import json
-import pkgutil
 import re
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,10 +11,10 @@ from typing import Any
 from aimd_des import averaging, compensation, interventions
 from aimd_des.channel import latency, loss, topology
 from aimd_des.control_unit import Crossing, Sampled
-from aimd_des.errors import InputError
-from aimd_des.registry import named_model
+from aimd_des.registry import models_of, named_model
 from aimd_des.scenario.networks import over_network
 from aimd_des.scenario.prices import RedrawnPrices
+from aimd_des.sources import modules_in
 
 __all__ = ["KINDS", "Kind", "Parameter", "describe", "kinds", "kinds_of"]
 
@@ -151,13 +149,13 @@ def kinds() -> tuple[Kind, ...]:
     Returns
     -------
     tuple of Kind
-        Models first: those of the package `models` on the Python path or in the working directory.  Where
-        a kind has two forms, with values and with a file, it stands there twice.
+        Models first: those of the package `models` on the Python path, and of the modules in the working
+        directory.  Where a kind has two forms, with values and with a file, it stands there twice.
 
     Raises
     ------
     InputError
-        If a module of that package cannot be imported.
+        If one of these modules registers a model and cannot be imported.
     """
     return (*_models(), *KINDS)
 
@@ -179,20 +177,10 @@ def kinds_of(group: str) -> tuple[Kind, ...]:
 
 
 def _models() -> Iterator[Kind]:
-    """Import what stands in the package of models, and yield what is registered there."""
-    names = [_MODELS]
-    for name in names:
-        try:
-            function = named_model(name)
-        except InputError as refusal:
-            if refusal.__cause__ is not None:  # it cannot be imported
-                raise
-            function = None  # it registers none, such as the package itself
-        if function is not None:
-            yield Kind("model", name, function)
-        if name == _MODELS and name in sys.modules:
-            inside = pkgutil.iter_modules(getattr(sys.modules[name], "__path__", []), f"{name}.")
-            names += sorted(info.name for info in inside)
+    """Import the modules that register a model, and no others, and yield what they register."""
+    for module in dict.fromkeys((_MODELS, *modules_in(_MODELS), *modules_in())):
+        for name in models_of(module):
+            yield Kind("model", name, named_model(name))
 
 
 def describe(docstring: str | None) -> dict[str, str]:

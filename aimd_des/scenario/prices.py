@@ -11,7 +11,7 @@ from aimd_des import checks
 from aimd_des.costs import Costs
 from aimd_des.errors import InputError
 from aimd_des.interventions import Prices
-from aimd_des.registry import model_parameters, named_model
+from aimd_des.registry import made_by, model_parameters
 
 __all__ = ["RedrawnPrices", "redraw_seed"]
 
@@ -86,6 +86,6 @@ class RedrawnPrices:
 
         @lru_cache(maxsize=1)  # checks ask for the first one again and again
         def draw(k: int) -> Costs:
-            return named_model(model)(**{**complete, self.parameter: redraw_seed(seed, k)}).costs
+            return made_by(model, {**complete, self.parameter: redraw_seed(seed, k)}).costs
 
         return Prices(self.every, draw)

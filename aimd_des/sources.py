@@ -1,0 +1,156 @@
+"""Modules looked up and read as text: nothing of them, nor of the packages they are in, is run."""
+
+import ast
+import sys
+from collections.abc import Iterator
+from importlib.machinery import ModuleSpec
+from importlib.util import find_spec
+from pathlib import Path
+from pkgutil import get_importer, iter_modules
+
+__all__ = ["decorated", "modules_in", "source_of"]
+
+
+def source_of(name: str) -> str | None:
+    """Read the source of a module.
+
+    Parameters
+    ----------
+    name : str
+        A module on the Python path or in the working directory, with the packages that it is in.
+
+    Returns
+    -------
+    str or None
+        None if there is no such module; empty if it has no source, as what is built into Python.
+
+    Raises
+    ------
+    SyntaxError, UnicodeDecodeError, ImportError
+        If it is no text, or cannot be read.
+    """
+    spec = _spec(name)
+    if spec is None:
+        return None
+    read = getattr(spec.loader, "get_source", None)  # a folder without a file has no loader
+    return (read(spec.name) if read else None) or ""
+
+
+def _spec(name: str) -> ModuleSpec | None:
+    """Find a module; `importlib.util.find_spec` would import the packages that it is in."""
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)
+    top, *rest = name.split(".")
+    if not all(part.isidentifier() for part in (top, *rest)):
+        return None
+    try:
+        spec = find_spec(top)
+    except ValueError:  # a module without a specification, such as the program itself
+        return None
+    for part in rest:
+        if spec is None:
+            return None
+        spec = _inside(spec, part)
+    return spec
+
+
+def _inside(package: ModuleSpec, part: str) -> ModuleSpec | None:
+    """Find a module in a package; a folder without a file of its own may be in several places."""
+    name = f"{package.name}.{part}"
+    portions: list[str] = []
+    for place in package.submodule_search_locations or ():
+        importer = get_importer(place)
+        found = importer.find_spec(name) if importer else None
+        if found is not None and found.loader is not None:
+            return found
+        portions += (found.submodule_search_locations or ()) if found else ()
+    if not portions:
+        return None
+    spec = ModuleSpec(name, None, is_package=True)
+    spec.submodule_search_locations = portions
+    return spec
+
+
+def modules_in(package: str = "") -> list[str]:
+    """Name the modules of a package, or those of the working directory.
+
+    Parameters
+    ----------
+    package : str
+        Its name; the working directory unless given.
+
+    Returns
+    -------
+    list of str
+        In alphabetical order; empty if there is no such package.
+    """
+    spec = _spec(package) if package else None
+    places = (spec.submodule_search_locations or ()) if spec else () if package else (str(Path.cwd()),)
+    return sorted(info.name for info in iter_modules(places, f"{package}." if package else ""))
+
+
+def decorated(source: str, decorators: frozenset[str]) -> list[str]:
+    """Name the functions at the top level of a module that have one of some decorators.
+
+    Parameters
+    ----------
+    source : str
+        Of the module.
+    decorators : frozenset of str
+        Dotted names, with the module that they come from.
+
+    Returns
+    -------
+    list of str
+        In the order of the source, without repetition.
+
+    Raises
+    ------
+    SyntaxError, ValueError, RecursionError
+        If it is no Python.
+    """
+    tree = ast.parse(source)
+    meant = dict(_imported(tree, decorators))
+    return list(
+        dict.fromkeys(
+            function.name
+            for function in _functions(tree)
+            if any(_dotted(mark, meant) in decorators for mark in function.decorator_list)
+        )
+    )
+
+
+def _imported(tree: ast.Module, wanted: frozenset[str]) -> Iterator[tuple[str, str]]:
+    """Say what the names mean that a module takes from others."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                top = alias.name.partition(".")[0]
+                yield (alias.asname, alias.name) if alias.asname else (top, top)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            for alias in node.names:
+                if alias.name == "*":
+                    names = (name.rpartition(".") for name in wanted)
+                    yield from ((last, f"{home}.{last}") for home, _, last in names if home == node.module)
+                else:
+                    yield alias.asname or alias.name, f"{node.module}.{alias.name}"
+
+
+def _functions(tree: ast.Module) -> Iterator[ast.FunctionDef]:
+    """Yield the functions that running a module may define in it: also below an if or a try."""
+    left: list[ast.AST] = [tree]
+    for node in left:
+        if isinstance(node, ast.FunctionDef):
+            yield node
+        elif not isinstance(node, ast.ClassDef | ast.AsyncFunctionDef | ast.expr):
+            left.extend(ast.iter_child_nodes(node))
+
+
+def _dotted(node: ast.expr, meant: dict[str, str]) -> str:
+    """Write a name with the module that it comes from; empty if it is none."""
+    parts: list[str] = []
+    while isinstance(node, ast.Attribute):
+        parts.append(node.attr)
+        node = node.value
+    return ".".join([meant.get(node.id, node.id), *reversed(parts)]) if isinstance(node, ast.Name) else ""
