@@ -1,7 +1,9 @@
 """What the tests of the command share: files to work on, and the command called in this process."""
 
 import json
+from inspect import signature
 from pathlib import Path
+from typing import Any
 
 from click.testing import CliRunner, Result
 
@@ -26,9 +28,15 @@ def write(text: str = INLINE, name: str = "five.toml") -> Path:
     return path
 
 
+def runner(**options: Any) -> CliRunner:
+    """Click's runner, which below 8.2 mixes both outputs unless it is told not to."""
+    apart = {"mix_stderr": False} if "mix_stderr" in signature(CliRunner).parameters else {}
+    return CliRunner(**apart, **options)
+
+
 def invoke(*arguments: str) -> Result:
     """Call the command with these arguments."""
-    return quietly(CliRunner().invoke, main, arguments)
+    return quietly(runner().invoke, main, arguments)
 
 
 def run(*arguments: str) -> Result:

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import click
 import pytest
-from click.testing import CliRunner
 
 from aimd_des import __version__
 from aimd_des.cli import main
 from aimd_des.progress import RunProgress
 from aimd_des.scenario import load_scenario
-from tests.command_line import digest, invoke, run, words, write
+from tests.command_line import digest, invoke, run, runner, words, write
 from tests.conftest import INLINE, ROOT, python, quietly
 
 pytestmark = pytest.mark.usefixtures("own_folder")
@@ -70,7 +69,7 @@ def test_progress_is_shown_where_a_run_takes_its_time(
 def test_what_a_terminal_cannot_show_is_written_as_a_number() -> None:
     write(INLINE.replace("five agents, two resources", "Zürich → Genève"))
     assert run("five.toml", "--out", "out").exit_code == 0
-    outcome = CliRunner(charset="ascii").invoke(main, ["show", "out"])
+    outcome = runner(charset="ascii").invoke(main, ["show", "out"])
     assert outcome.exit_code == 0
     assert ["title", "|", "Z\\xfcrich", "\\u2192", "Gen\\xe8ve"] in words(outcome.stdout)
 

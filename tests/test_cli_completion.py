@@ -4,10 +4,9 @@ import shutil
 import subprocess
 
 import pytest
-from click.testing import CliRunner
 
 from aimd_des.cli import main
-from tests.command_line import refusal, said, write
+from tests.command_line import refusal, runner, said, write
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 
@@ -20,7 +19,7 @@ def completed(line: str) -> list[str]:
         "COMP_WORDS": line,
         "COMP_CWORD": str(len(words) - 1),
     }
-    outcome = CliRunner().invoke(main, [], prog_name="aimd-des", env=environment)
+    outcome = runner().invoke(main, [], prog_name="aimd-des", env=environment)
     assert outcome.exit_code == 0, outcome.output
     lines = outcome.stdout.strip().splitlines()
     return [value for kind, value in zip(lines[::3], lines[1::3], strict=True) if kind == "plain"]

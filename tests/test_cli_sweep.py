@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
 from aimd_des import load_study
-from aimd_des.cli import main
 from aimd_des.study import sweep as sweeping
 from aimd_des.study.pools import Processes
-from tests.conftest import INLINE, quietly
+from tests.command_line import invoke
+from tests.conftest import INLINE
 
 STUDY = """
 title = "two points"
@@ -40,7 +40,7 @@ def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def sweep(*arguments: str) -> Result:
-    return quietly(CliRunner().invoke, main, ("sweep", *arguments))
+    return invoke("sweep", *arguments)
 
 
 def test_a_sweep_fills_a_folder_and_the_same_command_finds_it_full() -> None:
@@ -96,9 +96,8 @@ def test_runs_that_fail_are_told_and_tried_again_if_asked(monkeypatch: pytest.Mo
     for arguments in ([], ["--retry-failed"]):
         outcome = sweep("frail.toml", *arguments)
         assert outcome.exit_code == 1
-        assert (
-            "3 runs failed, the first with: RuntimeError: not today; all are described in" in outcome.stderr
-        )
+        cause = "frail makes no problem of them (RuntimeError: not today); all are described in"
+        assert f"3 runs failed, the first with: InputError: parameters: {cause}" in outcome.stderr
         assert "aimd-des sweep frail.toml --out results/frail --retry-failed" in outcome.stderr
     Path("well").touch()
     assert sweep("frail.toml").exit_code == 1

@@ -67,7 +67,7 @@ def changes(settings: Sequence[str], **options: Any) -> dict[str, Any]:
     return {**dict(map(parse_setting, settings)), **given}
 
 
-def _complete(context: click.Context, _: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
+def _complete(context: click.Context, _: click.Parameter, incomplete: str) -> "list[CompletionItem[str]]":
     """Offer the keys that begin so; a value is the user's own affair."""
     from aimd_des.cli.schema import schema_of
 

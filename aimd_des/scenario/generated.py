@@ -1,6 +1,6 @@
 """Tables with a kind: made from the signatures of what they describe, so that they cannot lag behind."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache, reduce
 from operator import or_
 from pathlib import Path
@@ -184,8 +184,8 @@ def one_of(group: str, default: str | None = None, *, plain: bool = False, sever
     tables = _tables(group, default)
     union: Any = reduce(or_, [cast(Any, Annotated[table, Tag(table.form)]) for table in tables])
     choose = _chooser(tables, default)
-    kinds = dict.fromkeys(table.of.name for table in tables)
-    allowed = f"a table whose kind is one of {', '.join(kinds)}"
+    kinds = ", ".join(dict.fromkeys(table.of.name for table in tables))
+    allowed = f"a table whose kind is one of {kinds}"
     one = Annotated[union, _discriminator(choose, kinds, allowed)]
     if plain:
         union |= Annotated[float, Tag(_NUMBER)] | Annotated[list[float], Tag(_LIST)]
@@ -197,18 +197,18 @@ def one_of(group: str, default: str | None = None, *, plain: bool = False, sever
 
 
 class _Context(dict[str, Any]):
-    """What an error tells; types that are made of others, such as unions, ask for a hash."""
+    """What an error tells, in words; types that are made of others, such as unions, ask for a hash."""
 
     def __hash__(self) -> int:  # type: ignore[override]  # it is never changed
         return id(self)
 
 
-def _discriminator(choose: Callable[[Any], str | None], kinds: Iterable[str], allowed: str) -> Discriminator:
+def _discriminator(choose: Callable[[Any], str | None], kinds: str, allowed: str) -> Discriminator:
     return Discriminator(
         choose,
         custom_error_type=UNKNOWN_KIND,
         custom_error_message="must be {allowed}",
-        custom_error_context=_Context(kinds=list(kinds), allowed=allowed),
+        custom_error_context=_Context(kinds=kinds, allowed=allowed),
     )
 
 

@@ -193,11 +193,11 @@ def _dotted(place: Place) -> str:
 def _about_kind(key: str, given: Any, context: Mapping[str, Any]) -> str:
     if not isinstance(given, Mapping):
         return str(InputError.of(key, given, context["allowed"]))
-    allowed = f"one of {', '.join(context['kinds'])}"
+    allowed = f"one of {context['kinds']}"
     if "kind" not in given:
         return f"{key}.kind: is missing; give {allowed}"
     kind = given["kind"]
-    near = get_close_matches(kind, context["kinds"], n=1) if isinstance(kind, str) else []
+    near = get_close_matches(kind, context["kinds"].split(", "), n=1) if isinstance(kind, str) else []
     return str(InputError.of(key, kind, allowed, f"did you mean {near[0]!r}?" if near else ""))
 
 
