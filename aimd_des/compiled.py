@@ -5,27 +5,35 @@ compile the same source.  No fast-math and no contraction to fused operations, s
 same bits.  Compiled code counts no references, so nothing can be allocated in it: what tries is
 refused when it is compiled.  Kernels are cached on disk.  Numba keys that cache by the file a kernel
 stands in; a kernel here may use formulas of other files, so the key is the source of all of the package
-that a kernel can depend on.
+that a kernel can depend on.  Where nothing can be written, kernels are compiled anew in each process.
+
+With ``NUMBA_DISABLE_JIT=1`` nothing is compiled: kernels are the functions of Python they are written as,
+a hundred times as slow, and give the same bits.
 """
 
 import logging
 from collections.abc import Callable
-from functools import lru_cache
+from contextlib import suppress
+from functools import lru_cache, wraps
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numba
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+import numpy as np
+from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
 from numba.core.types.misc import unliteral
-from numba.extending import register_jitable
+from numba.extending import intrinsic, register_jitable
 
-__all__ = ["announced", "formula", "kernel", "routine"]
+__all__ = ["announced", "formula", "instruction", "kernel", "routine"]
 
 # Nobody has to set up logging to see a warning; whoever does can silence it.
 _LOGGER = logging.getLogger("aimd_des")
 
 _FORMULAS = "formulas (about ten seconds)"
+
+# What users of this process have been told of.
+_TOLD: set[str] = set()
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -62,9 +70,6 @@ def _package_stamp() -> str:
 class _PackageCache(FunctionCache):  # type: ignore[misc]  # numba has no type information
     """A cache on disk that is out of date as soon as a file changes that a kernel may depend on."""
 
-    # What users of this process have been told of.
-    told: ClassVar[set[str]] = set()
-
     def __init__(self, py_func: Callable[..., Any], announced: str = "") -> None:
         super().__init__(py_func)
         self._announced = announced
@@ -75,14 +80,56 @@ class _PackageCache(FunctionCache):  # type: ignore[misc]  # numba has no type i
         )
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Load what an earlier run compiled; say so where there is nothing and compiling takes its time."""
-        found = super().load_overload(sig, target_context)
-        # Many kernels are compiled for one run: the first speaks for all but those that take long.
-        what = self._announced or ("" if self.told else _FORMULAS)
-        if found is None and what and what not in self.told:
-            self.told.add(what)
-            _LOGGER.warning("compiling %s, which is done once on a machine; please wait", what)
+        """Load what an earlier run compiled, if it is there and whole."""
+        try:
+            found = super().load_overload(sig, target_context)
+        except Exception:  # noqa: BLE001 - unpickling what is damaged can raise anything
+            found = None
+            with suppress(OSError):
+                self.flush()  # keeping what is compiled now would read it again
+        if found is None:
+            _announce(self._announced)
         return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what was compiled; if the disk refuses it is used all the same."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            _say_that_nothing_is_kept(error.strerror)
+
+
+class _NoCache(NullCache):  # type: ignore[misc]  # numba has no type information
+    """In place of a cache where no place for one can be written."""
+
+    def __init__(self, announced: str) -> None:
+        self._announced = announced
+
+    def load_overload(self, sig: Any, target_context: Any) -> None:
+        """Say that compiling takes its time, and that it will next time."""
+        _say_that_nothing_is_kept("no folder for it can be written")
+        _announce(self._announced)
+
+
+def _announce(announced: str) -> None:
+    """Say what is compiled: the first of many kernels speaks for all but those that take long."""
+    what = announced or ("" if _TOLD else _FORMULAS)
+    if what and what not in _TOLD:
+        _TOLD.add(what)
+        _LOGGER.warning("compiling %s, which is done once on a machine; please wait", what)
+
+
+@lru_cache(maxsize=1)
+def _say_that_nothing_is_kept(reason: str | None) -> None:
+    remedy = "set NUMBA_CACHE_DIR to a folder that can be written, and code is compiled only once"
+    _LOGGER.warning("compiled code is not kept (%s) and will be compiled anew next time; %s", reason, remedy)
+
+
+def _cache_for(function: Callable[..., Any], announced: str) -> Any:
+    try:
+        return _PackageCache(function, announced)
+    except (RuntimeError, OSError):  # numba finds no place, or loses it meanwhile
+        return _NoCache(announced)
 
 
 def formula(function: _Function) -> _Function:
@@ -102,8 +149,10 @@ def formula(function: _Function) -> _Function:
 
 
 def _compiled(function: _Function, announced: str = "", **options: bool) -> _Function:
+    if numba.config.DISABLE_JIT:
+        return _interpreted(function)
     dispatcher = numba.njit(error_model="numpy", nogil=True, _nrt=False, **options)(function)
-    dispatcher._cache = _PackageCache(function, announced)
+    dispatcher._cache = _cache_for(function, announced)
     typed = dispatcher.get_call_template
 
     def get_call_template(args: Any, kws: Any) -> Any:
@@ -112,6 +161,34 @@ def _compiled(function: _Function, announced: str = "", **options: bool) -> _Fun
 
     dispatcher.get_call_template = get_call_template
     return cast(_Function, dispatcher)
+
+
+def _interpreted(function: _Function) -> _Function:
+    """Run a kernel as it stands, with machine arithmetic: divisions by zero and overflows are no errors."""
+
+    @wraps(function)
+    def run(*args: Any, **named: Any) -> Any:
+        with np.errstate(all="ignore"):
+            return function(*args, **named)
+
+    cast(Any, run).py_func = function
+    return cast(_Function, run)
+
+
+def instruction(plain: _Function) -> Callable[[Callable[..., Any]], _Function]:
+    """Make an instruction of the machine callable from kernels.
+
+    Parameters
+    ----------
+    plain : callable
+        What does the same in Python, where nothing is compiled.
+
+    Returns
+    -------
+    callable
+        A decorator of a function that Numba's `intrinsic` takes.
+    """
+    return lambda function: cast(_Function, plain if numba.config.DISABLE_JIT else intrinsic(function))
 
 
 def kernel(function: _Function) -> _Function:

@@ -15,11 +15,10 @@ import numpy as np
 import numpy.typing as npt
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
 
 from aimd_des import checks
 from aimd_des.checks import FloatArray
-from aimd_des.compiled import kernel, routine
+from aimd_des.compiled import instruction, kernel, routine
 
 __all__ = ["Key", "Purpose", "generator", "key", "uniform_at", "uniforms", "uniforms_row"]
 
@@ -91,7 +90,12 @@ def generator(seed: int, purpose: Purpose) -> np.random.Generator:
     return np.random.Generator(np.random.Philox(key=np.array(key(seed, purpose), dtype=np.uint64)))
 
 
-@intrinsic  # type: ignore[untyped-decorator]  # numba has no type information
+def _product(a: np.uint64, b: np.uint64) -> tuple[np.uint64, np.uint64]:
+    product = int(a) * int(b)
+    return np.uint64(product >> 64), np.uint64(product & 0xFFFFFFFFFFFFFFFF)
+
+
+@instruction(_product)
 def _multiply_wide(typingctx: Any, a: Any, b: Any) -> Any:  # noqa: ARG001 - numba's calling convention
     """Multiply two 64-bit words to the high and low word of their 128-bit product."""
     signature = types.UniTuple(types.uint64, 2)(types.uint64, types.uint64)

@@ -2,6 +2,7 @@
 
 import importlib.util
 import shutil
+import tomllib
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -18,7 +19,8 @@ from numba.core.errors import TypingError
 from aimd_des.compiled import ABOVE_KERNELS
 from aimd_des.costs import Costs
 from aimd_des.gradients import cost_table, gradient_row, marginal_cost
-from tests.conftest import ROOT, python, random_problem
+from aimd_des.scenario import Scenario
+from tests.conftest import INLINE, ROOT, python, random_problem
 from tests.test_layering import ORDER
 
 SOURCE = """
@@ -230,3 +232,65 @@ def test_one_cost_table_has_the_types_of_all(n: int, m: int) -> None:
 def test_compiled_code_that_allocates_is_refused(module: ModuleType) -> None:
     with pytest.raises(TypingError, match="built-in function zeros"):
         module.allocate(3)
+
+
+# -- where nothing can be kept, and where nothing is compiled --------------------------------------------
+
+KERNELS = (
+    "from aimd_des.compiled import kernel\n"
+    "@kernel\ndef twice(x):\n    return 2.0 * x\n"
+    "@kernel\ndef thrice(x):\n    return 3.0 * x\n"
+    "print(twice(1.0), thrice(1.0))\n"
+)
+
+
+@pytest.mark.parametrize(
+    "trouble",
+    [
+        # A package that is read-only, and no home; a disk that is full.
+        "caching.CacheImpl._locator_classes = []",
+        "caching.IndexDataCacheFile._save_data = lambda *_: open('no folder of that name/file')",
+    ],
+)
+def test_without_a_place_for_compiled_code_it_is_told_once(trouble: str, tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(f"import numba.core.caching as caching\n{trouble}\n{KERNELS}", encoding="utf-8")
+    outcome = python(str(program), NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    assert outcome.returncode == 0, outcome.stderr
+    assert outcome.stdout == "2.0 3.0\n"
+    (line,) = outcome.stderr.splitlines()
+    assert line.startswith("compiled code is not kept (")
+    assert line.endswith(
+        "set NUMBA_CACHE_DIR to a folder that can be written, and code is compiled only once"
+    )
+
+
+def test_damaged_code_is_compiled_anew(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(f"{KERNELS}print(sum(twice.stats.cache_hits.values()))\n", encoding="utf-8")
+    hits = []
+    for damage in ("", "data", "index", ""):
+        for path in (tmp_path / "cache").rglob(
+            "*.nbc" if damage == "data" else "*.nbi" if damage else "none"
+        ):
+            path.write_bytes(path.read_bytes()[:40])
+        outcome = python(str(program), NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+        assert (outcome.returncode, outcome.stderr) == (0, "")
+        hits.append(outcome.stdout.splitlines()[1])
+    assert hits == ["0", "0", "0", "1"]
+
+
+RUN = """
+import sys, tomllib
+from aimd_des.scenario import Scenario
+for agents in ("process", "fleet"):
+    print(Scenario(**{**tomllib.loads(sys.argv[1]), "agents": agents}).run().digest)
+"""
+
+
+def test_without_a_compiler_the_digest_is_the_same() -> None:
+    text = INLINE + "\n[channel]\nlatency = { kind = 'exponential', mean = 0.5 }\nloss = 0.2\n"
+    outcome = python("-c", RUN, text, NUMBA_DISABLE_JIT="1")
+    assert outcome.returncode == 0, outcome.stderr
+    expected = Scenario(**tomllib.loads(text)).run().digest
+    assert outcome.stdout.split() == [expected, expected]

@@ -17,15 +17,18 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
 
 from aimd_des.agents.flights import BLOCK, DUE, Flights
-from aimd_des.compiled import formula
+from aimd_des.compiled import formula, instruction
 
 __all__ = ["bits_of", "move", "places", "put", "raise_due", "release", "time_of"]
 
 
-@intrinsic  # type: ignore[untyped-decorator]  # numba has no type information
+def _length(word: int) -> int:
+    return int(word).bit_length() - 1
+
+
+@instruction(_length)
 def _highest_bit(typingctx: Any, word: Any) -> Any:  # noqa: ARG001 - numba's calling convention
     """Return the index of the highest bit that is set, -1 of 0."""
     signature = types.int64(types.int64)
