@@ -54,10 +54,8 @@ class Resource:
     unit: str = ""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name:
-            raise InputError.of("name of a resource", self.name, "a string that is not empty")
-        if not isinstance(self.unit, str):
-            raise InputError.of(f"unit of {self.name}", self.unit, "a string")
+        checks.text("name of a resource", self.name)
+        checks.text(f"unit of {self.name}", self.unit, empty=True)
         clean = {
             "capacity": checks.number(self._field("capacity"), self.capacity, low=0.0, low_open=True),
             "increase": checks.per_agent(
@@ -169,8 +167,9 @@ class Problem:
             return tuple(map(str, range(self.n_agents)))
         # A string alone is no list of names, though it is one of letters.
         names = tuple(given) if checks.axes(given) else ()
-        strings = all(isinstance(name, str) for name in names)
-        if not strings or len(names) != self.n_agents or len(set(names)) != len(names):
+        for i, name in enumerate(names):
+            checks.text(f"agent_names[{i}]", name)
+        if len(names) != self.n_agents or len(set(names)) != len(names):
             raise InputError.of("agent_names", given, f"{self.n_agents} different names")
         return names
 

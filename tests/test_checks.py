@@ -226,3 +226,38 @@ def test_the_exceptions_are_what_callers_expect() -> None:
     assert issubclass(InputError, ValueError)
     assert issubclass(SimulationError, RuntimeError)
     assert str(InputError.of("a", 1, "2")) == "a = 1: must be 2"
+
+
+# -- texts, and what has no room -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value", ["memory", "a b", "Zürich → Genève", "ذاكرة", "a" * 500, "$x^2$"])
+def test_text_takes_names_of_all_scripts(value: str) -> None:
+    assert checks.text("name", value) is value
+
+
+@pytest.mark.parametrize(
+    "value", ["a\nb", "a\rb", "\x1b[2J", "a\x07", "a\x9b2J", "a\x7f", "a\0", "a\u2028b", "a\ud800"]
+)
+def test_text_refuses_what_is_no_letter(value: str) -> None:
+    with pytest.raises(InputError) as caught:
+        checks.text("name", value)
+    assert str(caught.value) == f"name = {value!r}: must be on one line and without control characters"
+
+
+def test_text_refuses_pages_and_what_is_no_string() -> None:
+    with pytest.raises(InputError, match=r"must be at most 500 letters long$"):
+        checks.text("name", "a" * 501)
+    with pytest.raises(InputError, match=r"^name = 5: must be a string that is not empty$"):
+        checks.text("name", 5)
+    with pytest.raises(InputError, match=r"^name = '': must be a string that is not empty$"):
+        checks.text("name", "")
+    assert checks.text("name", "", empty=True) == ""
+
+
+def test_memory_refuses_what_the_machine_has_not() -> None:
+    checks.memory("steps", 5, 1e6, "a byte for each")
+    with pytest.raises(
+        InputError, match=r"^steps = 5: must be less: a byte for each would take 1e\+09 GB, and"
+    ):
+        checks.memory("steps", 5, 1e18, "a byte for each")

@@ -1,6 +1,7 @@
 """`aimd-des validate` and `schema`: files that would run, and what they may say."""
 
 import json
+import time
 from pathlib import Path
 
 import pytest
@@ -137,3 +138,44 @@ def test_a_schema_that_cannot_be_written_is_refused() -> None:
     assert refusal("schema", "--out", "no/such/folder.json") == (
         "no/such/folder.json: cannot be written (No such file or directory)"
     )
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (
+            "until = 5\n" + ".".join(["a"] * 100_000) + " = 1\n",
+            "own.toml:2: a key must have at most 64 parts",
+        ),
+        ("x = { " + ".".join(['"a"'] * 1000) + " = 1 }\n", "own.toml:1: a key must have at most 64 parts"),
+        (f"[{' . '.join(['a'] * 1000)}]\n", "own.toml:1: a key must have at most 64 parts"),
+        (f"until = {'[' * 100}{']' * 100}\n", "own.toml: is nested deeper than 64 tables and lists"),
+        (f"title = '{'a' * 1000}'\nuntil = 5\n", "must be at most 500 letters long"),
+        ('title = "one\\ntwo"\nuntil = 5\n', "must be on one line and without control characters"),
+    ],
+)
+def test_files_have_limits(text: str, sentence: str) -> None:
+    write(text, "own.toml")
+    began = time.monotonic()
+    outcome = invoke("validate", "own.toml")
+    assert time.monotonic() - began < 5.0  # a key of 100,000 parts took minutes
+    assert outcome.exit_code == 2
+    assert sentence in outcome.stderr
+
+
+def test_a_file_of_nothing_but_letters_is_read_in_no_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    letters = "a" * 10**6 + " a." * 63 + ' "' * 10**6
+    write(f"until = 5\n# {letters}\n", "own.toml")
+    began = time.monotonic()
+    assert "the problem = []: must be" in invoke("validate", "own.toml").stderr
+    assert time.monotonic() - began < 5.0
+    monkeypatch.setattr("aimd_des.scenario.file._LARGEST", 1000)
+    assert "own.toml: must be at most 1,000 letters long" in invoke("validate", "own.toml").stderr
+
+
+def test_steps_without_room_are_refused() -> None:
+    write(INLINE.replace("until = 60", 'until = 1e15\ndynamics = "synchronous"'), "own.toml")
+    outcome = invoke("validate", "own.toml")
+    assert outcome.exit_code == 2
+    room = "a byte for each step and resource would take 2e+06 GB"
+    assert outcome.stderr.startswith(f"own.toml: until = 1000000000000000: must be less: {room}")

@@ -140,3 +140,9 @@ def test_what_is_no_setting_is_refused(text: str) -> None:
 
 def test_a_part_in_quotes_keeps_its_dots() -> None:
     assert split_key("a.\"b.c\".'d.e'.0") == ("a", "b.c", "d.e", "0")
+
+
+def test_keys_have_an_end() -> None:
+    assert len(split_key(".".join(["a"] * 64))) == 64
+    with pytest.raises(InputError, match=r"must be of at most 64 parts$"):
+        with_settings(DATA, {".".join(["a"] * 100_000): 1})

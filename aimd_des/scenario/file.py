@@ -7,7 +7,7 @@ from typing import Any
 
 from aimd_des import checks
 from aimd_des.errors import InputError
-from aimd_des.scenario.keys import with_settings
+from aimd_des.scenario.keys import MOST_PARTS, check_depth, with_settings
 from aimd_des.scenario.one_run import Scenario
 from aimd_des.scenario.refusals import Place, validate_scenario
 
@@ -16,6 +16,14 @@ __all__ = ["load_scenario", "read_toml"]
 # Of a line without the spaces around it.  No two parts match the same, or long lines would take for ever.
 _HEADER = re.compile(r"(\[\[?)([^\[\]]+)\]")
 _KEY = re.compile(r"([A-Za-z0-9_.\-\"' ]+)=")
+
+# So many letters hold the costs of some hundred thousand agents.
+_LARGEST = 32 * 10**6
+# The parser takes time and memory with the square of a key's parts: they are counted before.  A match begins
+# where a word does, or long words would take for ever.
+_LONG_KEY = re.compile(
+    rf"""(?<![A-Za-z0-9_-])(?:(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{MOST_PARTS}}}"""
+)
 
 
 def load_scenario(path: str | Path, /, **changes: Any) -> Scenario:
@@ -61,10 +69,10 @@ def read_toml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
     Raises
     ------
     InputError
-        If it cannot be read, or is no TOML.
+        If it cannot be read, is no TOML, or is too large, or nested too deep.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = _text(path)
         data = tomllib.loads(text)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file") from None
@@ -72,7 +80,20 @@ def read_toml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
         raise InputError(f"{path}: cannot be read ({error})") from None
     except (ValueError, RecursionError) as error:  # integers of thousands of digits, too
         raise InputError(f"{path}: is not valid TOML: {error}") from None
+    check_depth(data, str(path))
     return data, _key_lines(text)
+
+
+def _text(path: Path) -> str:
+    """Read a file, unless it is so large, or has such keys, that nobody can have meant it."""
+    with path.open(encoding="utf-8") as file:
+        text = file.read(_LARGEST + 1)
+    if len(text) > _LARGEST:
+        raise InputError(f"{path}: must be at most {_LARGEST:,} letters long; let a model make the problem")
+    if found := _LONG_KEY.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        raise InputError(f"{path}:{line}: a key must have at most {MOST_PARTS} parts")
+    return text
 
 
 def _key_lines(text: str) -> dict[Place, int]:

@@ -7,7 +7,10 @@ from typing import Any
 
 from aimd_des.errors import InputError
 
-__all__ = ["parse_setting", "split_key", "with_settings"]
+__all__ = ["MOST_PARTS", "check_depth", "parse_setting", "split_key", "with_settings"]
+
+#: Parts that a dotted key may have, and how deep tables and lists may be nested.
+MOST_PARTS = 64
 
 # A part of a key: bare, or in quotes as TOML has it.
 _PART = re.compile(r"""\s*(?:"([^"\n]*)"|'([^'\n]*)'|([A-Za-z0-9_-]+))\s*(\.|$)""")
@@ -32,7 +35,7 @@ def split_key(key: str) -> tuple[str, ...]:
     Raises
     ------
     InputError
-        If a part is empty, or holds something that needs quotes.
+        If a part is empty, or holds something that needs quotes, or there are too many of them.
 
     Examples
     --------
@@ -42,6 +45,8 @@ def split_key(key: str) -> tuple[str, ...]:
     parts: list[str] = []
     place, dotted = 0, True
     while dotted:
+        if len(parts) == MOST_PARTS:
+            raise InputError.of("key", key, f"of at most {MOST_PARTS} parts")
         part = _PART.match(key, place)
         if part is None:
             allowed = "names of keys joined by dots, such as channel.latency or resources.0.capacity"
@@ -49,6 +54,30 @@ def split_key(key: str) -> tuple[str, ...]:
         parts.append(next(group for group in part.groups() if group is not None))
         place, dotted = part.end(), part[4] == "."
     return tuple(parts)
+
+
+def check_depth(data: Mapping[str, Any], source: str) -> None:
+    """Refuse data that are nested deeper than anything that a file can mean.
+
+    Parameters
+    ----------
+    data : mapping
+        Tables and lists, as read from TOML.
+    source : str
+        Where they come from, to begin the sentence with.
+
+    Raises
+    ------
+    InputError
+        If they are nested deeper than 64 tables and lists.
+    """
+    level: list[Any] = [data]
+    for _ in range(MOST_PARTS + 1):
+        inside = (part.values() if isinstance(part, Mapping) else part for part in level)
+        level = [item for part in inside for item in part if isinstance(item, Mapping | list)]
+        if not level:
+            return
+    raise InputError(f"{source}: is nested deeper than {MOST_PARTS} tables and lists")
 
 
 def with_settings(data: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -132,6 +132,7 @@ class Scenario(Table):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        checks.text("title", self.title, empty=True)
         checks.number("until", self.until, low=0.0, low_open=True)
         if self.dynamics == "synchronous" and self.until % 1.0:
             raise InputError.of("until", self.until, "a whole number of steps")

@@ -138,6 +138,10 @@ class Axis(StudyTable):
             raise InputError.of("key", self.key, reason)
         if not self.name:
             raise InputError.of("name", self.name, "given: it is the column of the cases")
+        checks.text("name", self.name)
+        for value, _ in self.settings():
+            if isinstance(value, str):
+                checks.text(f"value of axis {self.name!r}", value, empty=True)
         if self.key == "seed" or any("seed" in case for case in (self.cases or {}).values()):
             raise InputError.of(
                 "key",

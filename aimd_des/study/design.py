@@ -141,6 +141,7 @@ class Study(StudyTable):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        checks.text("title", self.title, empty=True)
         checks.integer("replications", self.replications, low=1)
         checks.integer("seed", self.seed, low=0)
         for place, name in enumerate(self.measures or []):
