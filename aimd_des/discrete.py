@@ -19,7 +19,10 @@ from aimd_des.state import State, law_of, start
 from aimd_des.steps import Control, Scratch, Watch, close_books, take_custom_steps, take_steps
 from aimd_des.streams import Purpose
 
-__all__ = ["run_discrete"]
+__all__ = ["check_steps", "run_discrete"]
+
+# Demands that are added up, about, before Python is asked whether Ctrl-C was pressed: a tenth of a second.
+_IN_ONE_GO = 3 * 10**7
 
 
 def run_discrete(
@@ -65,7 +68,7 @@ def run_discrete(
         Once, if a response probability was above 1.
     """
     checks.instance("problem", problem, Problem, "a Problem")
-    steps = checks.integer("steps", steps, low=1)
+    steps = check_steps("steps", steps, problem)
     lag = checks.integer("lag", lag, low=0, high=1)
     key = streams.key(seed, Purpose.RESPONSE)
     if averaging is not None:
@@ -92,12 +95,42 @@ def run_discrete(
     folded, average, gradient = np.zeros((3, m, n))
     scratch = Scratch(folded, average, gradient, np.zeros(n), np.zeros((2, n)))
     if table.n_agents:
-        take_steps(state, law, table, steps, lag, key, control, watch, scratch)
+        block = max(1, _IN_ONE_GO // (n * m))
+        for first in range(0, steps, block):
+            last = min(first + block, steps)
+            take_steps(state, law, table, first, last, lag, key, control, watch, scratch)
     else:
         take_custom_steps(problem.costs, state, law, steps, lag, key, control, watch, scratch)
     close_books(state, law, steps, control, watch)
     signals, observations, account = _outcome(problem, steps, state, control, watch)
     return Result(problem, "discrete", seed, float(steps), signals, observations, account)
+
+
+def check_steps(field: str, steps: object, problem: Problem) -> int:
+    """Refuse a number of steps that is none, or whose signals have no room.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave it.
+    steps : object
+        K.
+    problem : Problem
+        What is shared.
+
+    Returns
+    -------
+    int
+        At least 1.
+
+    Raises
+    ------
+    InputError
+        If it is no integer of at least 1, or a byte for each step and resource does not fit into memory.
+    """
+    clean = checks.integer(field, steps, low=1)
+    checks.memory(field, clean, clean * problem.n_resources, "a byte for each step and resource")
+    return clean
 
 
 def _openwatch_step(recording: Recording, steps: int, n: int, m: int) -> Watch:
@@ -118,7 +151,10 @@ def _outcome(
     problem: Problem, steps: int, state: State, control: Control, watch: Watch
 ) -> tuple[Signals, Observations, Account]:
     step, resource = np.nonzero(control.broadcast)
-    number = np.cumsum(control.broadcast, axis=0)[step, resource] - 1
+    number = np.empty_like(step)
+    for j in range(problem.n_resources):
+        own = resource == j
+        number[own] = np.arange(np.count_nonzero(own))
     signals = Signals(step.astype(np.float64), resource, number)
     sent = signals.counts(problem.n_resources)
     measures = (control.peak, control.above, control.excess, control.used)

@@ -156,6 +156,7 @@ def take_steps(
     state: State,
     law: Law,
     table: CostTable,
+    first: int,
     steps: int,
     lag: int,
     key: Key,
@@ -163,7 +164,7 @@ def take_steps(
     watch: Watch,
     scratch: Scratch,
 ) -> None:
-    """Take all steps in compiled code.
+    """Take some steps, one after the other, in compiled code.
 
     Parameters
     ----------
@@ -173,8 +174,8 @@ def take_steps(
         Parameters of their rule.
     table : CostTable
         The private costs.
-    steps : int
-        K.
+    first, steps : int
+        The first step that is taken, and how many are taken when this is done: K at the end.
     lag : int
         1: a signal acts one step after the excess; 0: in the same step.
     key : tuple of two uint64
@@ -187,7 +188,7 @@ def take_steps(
         Working memory.
     """
     coupled = table.weights.shape[0] > 0
-    for step in range(steps):
+    for step in range(first, steps):
         if _look(state, law, step, lag, control, watch):
             # Averages must be taken before anybody answers: coupled costs read all of them.
             if coupled:

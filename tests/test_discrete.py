@@ -2,6 +2,8 @@
 
 import math
 import re
+import signal
+import time
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -301,3 +303,47 @@ def test_an_event_log_is_refused_where_there_are_no_events() -> None:
     message = r"^recording\.events = True: must be False: the synchronous algorithm has no events$"
     with pytest.raises(InputError, match=message):
         run_discrete(smart_cameras(n_cameras=3), steps=5, seed=0, recording=Recording(events=True))
+
+
+def test_steps_taken_in_blocks_are_the_same_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = random_problem(3, 5, 2)
+    recording = Recording(demand=7.0, allocations=11.0)
+    whole = quietly(run_discrete, problem, steps=1000, seed=4, recording=recording)
+    for entries in (1, 10 * 37, 10 * 500):
+        monkeypatch.setattr("aimd_des.discrete._IN_ONE_GO", entries)
+        assert_same_run(quietly(run_discrete, problem, steps=1000, seed=4, recording=recording), whole)
+    assert (
+        whole.signals.groupby("resource", observed=True)["number"]
+        .apply(lambda b: list(b) == [*range(len(b))])
+        .all()
+    )
+
+
+class PressedError(Exception):
+    """Raised as Ctrl-C raises: from a handler of signals."""
+
+
+def test_many_steps_can_be_interrupted() -> None:
+    problem = quadratic_problem([1.0, 2.0], increase=1e-9)
+    run_discrete(problem, steps=10, seed=0)  # what is compiled is no part of it
+
+    def press(*_: object) -> None:
+        raise PressedError
+
+    earlier = signal.signal(signal.SIGALRM, press)
+    try:
+        began = time.monotonic()
+        signal.setitimer(signal.ITIMER_REAL, 0.2)
+        with pytest.raises(PressedError):
+            run_discrete(problem, steps=10**9, seed=0)
+        assert time.monotonic() - began < 5.0
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, earlier)
+
+
+def test_steps_whose_signals_have_no_room_are_refused() -> None:
+    with pytest.raises(
+        InputError, match=r"^steps = 10{15}: must be less: a byte for each step and resource would"
+    ):
+        run_discrete(quadratic_problem([1.0]), steps=10**15, seed=0)

@@ -1,6 +1,7 @@
 """What a run would refuse, found out without running."""
 
 from aimd_des import streams
+from aimd_des.discrete import check_steps
 from aimd_des.errors import InputError
 from aimd_des.interventions import check_end
 from aimd_des.problem import Problem
@@ -30,6 +31,8 @@ def check_to_run(scenario: Scenario) -> Problem:
     """
     (problem, interventions), recording = scenario.built(), scenario.recording.build()
     synchronous = scenario.dynamics == "synchronous"
+    if synchronous:
+        check_steps("until", int(scenario.until), problem)
     if synchronous and recording.events:
         raise InputError.of("recording.events", True, "false: the synchronous algorithm has no events")
     for look in ("demand", "allocations"):
