@@ -51,6 +51,7 @@ ABOVE_KERNELS = frozenset(
         "scenario",
         "stored",
         "study",
+        "terminal",
         "theory",
         "watch",
     }

@@ -13,7 +13,9 @@ _PATIENCE = 1.0
 
 
 class RunProgress:
-    """A bar with simulated time and events per second, shown where a run is longer than a second.
+    """A bar with simulated time and how much of it passes in a second, shown for runs of a second or more.
+
+    The rate is counted from the first news of the run: before that, code may have been compiled.
 
     Parameters
     ----------
@@ -27,11 +29,12 @@ class RunProgress:
         self._bar = Progress(
             TextColumn("simulated time {task.completed:,.0f} of {task.total:,.0f}"),
             BarColumn(),
-            TextColumn("{task.fields[rate]:,.0f} events/s"),
+            TextColumn("{task.fields[rate]}"),
             TimeRemainingColumn(),
             console=Console(stderr=True),
         )
-        self._task = self._bar.add_task("run", total=until, rate=0.0)
+        self._task = self._bar.add_task("run", total=until, rate="")
+        self._first: tuple[float, float] | None = None
         self._shown = False
 
     def __enter__(self) -> Self:
@@ -51,11 +54,15 @@ class RunProgress:
         now : float
             Simulated time.
         events : int
-            Events handled so far.
+            Events handled so far: they differ with how agents are represented, and say nothing here.
         """
-        elapsed = time.monotonic() - self._began
-        if not self._shown and elapsed > _PATIENCE and now < self._until:
+        clock = time.monotonic()
+        if self._first is None:
+            self._first = clock, now
+        began, start = self._first
+        if not self._shown and clock - self._began > _PATIENCE and now < self._until:
             self._bar.start()
             self._shown = True
         if self._shown:
-            self._bar.update(self._task, completed=now, rate=events / elapsed)
+            rate = f"{(now - start) / (clock - began):,.4g} a second" if clock > began else ""
+            self._bar.update(self._task, completed=now, rate=rate)

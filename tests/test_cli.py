@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import click
 import pytest
@@ -56,12 +57,15 @@ def test_progress_is_shown_where_a_run_takes_its_time(
 ) -> None:
     monkeypatch.setattr("aimd_des.progress._PATIENCE", patience)
     monkeypatch.setenv("COLUMNS", "120")
+    clock = iter([0.0, 40.0, 50.0])  # 40 s of compiling, and 10 s of running
+    monkeypatch.setattr("aimd_des.progress.time", SimpleNamespace(monotonic=lambda: next(clock)))
     with RunProgress(8000.0) as progress:
+        progress.update(500.0, 10_000)
         progress.update(2000.0, 100_000)
     shown = capsys.readouterr()
     assert shown.out == ""
     if patience < 0:
-        assert re.search(r"simulated time 2,000 of 8,000 .* [\d,]+ events/s", shown.err)
+        assert re.search(r"simulated time 2,000 of 8,000 .* 150 a second", shown.err)
     else:
         assert shown.err == ""
 

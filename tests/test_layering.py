@@ -60,6 +60,7 @@ ORDER = [
     "output",
     "stored",
     "progress",
+    "terminal",
     "study",
     "report",
     "watch",

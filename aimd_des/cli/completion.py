@@ -3,6 +3,7 @@
 import click
 from click.shell_completion import get_completion_class
 
+from aimd_des.cli.printing import say
 from aimd_des.cli.refusals import Refusal
 
 __all__ = ["command"]
@@ -29,4 +30,4 @@ def command(context: click.Context, shell: str) -> None:
     found = get_completion_class(shell)
     if found is None:
         raise Refusal(f"shell {shell!r}: this version of click has no completion for it")
-    click.echo(found(context.find_root().command, {}, _PROGRAM, _VARIABLE).source())
+    say(found(context.find_root().command, {}, _PROGRAM, _VARIABLE).source())

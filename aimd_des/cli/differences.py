@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-import click
-
+from aimd_des.cli.printing import say
 from aimd_des.cli.tables import print_table, said
 
 __all__ = ["HEADS", "differences", "flat", "print_differences"]
@@ -26,7 +25,7 @@ def print_differences(found: Sequence[Sequence[str]], none: str) -> None:
     if found:
         print_table("What differs", ["key", *HEADS], found)
     else:
-        click.echo(none)
+        say(none)
 
 
 def differences(first: Any, second: Any) -> list[list[str]]:

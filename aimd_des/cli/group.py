@@ -8,6 +8,9 @@ from typing import Any
 import click
 
 import aimd_des
+from aimd_des.cli.printing import let_go_of_output, say
+from aimd_des.cli.refusals import INTERRUPTED
+from aimd_des.terminal import fit
 
 __all__ = ["main"]
 
@@ -22,7 +25,7 @@ Examples:
   aimd-des list latency
 
 A mistake in a file or an option ends with one sentence and exit code 2; a run
-that cannot go on ends with exit code 1.
+that cannot go on ends with exit code 1, and what Ctrl-C stops with 130.
 """
 
 
@@ -33,7 +36,23 @@ class _Lazy(click.Group):
         """Run the command; what a terminal cannot show is written as a number, and is no reason to stop."""
         if isinstance(sys.stdout, TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")
-        return super().main(*args, **kwargs)
+        try:
+            return super().main(*args, **kwargs)
+        except OSError as failure:  # of files it is told where they are read and written
+            let_go_of_output()
+            say(f"Error: the output cannot be written ({failure.strerror})", err=True)
+            sys.exit(1)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a subcommand, which ends with one sentence whatever stops it."""
+        try:
+            return super().invoke(ctx)
+        except click.ClickException as refusal:
+            refusal.message = fit(refusal.message)  # type: ignore[misc]  # final in some versions
+            raise
+        except KeyboardInterrupt:
+            say("Stopped.", err=True)
+            raise SystemExit(INTERRUPTED) from None
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Name the subcommands in the order of their use."""

@@ -6,6 +6,7 @@ from dataclasses import asdict
 import click
 
 from aimd_des.cli.catalogue import TOPICS, Entry, entries
+from aimd_des.cli.printing import say
 from aimd_des.cli.refusals import refusing
 
 __all__ = ["command"]
@@ -28,7 +29,7 @@ def command(topic: str | None, as_json: bool) -> None:
         found = {name: entries(name) for name in ([topic] if topic else TOPICS)}
     if as_json:
         content = {name: [asdict(entry) for entry in of] for name, of in found.items()}
-        click.echo(json.dumps(content, indent=2))
+        say(json.dumps(content, indent=2))
     elif topic:
         _print_topic(topic, found[topic])
     else:
@@ -40,7 +41,7 @@ def _print_topic(topic: str, found: list[Entry]) -> None:
 
     title = TOPICS[topic].title
     if not found:
-        click.echo(f"{title}: there are none in this folder or on the Python path.")
+        say(f"{title}: there are none in this folder or on the Python path.")
     elif not any(entry.parameters for entry in found):
         print_table(title, ["name", "meaning"], [[entry.name, _plain(entry.meaning)] for entry in found])
     else:

@@ -4,9 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from aimd_des.cli.differences import HEADS, differences, print_differences
+from aimd_des.cli.printing import say
 from aimd_des.cli.studies import chosen_measures
 from aimd_des.cli.tables import interval, plus_minus, print_pairs, print_table, said
 from aimd_des.errors import InputError
@@ -48,13 +47,13 @@ def compare_studies(first: Path, second: Path, measures: Sequence[str] = ()) -> 
     if not shared:
         raise InputError(f"{first} and {second}: no point at which there are runs is in both")
     print_pairs("Two studies", [(HEADS[0], str(first)), (HEADS[1], str(second))])
-    click.echo()
+    say()
     print_differences(differences(one.study.spoken(), other.study.spoken()), "The studies are the same.")
-    click.echo()
-    click.echo(f"Second less first {plus_minus()} half-widths of 95 % confidence intervals")
+    say()
+    say(f"Second less first {plus_minus()} half-widths of 95 % confidence intervals")
     for name in names:
         rows = [[*labels, *_difference(*(group[labels][name] for group in groups))] for labels in shared]
-        click.echo()
+        say()
         print_table(name.replace("_", " "), [*points, *HEADS, "difference", "from"], rows, labels=len(points))
     _print_unmatched(groups, axes)
 
@@ -105,7 +104,7 @@ def _print_unmatched(groups: Sequence[Mapping[tuple[Any, ...], "pd.DataFrame"]],
         alone = list(dict.fromkeys(_point(labels, axes) for labels in own if labels not in its))
         if alone:
             more = f"; and {len(alone) - _MOST_POINTS} more" if len(alone) > _MOST_POINTS else ""
-            click.echo(f"\nOnly in the {word}: {'; '.join(alone[:_MOST_POINTS])}{more}")
+            say(f"\nOnly in the {word}: {'; '.join(alone[:_MOST_POINTS])}{more}")
 
 
 def _point(labels: Sequence[Any], axes: Sequence[str]) -> str:

@@ -39,7 +39,7 @@ def refusing(about: object = "") -> Iterator[None]:
     Refusal
         For an `InputError`: exit code 2.
     click.ClickException
-        For a `SimulationError`: exit code 1.
+        For a `SimulationError`, or where there is not enough memory: exit code 1.
     """
     try:
         yield
@@ -47,6 +47,9 @@ def refusing(about: object = "") -> Iterator[None]:
         raise Refusal(f"{about}: {refusal}" if about else str(refusal)) from None
     except SimulationError as failure:
         raise click.ClickException(str(failure)) from None
+    except MemoryError as failure:
+        words = f"the memory of this machine is too small for it ({failure})".replace(" ()", "")
+        raise click.ClickException(f"{about}: {words}" if about else words) from None
 
 
 @contextmanager

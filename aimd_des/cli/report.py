@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from aimd_des.cli.printing import say
 from aimd_des.cli.refusals import refusing, writing
 
 __all__ = ["command"]
@@ -46,4 +47,4 @@ def command(folder: Path, out: Path | None, overwrite: bool) -> None:
             page = report_run(load_run(folder))
     with writing(path):
         write_page(page, path)
-    click.echo(f"Report in {path}")
+    say(f"Report in {path}")

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import click
 
+from aimd_des.cli.printing import say
 from aimd_des.cli.refusals import refusing, writing
-from aimd_des.cli.settings import changes, set_option
+from aimd_des.cli.settings import changes, check_command, set_option
 
 __all__ = ["command"]
 
@@ -54,6 +55,7 @@ def command(
 
     folder = Path("results") / scenario.stem if out is None else out
     with refusing():
+        check_command(scenario, study=False)
         loaded = load_scenario(scenario, **changes(settings, seed=seed, agents=agents))
     with writing(folder), refusing():
         check_folder(folder, overwrite=overwrite)
@@ -64,4 +66,4 @@ def command(
         write_run(folder, loaded, result, optimum, figures=figures)
     with refusing():
         print_measures("Summary", load_run(folder))
-    click.echo(f"Results in {folder}")
+    say(f"Results in {folder}")

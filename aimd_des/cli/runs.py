@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 from difflib import get_close_matches
 
-import click
-
 from aimd_des.cli.differences import HEADS, differences, print_differences
+from aimd_des.cli.printing import say
 from aimd_des.cli.tables import print_pairs, print_table
 from aimd_des.errors import InputError
 from aimd_des.stored import StoredRun
@@ -38,7 +37,7 @@ def show_run(run: StoredRun, measures: Sequence[str] = ()) -> None:
     pairs = [(key.replace("_", " "), value) for key, value in given.items() if value not in ("", {}, [])]
     versions = ("versions", run.versions)
     print_pairs(f"Run in {run.folder}", [*pairs, *problem, ("digest", run.digest), versions])
-    click.echo()
+    say()
     print_measures("Measures", run, measures)
 
 
@@ -109,10 +108,10 @@ def compare_runs(first: StoredRun, second: StoredRun, measures: Sequence[str] = 
         "The digests are equal: the same events, to the last bit" if equal else "The digests are different",
         [(name, f"{run.folder}\n{run.digest}") for name, run in zip(HEADS, (first, second), strict=True)],
     )
-    click.echo()
+    say()
     found = differences({**first.scenario, **first.versions}, {**second.scenario, **second.versions})
     print_differences(found, "The scenarios and the versions are the same.")
-    click.echo()
+    say()
     rows = [
         [_words(name), resource, *pair, pair[1] - pair[0]]
         for name in names

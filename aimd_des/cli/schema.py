@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from aimd_des.cli.printing import say
 from aimd_des.cli.refusals import writing
 
 __all__ = ["command", "schema_of"]
@@ -29,7 +30,7 @@ def command(kind: str, out: Path | None) -> None:
     """
     text = json.dumps(schema_of(kind), indent=2, ensure_ascii=False) + "\n"
     if out is None:
-        click.echo(text, nl=False)
+        say(text, end=False)
         return
     from aimd_des.study.store import write_file
 

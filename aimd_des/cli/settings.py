@@ -10,12 +10,58 @@ from click.shell_completion import CompletionItem
 
 from aimd_des.errors import InputError
 
-__all__ = ["changes", "set_option"]
+__all__ = ["changes", "check_command", "holds_a_study", "set_option"]
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
+# What a study file has at its top and a scenario file has not.
+_OF_A_STUDY = {"axes", "base", "extends", "precision", "replications", "scenario"}
+
 # Tables are no deeper than this: channel, loss, a number, its kind.
 _DEPTH = 6
+
+
+def holds_a_study(path: Path) -> bool:
+    """Tell files of studies and of scenarios apart.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    bool
+        Whether it has a key that only studies have.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    from aimd_des.scenario.file import read_toml
+
+    return bool(_OF_A_STUDY & set(read_toml(path)[0]))
+
+
+def check_command(path: Path, *, study: bool) -> None:
+    """Refuse the file of a study where that of a scenario is due, and the reverse.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    study : bool
+        Which is due.
+
+    Raises
+    ------
+    InputError
+        Naming the command to use.
+    """
+    if holds_a_study(path) != study:
+        found, command = ("scenario", "run") if study else ("study", "sweep")
+        raise InputError(f"{path}: is the file of a {found}: say aimd-des {command} {path}")
 
 
 def set_option(examples: str) -> Callable[[_Function], _Function]:

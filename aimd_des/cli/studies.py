@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
+from aimd_des.cli.printing import say
 from aimd_des.cli.tables import interval, plus_minus, print_pairs, print_table
 from aimd_des.errors import InputError
 
@@ -90,9 +89,9 @@ def show_study(folder: Path, measures: Sequence[str] = (), by: Sequence[str] = (
     axes = _chosen_axes(results.study, by)
     runs = results.runs
     print_pairs(f"Study in {folder}", _about(results))
-    click.echo()
+    say()
     if runs.empty:
-        click.echo("No run is there yet.")
+        say("No run is there yet.")
     else:
         columns, rows = _means(runs, axes, names)
         title = f"Means {plus_minus()} half-widths of their 95 % confidence intervals"
@@ -150,7 +149,7 @@ def _print_failures(results: "StudyResults") -> None:
     axes = [axis.name for axis in results.study.axes]
     columns = [*axes, "replication", "message"]
     rows = [list(row) for row in failed[columns].head(_MOST_FAILURES).itertuples(index=False)]
-    click.echo()
+    say()
     title = f"Runs that failed: {len(failed):,}"
     if len(failed) > _MOST_FAILURES:
         title += f", the first {_MOST_FAILURES}; all are described in {results.folder / 'failed'}"

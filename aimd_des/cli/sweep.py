@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from aimd_des.cli.printing import say
 from aimd_des.cli.refusals import INTERRUPTED, refusing
-from aimd_des.cli.settings import changes, set_option
+from aimd_des.cli.settings import changes, check_command, set_option
 
 if TYPE_CHECKING:
     from aimd_des.study.design import Study
@@ -72,6 +73,7 @@ def command(
         raise click.UsageError("--workers, --scheduler and --dask-workers exclude each other.")
     folder = Path("results") / study.stem if out is None else out
     with refusing():
+        check_command(study, study=True)
         design = read_study(study, changes(settings))
     if dry_run:
         with refusing(study):
@@ -100,7 +102,7 @@ def command(
                 watch=progress.update,
             )
     except KeyboardInterrupt:
-        click.echo(f"Stopped. To go on: {again}", err=True)
+        say(f"Stopped. To go on: {again}", err=True)
         raise SystemExit(INTERRUPTED) from None
     except OSError as failure:
         kept = f"what is written is kept; to go on: {again}"
@@ -133,7 +135,7 @@ def _list(design: "Study", folder: Path) -> None:
     print_table(design.title or "Points", list(frame.columns), rows, labels=len(design.axes) + 1)
     runs, done, failed = (int(frame[name].sum()) for name in ("replications", "done", "failed"))
     more = "" if design.precision is None else " at least"
-    click.echo(f"{len(frame):,} points, {runs:,} runs{more}: {done:,} are there, {failed:,} have failed")
+    say(f"{len(frame):,} points, {runs:,} runs{more}: {done:,} are there, {failed:,} have failed")
 
 
 def _tell(folder: Path, again: str) -> None:
@@ -143,7 +145,7 @@ def _tell(folder: Path, again: str) -> None:
     results = load_study(folder)
     failed = results.failed
     there = len(results.plan) - len(failed) - len(results.missing)
-    click.echo(f"{there:,} of {len(results.plan):,} runs in {folder}")
+    say(f"{there:,} of {len(results.plan):,} runs in {folder}")
     if len(failed):
         first = failed["message"].iloc[0]
         raise click.ClickException(

@@ -8,7 +8,9 @@ from rich.box import SIMPLE_HEAD
 from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
+
+from aimd_des.cli.printing import styled
+from aimd_des.terminal import fit
 
 __all__ = ["interval", "plus_minus", "print_pairs", "print_table", "said", "shown"]
 
@@ -135,8 +137,8 @@ def print_pairs(title: str, pairs: Sequence[tuple[str, Any]]) -> None:
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
     for name, value in pairs:
-        table.add_row(name, Text(said(value)))
-    console.print(Text(title, style="bold"))
+        table.add_row(styled(name), styled(said(value)))
+    console.print(styled(title, "bold"))
     console.print(table)
 
 
@@ -155,23 +157,24 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]
         How many columns, from the left, say what a row is, as it was set; each part begins with them.
     """
     console = Console()
-    cells = [[*map(said, row[:labels]), *map(shown, row[labels:])] for row in rows]
+    heads = [*map(fit, columns)]
+    cells = [[*map(fit, map(said, row[:labels])), *map(fit, map(shown, row[labels:]))] for row in rows]
     right = [_is_numeric([row[place] for row in rows]) for place in range(len(columns))]
-    console.print(Text(title, style="bold"))
-    for number, part in enumerate(_parts(_least_widths(columns, cells, right), labels, console.width)):
+    console.print(styled(title, "bold"))
+    for number, part in enumerate(_parts(_least_widths(heads, cells, right), labels, console.width)):
         if number:
             console.print()
         table = _table()
         for place in part:
             # A text may be broken, a number may not: 12 in one line and 34 in the next are another number.
             table.add_column(
-                Text(columns[place]),
+                styled(heads[place]),
                 justify="right" if right[place] else "left",
                 overflow="fold",
                 no_wrap=right[place],
             )
         for row in cells:
-            table.add_row(*(Text(row[place]) for place in part))
+            table.add_row(*(styled(row[place]) for place in part))
         console.print(table)
 
 

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import click
 
-__all__ = ["command"]
+from aimd_des.cli.printing import say
+from aimd_des.cli.settings import holds_a_study
 
-# What a study file has at its top and a scenario file has not.
-_OF_A_STUDY = {"axes", "base", "extends", "scenario"}
+__all__ = ["command"]
 
 
 @click.command("validate", short_help="Check files, and run nothing.")
@@ -27,11 +27,11 @@ def command(context: click.Context, files: tuple[Path, ...]) -> None:
     wrong = 0
     for path in files:
         try:
-            click.echo(f"{path}: ok: {_described(path)}")
+            say(f"{path}: ok: {_described(path)}")
         except InputError as refusal:
             wrong += 1
             lines = str(refusal).splitlines()
-            click.echo("\n".join(_about(path, line) for line in lines), err=True)
+            say("\n".join(_about(path, line) for line in lines), err=True)
     if wrong:
         context.exit(2)
 
@@ -43,9 +43,7 @@ def _about(path: Path, sentence: str) -> str:
 
 def _described(path: Path) -> str:
     """Say what a file holds, once it has been checked."""
-    from aimd_des.scenario.file import read_toml
-
-    if _OF_A_STUDY & set(read_toml(path)[0]):
+    if holds_a_study(path):
         return _study(path)
     from aimd_des.scenario import load_scenario
     from aimd_des.scenario.feasible import check_to_run

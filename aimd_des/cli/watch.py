@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from aimd_des.cli.printing import say
 from aimd_des.cli.refusals import INTERRUPTED, refusing
-from aimd_des.cli.settings import changes, set_option
+from aimd_des.cli.settings import changes, check_command, set_option
 
 if TYPE_CHECKING:
     from aimd_des.scenario import Scenario
@@ -44,6 +45,7 @@ def command(
     from aimd_des.scenario import load_scenario
 
     with refusing():
+        check_command(scenario, study=False)
         loaded = load_scenario(scenario, **changes(settings, until=until, seed=seed))
     with refusing(scenario):
         _watch(loaded, speed)
@@ -60,9 +62,9 @@ def _watch(scenario: "Scenario", speed: float | None) -> None:
             result = scenario.run(processes=[looker.process])
             view.end(last_look(result))
     except KeyboardInterrupt:
-        click.echo(f"Stopped at time {looker.reached:,.6g} of {scenario.until:,.6g}.", err=True)
+        say(f"Stopped at time {looker.reached:,.6g} of {scenario.until:,.6g}.", err=True)
         raise SystemExit(INTERRUPTED) from None
-    click.echo(f"digest {result.digest}")
+    say(f"digest {result.digest}")
 
 
 def _view(scenario: "Scenario") -> "View":
@@ -74,4 +76,4 @@ def _view(scenario: "Scenario") -> "View":
     problem, console = scenario.problem(), Console()
     if console.is_terminal:
         return LiveView(problem, scenario.until, scenario.title, console)
-    return PlainView(problem, scenario.until, click.echo)
+    return PlainView(problem, scenario.until, say)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from importlib import import_module
-from multiprocessing import get_all_start_methods, get_context, parent_process
+from multiprocessing import forkserver, get_all_start_methods, get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Any, Protocol
 
@@ -61,6 +61,8 @@ class Processes:
         self._context: Any = get_context(method)
         if method == "forkserver":
             self._context.set_forkserver_preload(["aimd_des.study.worker"])
+            with _deaf():
+                forkserver.ensure_running()
         # Nothing is ever sent: workers see when this end of it is gone.
         self._ear, self._leash = self._context.Pipe(duplex=False)
 
@@ -106,6 +108,21 @@ class Processes:
     def end_at_once(self) -> None:
         """End all processes, whatever they are doing."""
         self._leash.close()
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Make what is started here deaf to Ctrl-C, which is for the parent; it hears it afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):  # on Windows
+        yield
+        return
+    # Whoever starts it starts this before, and hears again when that is done.
+    resource_tracker.ensure_running()
+    earlier = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, earlier)
 
 
 def _begin(ear: Connection) -> None:
@@ -189,12 +206,9 @@ def dask_executor(address: str | None = None, workers: int | None = None) -> Ite
     except ImportError:
         raise InputError("Dask is not installed: install 'aimd-des[dask]'") from None
     if address is None:
-        with (
-            distributed.LocalCluster(
-                n_workers=workers, threads_per_worker=1, dashboard_address=None
-            ) as cluster,
-            distributed.Client(cluster) as client,
-        ):
+        with _deaf():
+            made = distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+        with made as cluster, distributed.Client(cluster) as client:
             yield client.get_executor(pure=False), workers or len(cluster.workers)
         return
     try:

@@ -16,6 +16,7 @@ from rich.text import Text
 
 from aimd_des.plots.style import colour, resource_label
 from aimd_des.problem import Problem
+from aimd_des.terminal import fit
 from aimd_des.watch.looks import Look
 
 __all__ = ["LiveView", "PlainView", "View", "sparkline"]
@@ -217,7 +218,8 @@ class LiveView:
     def _picture(self) -> Group:
         """Put together what is shown, as wide as the terminal allows."""
         look, plain = self._past[-1], self._console.options.ascii_only
-        names = max(cell_len(name) for name in ("resource", *self._problem.resource_names))
+        resources = [*map(fit, self._problem.resource_names)]
+        names = max(cell_len(name) for name in ("resource", *resources))
         left = self._console.width - _NUMBERS - names
         curve = left >= 2 * _NARROWEST
         width = int(np.clip(left // 2 if curve else left, _NARROWEST, _BROADEST))
@@ -229,7 +231,7 @@ class LiveView:
             table.add_column("last looks", no_wrap=True)
         for title in ("signals", "used", "misalloc."):
             table.add_column(title, justify="right", no_wrap=True)
-        for j, name in enumerate(self._problem.resource_names):
+        for j, name in enumerate(resources):
             past = [float(one.demand[j] / one.capacity[j]) for one in list(self._past)[-width:]]
             table.add_row(
                 Text(name),
@@ -247,7 +249,7 @@ class LiveView:
         clock = Table.grid(padding=(0, 1))
         bar = ProgressBar(total=self._until, completed=look.time, width=20)
         clock.add_row(Text(f"time {look.time:,.6g} of {self._until:,.6g}"), bar)
-        return [*([Text(self._title, style="bold")] if self._title else []), clock]
+        return [*([Text(fit(self._title), style="bold")] if self._title else []), clock]
 
 
 def _style(resource: int) -> str:

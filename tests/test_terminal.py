@@ -1,0 +1,198 @@
+"""What the command prints, and how it stops: no text steers a terminal, no Ctrl-C ends in a traceback."""
+
+import ast
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from aimd_des.terminal import fit
+from tests.command_line import invoke, refusal, run, runner, said, write
+from tests.conftest import INLINE, ROOT
+
+pytestmark = pytest.mark.usefixtures("own_folder")
+
+STEERING = [
+    "\x1b[2J",
+    "\x1b]0;title\x07",
+    "\x9b2J",
+    "\x07",
+    "\x7f",
+    "\r",
+    "\u202e",
+    "\u2066",
+    "\u200f",
+    "\u2028",
+    "\b",
+]
+
+
+# -- texts -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sign", STEERING)
+def test_signs_that_steer_are_shown_as_escapes(sign: str) -> None:
+    shown = fit(f"a{sign}b")
+    assert shown.isprintable()
+    assert shown.startswith("a\\")
+    assert shown.endswith("b")
+    assert shown.encode("ascii").decode("unicode_escape") == f"a{sign}b"
+
+
+def test_letters_of_all_scripts_and_lines_stay() -> None:
+    text = "Zürich → Genève\n\tذاكرة 内存 $x^2$ \\x1b"
+    assert fit(text) == text
+
+
+@pytest.mark.parametrize("sign", STEERING)
+def test_a_folder_cannot_steer_the_terminal(sign: str) -> None:
+    """Names are refused where they enter, but a folder may come from anywhere."""
+    write()
+    assert run("five.toml", "--out", "out").exit_code == 0
+    stored = Path("out", "scenario.toml")
+    quoted = json.dumps(f"a{sign}b").replace("\\u007f", "\x7f")
+    text = re.sub(
+        "^title = .*", lambda _: f"title = {quoted}", stored.read_text(encoding="utf-8"), flags=re.M
+    )
+    stored.write_text(text, encoding="utf-8")
+    provenance = json.loads(Path("out", "run.json").read_text(encoding="utf-8"))
+    provenance["digest"] = f"0{sign}0"
+    provenance["versions"] = {f"py{sign}thon": f"3{sign}"}
+    Path("out", "run.json").write_text(json.dumps(provenance), encoding="utf-8")
+    out = invoke("show", "out").output
+    assert [letter for letter in out if not letter.isprintable() and letter != "\n"] == []
+    assert "a\\" in out or "is damaged" in out  # DEL is no TOML
+
+
+def test_errors_cannot_steer_the_terminal() -> None:
+    write("until = 5\n", "\x1b[2J.toml")
+    for command in ("run", "watch", "validate", "sweep"):
+        outcome = invoke(command, "\x1b[2J.toml")
+        assert outcome.exit_code == 2
+        assert "\\x1b[2J.toml" in outcome.stderr
+        assert "\x1b" not in outcome.output
+
+
+def test_brackets_of_a_name_are_no_markup() -> None:
+    write(
+        'base = "five.toml"\n[[axes]]\nname = "[bold]loss[/bold]"\nkey = "channel.loss"\nvalues = [0.0]\n',
+        "s.toml",
+    )
+    write()
+    out = said("sweep", "s.toml", "--dry-run")
+    assert "[bold]loss[/bold]" in out
+
+
+def test_all_printing_of_the_commands_goes_one_way() -> None:
+    """`say` and `styled` make texts fit; nothing else of the commands writes, or makes a text for rich."""
+    for path in (ROOT / "aimd_des" / "cli").glob("*.py"):
+        called = {
+            ast.unparse(node.func)
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.Call)
+        }
+        others = {"click.echo", "click.secho", "print", "Text", "sys.stdout.write", "sys.stderr.write"}
+        assert not called & others or path.name == "printing.py", path
+
+
+# -- which command ---------------------------------------------------------------------------------------
+
+
+def test_the_command_to_use_is_told() -> None:
+    write()
+    write('base = "five.toml"\nreplications = 2\n', "study.toml")
+    for command in ("run", "watch"):
+        assert (
+            refusal(command, "study.toml")
+            == "study.toml: is the file of a study: say aimd-des sweep study.toml"
+        )
+    assert refusal("sweep", "five.toml") == "five.toml: is the file of a scenario: say aimd-des run five.toml"
+
+
+# -- how it stops ----------------------------------------------------------------------------------------
+
+COMMAND = [sys.executable, "-m", "aimd_des"]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
+def test_what_stops_a_command_is_said_in_a_sentence(
+    error: type[BaseException], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("aimd_des.scenario.Scenario.run", stop)
+    write()
+    outcome = runner().invoke(sys.modules["aimd_des.cli"].main, ["run", "five.toml", "--out", "out"])
+    code, sentence = {
+        KeyboardInterrupt: (130, "Stopped.\n"),
+        MemoryError: (1, "Error: five.toml: the memory of this machine is too small for it\n"),
+    }[error]
+    assert (outcome.exit_code, outcome.stderr) == (code, sentence)
+    assert not Path("out").exists()
+
+
+@pytest.mark.parametrize("times", [1, 2])
+@pytest.mark.parametrize("module", ["click", "aimd_des.scenario", "numpy._core.getlimits", "numba"])
+def test_ctrl_c_while_something_is_imported_ends_with_a_sentence(module: str, times: int) -> None:
+    write()
+    program = (
+        "import os, signal, sys\n"
+        "class Press:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        f"        if name == {module!r}:\n"
+        f"            for _ in range({times}):\n"
+        "                os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Press())\n"
+        "sys.argv = ['aimd-des', 'run', 'five.toml', '--out', 'out']\n"
+        "from aimd_des.__main__ import main\n"
+        "main()\n"
+    )
+    outcome = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert (outcome.returncode, outcome.stderr) == (130, "Stopped.\n")
+    assert not Path("out").exists()
+
+
+def test_ctrl_c_during_a_run_leaves_nothing() -> None:
+    write(INLINE.replace("until = 60", "until = 1e7"))
+    command = [*COMMAND, "run", "five.toml", "--out", "out"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
+        time.sleep(3.0)
+        process.send_signal(signal.SIGINT)
+        _, rest = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert rest.splitlines()[-1] == "Stopped."
+    assert "Traceback" not in rest
+    assert [str(path) for path in Path().iterdir()] == ["five.toml"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+@pytest.mark.parametrize("arguments", [["--help"], ["show", "out"], ["list", "loss"]])
+def test_an_output_that_is_full_is_told(arguments: list[str]) -> None:
+    write()
+    assert run("five.toml", "--out", "out").exit_code == 0
+    with Path("/dev/full").open("w") as full:
+        outcome = subprocess.run(
+            [*COMMAND, *arguments],
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert outcome.returncode == 1
+    assert outcome.stderr == "Error: the output cannot be written (No space left on device)\n"
