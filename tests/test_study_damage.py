@@ -222,6 +222,18 @@ def test_what_says_which_study_it_is_can_be_made_anew(
     assert contents(copy) == contents(whole.folder)
 
 
+def test_a_study_without_its_manifest_keeps_its_columns(whole: StudyResults, copy: Path) -> None:
+    (copy / "manifest.json").unlink()
+    before = contents(copy)
+    with pytest.raises(InputError, match="measures of the study"):
+        in_a_thread(design(axes=AXES, measures=["signals"]), copy)
+    with pytest.raises(InputError, match=r"axes of the study = \['latency', 'kind'\]"):
+        in_a_thread(design(), copy)
+    with pytest.raises(InputError, match="the scenario or the seed at"):
+        in_a_thread(design(axes=AXES, seed=1), copy)
+    assert contents(copy) == before
+
+
 def test_a_damaged_study_can_be_removed_and_that_of_others_cannot(whole: StudyResults, copy: Path) -> None:
     (copy / "manifest.json").write_text("{")
     in_a_thread(whole.study, copy, overwrite=True)

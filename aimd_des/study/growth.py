@@ -11,11 +11,12 @@ import aimd_des
 from aimd_des.errors import InputError
 from aimd_des.scenario.refusals import checked
 from aimd_des.study.design import Study, shown_labels
+from aimd_des.study.file import read_study
 from aimd_des.study.fingerprint import FORM, fingerprint
 from aimd_des.study.measure import plan_schema, run_schema
 from aimd_des.study.points import Point, Run, expand, run_of
 from aimd_des.study.schedule import Schedule
-from aimd_des.study.store import Store
+from aimd_des.study.store import STUDY_FILE, Store
 
 __all__ = ["digests_of", "earlier_replications", "plan_table", "planned"]
 
@@ -72,15 +73,17 @@ def earlier_replications(store: Store, study: Study, points: Sequence[Point]) ->
         If the folder has runs that would be no part of the study, or that lack something.
     """
     manifest, plan = store.manifest(), store.plan()
-    if plan is None:
+    if manifest is None and plan is None:
         return {}
     if manifest is not None:
-        _hold_against(store, manifest, study)
-    names = [axis.name for axis in study.axes]
-    columns = plan.column_names[: -len(_LABELS)]
-    if columns != names:
-        raise InputError.of("axes of the study", names, f"{columns}, as its folder has them", _REMEDY)
-    counts = _counts(plan.to_pylist(), study, points)
+        version, wanted = manifest["result_version"], aimd_des.RESULT_VERSION
+        if version != wanted:
+            allowed = f"{wanted}, that of the results of this version of aimd_des"
+            raise InputError.of(f"result version of {store.folder}", version, allowed, _REMEDY)
+        _hold_against(checked(Study, manifest["study"], str(store.folder / "manifest.json")), study)
+    elif (file := store.folder / STUDY_FILE).is_file():
+        _hold_against(read_study(file), study)
+    counts = {} if plan is None else _counts(plan, study, points)
     digests = (manifest or {}).get("digests", {})
     if digests.get("form") == FORM:
         _hold_problems_against(digests["problems"], points)
@@ -93,12 +96,8 @@ def earlier_replications(store: Store, study: Study, points: Sequence[Point]) ->
     return counts
 
 
-def _hold_against(store: Store, manifest: dict[str, Any], study: Study) -> None:
-    """Refuse a study whose runs would not be those of the folder, or would have other columns."""
-    if manifest["result_version"] != aimd_des.RESULT_VERSION:
-        reason = f"{aimd_des.RESULT_VERSION}, that of the results of this version of aimd_des"
-        raise InputError.of(f"result version of {store.folder}", manifest["result_version"], reason, _REMEDY)
-    earlier = checked(Study, manifest["study"], str(store.folder / "manifest.json"))
+def _hold_against(earlier: Study, study: Study) -> None:
+    """Refuse a study whose runs would have other columns than those of the folder."""
     for name in ("columns", "keep"):
         old, new = (
             sorted(getattr(one, name)() if name == "columns" else one.keep) for one in (earlier, study)
@@ -143,11 +142,15 @@ def _hold_problems_against(earlier: dict[str, Any], points: Sequence[Point]) -> 
             )
 
 
-def _counts(rows: list[dict[str, Any]], study: Study, points: Sequence[Point]) -> dict[str, int]:
+def _counts(plan: pa.Table, study: Study, points: Sequence[Point]) -> dict[str, int]:
+    names = [axis.name for axis in study.axes]
+    columns = plan.column_names[: -len(_LABELS)]
+    if columns != names:
+        raise InputError.of("axes of the study", names, f"{columns}, as its folder has them", _REMEDY)
     by_name = {point.name: point for point in points}
     at_most = study.replications if study.precision is None else study.precision.at_most
     counts: dict[str, int] = {}
-    for row in rows:
+    for row in plan.to_pylist():
         shown = ", ".join(f"{axis.name} = {row[axis.name]}" for axis in study.axes) or "the scenario"
         point = by_name.get(row["point"])
         if point is None:

@@ -122,11 +122,15 @@ class Store:
             )
         return content, sealed
 
-    def _table(self, name: str, content: bytes, remedy: str) -> pa.Table:
+    def _table(self, name: str, remedy: str) -> pa.Table:
+        """Read a Parquet file; what has no checksum is looked at as a whole."""
+        content, sealed = self._content(name, remedy)
         try:
             # One small file after the other: threads would take longer to begin than to read.
             with pq.ParquetFile(pa.BufferReader(content)) as file:
                 table: pa.Table = file.read(use_threads=False)
+            if not sealed:
+                table.validate(full=True)
         except Exception as error:  # noqa: BLE001 - whatever damage makes of it
             raise InputError(f"{self.folder / name}: cannot be read ({error}); {remedy}") from None
         return table
@@ -152,7 +156,7 @@ class Store:
             If there is no such file, or it is damaged, or that of something else.
         """
         name = self.name("runs", key)
-        table = self._table(name, self._content(name, AGAIN)[0], AGAIN)
+        table = self._table(name, AGAIN)
         metadata = table.schema.metadata
         try:
             table = table.replace_schema_metadata(None).cast(schema)
@@ -184,7 +188,7 @@ class Store:
             If there is no such file, or it is damaged, or that of something else.
         """
         name = self.name(kind, key)
-        table = self._table(name, self._content(name, AGAIN)[0], AGAIN).replace_schema_metadata(None)
+        table = self._table(name, AGAIN).replace_schema_metadata(None)
         self._hold_against(key, name, table)
         return table
 
@@ -244,11 +248,10 @@ class Store:
             if not self._exists("runs", key) and self._exists("failed", key):
                 self.failure(key)
                 return ""
-            self.run(key, schema)
-            for kind in keep:
-                # What fits its checksum need not be taken apart.
+            for kind in ("runs", *keep):
+                # What fits its checksum need not be taken apart: there may be thousands.
                 if not self._content(self.name(kind, key), AGAIN)[1]:
-                    self.frame(kind, key)
+                    _ = self.run(key, schema) if kind == "runs" else self.frame(kind, key)
         except InputError as damage:
             return str(damage)
         return ""
@@ -319,7 +322,7 @@ class Store:
         name = _FILES[2]
         if not (self.folder / name).is_file():
             return None
-        return self._table(name, self._content(name, _ANEW)[0], _ANEW).replace_schema_metadata(None)
+        return self._table(name, _ANEW).replace_schema_metadata(None)
 
     @contextmanager
     def taken(self, *, overwrite: bool) -> Iterator[None]:
