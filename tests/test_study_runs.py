@@ -530,7 +530,8 @@ os.fsync = slow
 KILLER = """
 import os, random, signal, sys, time, tomllib
 import slow_disk
-from multiprocessing import forkserver
+from contextlib import suppress
+from multiprocessing import forkserver, resource_tracker
 from pathlib import Path
 from aimd_des.study import Study, run_study
 
@@ -562,9 +563,8 @@ def sweep():
 study = Study.model_validate(tomllib.loads(Path("study.toml").read_text()))
 forkserver.set_forkserver_preload(["slow_disk", "aimd_des.study.worker"])
 forkserver.ensure_running()
-while len(ours()) < 3 and Path("/proc/self/environ").exists():  # this one, the server, and its tracker
-    time.sleep(0.1)
-alone, rng, child = set(ours()), random.Random(1), None
+alone = {os.getpid(), forkserver._forkserver._forkserver_pid, resource_tracker._resource_tracker._pid}
+rng, child = random.Random(1), None
 for _ in range(int(sys.argv[1])):
     enough, child = there() + rng.randint(1, 6), child or sweep()
     while there() < enough and os.waitpid(child, os.WNOHANG) == (0, 0):
@@ -573,7 +573,8 @@ for _ in range(int(sys.argv[1])):
     workers = [one for one in ours() if one not in alone and one != child]
     # One that is the only worker may have a run for the last time.
     if len(workers) == 2 and rng.random() < 0.5:
-        os.kill(rng.choice(workers), signal.SIGKILL)
+        with suppress(ProcessLookupError):  # it has just ended
+            os.kill(rng.choice(workers), signal.SIGKILL)
         print("worker", there(), 0, half(), flush=True)
         continue
     os.kill(child, signal.SIGKILL)
