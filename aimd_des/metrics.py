@@ -160,8 +160,10 @@ def utilisation(average: FloatArray, capacity: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray, shape (..., m)
-        A pure number.
+        A pure number; NaN where there is no agent.
     """
+    if not average.shape[-2]:
+        return np.full((*average.shape[:-2], len(capacity)), np.nan)
     return np.asarray(average.sum(axis=-2) / capacity)
 
 

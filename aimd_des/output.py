@@ -10,9 +10,12 @@ from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+
 import aimd_des
 from aimd_des.errors import InputError
-from aimd_des.optimum import Optimum
+from aimd_des.frames import categorical
 from aimd_des.results import Result
 from aimd_des.scenario import Scenario
 
@@ -123,9 +126,7 @@ def library_versions() -> dict[str, str]:
     return {"aimd_des": aimd_des.__version__, "python": platform.python_version(), **libraries}
 
 
-def write_run(
-    folder: Path, scenario: Scenario, result: Result, optimum: Optimum, *, figures: bool = True
-) -> None:
+def write_run(folder: Path, scenario: Scenario, result: Result, *, figures: bool = True) -> None:
     """Write everything about a run.
 
     Parameters
@@ -136,20 +137,18 @@ def write_run(
         What was run.
     result : Result
         What came out.
-    optimum : Optimum
-        The centralised solution of the run's problem.
     figures : bool
         Whether to draw.
     """
     with new_folder(folder) as place:
         (place / "scenario.toml").write_text(scenario.resolved().to_toml(), encoding="utf-8")
-        result.summary(optimum).to_csv(place / "summary.csv")
-        for name in ("signals", "demand", "allocations", *(["events"] if result.log else [])):
-            getattr(result, name).to_parquet(place / f"{name}.parquet", index=False)
+        result.summary().to_csv(place / "summary.csv")
+        for name, frame in _frames(result).items():
+            frame.to_parquet(place / f"{name}.parquet", index=False)
         if figures:
             from aimd_des.plots import paper_figures
 
-            for name, figure in paper_figures([result], optimum).items():
+            for name, figure in paper_figures(result).items():
                 figure.savefig(place / f"{name}.png", dpi=160)
         provenance = {
             "digest": result.digest,
@@ -157,3 +156,39 @@ def write_run(
             "versions": library_versions(),
         }
         (place / PROVENANCE).write_text(json.dumps(provenance, indent=2) + "\n", encoding="utf-8")
+
+
+def _frames(result: Result) -> dict[str, pd.DataFrame]:
+    """Give the frames of a run, with what holds for it at the end and cannot be seen from them."""
+    names = ("signals", "demand", "allocations", *(["events"] if result.log else []))
+    return {
+        **{name: getattr(result, name) for name in names},
+        "capacity": _capacities(result),
+        "optimum": _optimum(result),
+    }
+
+
+def _capacities(result: Result) -> pd.DataFrame:
+    """Tell since when each resource has had which capacity."""
+    rows: list[tuple[float, int, float]] = []
+    last = np.full(result.problem.n_resources, np.nan)
+    for piece in result.history:
+        changed = np.flatnonzero(piece.capacity != last).tolist()
+        rows += [(piece.start, j, float(piece.capacity[j])) for j in changed]
+        last = piece.capacity
+    time, resource, capacity = zip(*rows, strict=True)
+    names = categorical(np.array(resource), result.problem.resource_names)
+    return pd.DataFrame({"time": time, "resource": names, "capacity": capacity})
+
+
+def _optimum(result: Result) -> pd.DataFrame:
+    """Tell what each agent that is here at the end should hold."""
+    here, m = np.flatnonzero(result.history[-1].present), result.problem.n_resources
+    best = np.empty((0, m)) if result.optimum is None else result.optimum.allocation
+    return pd.DataFrame(
+        {
+            "camera": categorical(np.tile(here, m), result.problem.agent_names),
+            "resource": categorical(np.repeat(np.arange(m), len(here)), result.problem.resource_names),
+            "allocation": best.T.ravel(),
+        }
+    )

@@ -5,6 +5,7 @@ average are in the units of the resource, times in steps or units of time.
 """
 
 import warnings
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from functools import cache, cached_property
 from hashlib import sha256
@@ -26,6 +27,9 @@ from aimd_des.recording import Account, Observations, Signals
 from aimd_des.tracking import PieceOptima, piece_problem, pieces_frame, tracking_frame
 
 __all__ = ["Result"]
+
+# Measures of the averages of those who are here at the end.
+_OF_THOSE_HERE = {"utilisation", "relative_error", "misallocation", "consensus_spread", "cost_ratio"}
 
 
 class Result:
@@ -169,6 +173,58 @@ class Result:
     def _optima(self) -> PieceOptima:
         return PieceOptima(self.problem)
 
+    @property
+    def optimum(self) -> Optimum | None:
+        """The centralised solution that is in force at the end, for those who are here; None for nobody."""
+        return self.optimum_of(self.history[-1])
+
+    def piece_at(self, time: float) -> Piece:
+        """Look up which problem was in force.
+
+        Parameters
+        ----------
+        time : float
+            When, from 0 on.
+
+        Returns
+        -------
+        Piece
+            One of the history.
+        """
+        return self.history[bisect_right(self.history, time, key=lambda piece: piece.start) - 1]
+
+    def optimum_of(self, piece: Piece, at_end: Optimum | None = None) -> Optimum | None:
+        """Give the optimum that a piece of the run is held against: whoever needs one asks here.
+
+        Parameters
+        ----------
+        piece : Piece
+            One of the history.
+        at_end : Optimum, optional
+            What stands for the optimum of the problem at the end, and of pieces with the same problem.
+
+        Returns
+        -------
+        Optimum or None
+            With the allocations of those who were here; None where nobody was.
+
+        Raises
+        ------
+        InputError
+            If `at_end` is for another number of agents or resources.
+        SimulationError
+            If it is not found.
+        """
+        if at_end is None:
+            return self._optima(piece)
+        last = self.history[-1]
+        shape = (int(last.present.sum()), self.problem.n_resources)
+        if at_end.allocation.shape != shape:
+            allowed = f"{shape}, for those who are here at the end"
+            remedy = "leave it out, and it is solved for"
+            raise InputError.of("shape of optimum.allocation", at_end.allocation.shape, allowed, remedy)
+        return at_end if PieceOptima.key(piece) == PieceOptima.key(last) else self._optima(piece)
+
     @cached_property
     def pieces(self) -> pd.DataFrame:
         """What was in force from one intervention to the next, and what total demand did.
@@ -226,12 +282,12 @@ class Result:
             relative_error, misallocation (relative error against the optimum for the capacities
             actually used), consensus_spread, cost_ratio (of all resources together, repeated),
             overshoot_peak, overshoot_time, overshoot_mean (over the capacity, over all time, and
-            over the capacity).
+            over the capacity).  What is measured of those who are here is NaN where nobody is.
 
         Raises
         ------
         InputError
-            If nobody is here at the end, or the optimum is for another number of agents.
+            If the optimum is for another number of agents.
         """
         return pd.DataFrame(
             self.measures(optimum), index=pd.Index(self.problem.resource_names, name="resource")
@@ -259,25 +315,29 @@ class Result:
         InputError
             As `summary` does.
         """
-        here = self.history[-1].present
-        if not here.any():
-            raise InputError("summary: nobody is here at the end of the run; see pieces and tracking instead")
-        problem, account = piece_problem(self.problem, self.history[-1]), self.account
-        average, overshoot = self.average_at_end[here], self.observations.overshoot
-        if optimum is not None and optimum.allocation.shape != average.shape:
-            allowed = f"{average.shape}, for those who are here at the end"
-            raise InputError.of("shape of optimum.allocation", optimum.allocation.shape, allowed)
-        counts = self.signals_sent.counts(problem.n_resources)
+        last, account, overshoot = self.history[-1], self.account, self.observations.overshoot
+        average, counts = (
+            self.average_at_end[last.present],
+            self.signals_sent.counts(self.problem.n_resources),
+        )
+        if optimum is not None:
+            self.optimum_of(last, optimum)  # refuses one that does not fit, whatever is measured
+
+        @cache
+        def problem() -> Problem:
+            return piece_problem(self.problem, last)
 
         @cache
         def best() -> FloatArray:
-            return (solve_optimum(problem) if optimum is None else optimum).allocation
+            found = self.optimum_of(last, optimum)
+            assert found is not None  # noqa: S101 - asked for where somebody is here
+            return found.allocation
 
         def misallocation() -> FloatArray:
             used = average.sum(axis=0)
             if not (used > 0).all():
-                return np.full(problem.n_resources, np.nan)
-            return metrics.relative_error(average, solve_optimum(problem, capacity=used).allocation)
+                return np.full(len(used), np.nan)
+            return metrics.relative_error(average, solve_optimum(problem(), capacity=used).allocation)
 
         ways: dict[str, Callable[[], Any]] = {
             "signals": lambda: counts,
@@ -288,15 +348,17 @@ class Result:
             "duplicated": lambda: account.duplicated.sum(axis=1),
             "responses": lambda: account.responses.sum(axis=1),
             "saturated": lambda: account.saturated.sum(axis=1),
-            "utilisation": lambda: metrics.utilisation(average, problem.capacity),
+            "utilisation": lambda: metrics.utilisation(average, last.capacity),
             "relative_error": lambda: metrics.relative_error(average, best()),
             "misallocation": misallocation,
-            "consensus_spread": lambda: metrics.consensus_spread(problem.costs, average),
-            "cost_ratio": lambda: np.full(
-                problem.n_resources, metrics.cost_ratio(problem.costs, average, best())
-            ),
+            "consensus_spread": lambda: metrics.consensus_spread(problem().costs, average),
+            "cost_ratio": lambda: np.full(len(counts), metrics.cost_ratio(problem().costs, average, best())),
             "overshoot_peak": lambda: overshoot.peak,
             "overshoot_time": lambda: overshoot.time,
             "overshoot_mean": lambda: overshoot.mean,
         }
-        return {name: ways[name]() for name in (ways if names is None else names)}
+        missing = set() if last.present.any() else _OF_THOSE_HERE
+        return {
+            name: np.full(len(counts), np.nan) if name in missing else ways[name]()
+            for name in (ways if names is None else names)
+        }

@@ -4,8 +4,11 @@ import csv
 import json
 import tomllib
 from dataclasses import dataclass
+from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 from aimd_des import checks
 from aimd_des.errors import InputError
@@ -13,6 +16,8 @@ from aimd_des.errors import InputError
 __all__ = ["StoredRun", "load_run"]
 
 Number = int | float
+
+_REMEDY = "run the scenario again"
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,56 @@ class StoredRun:
     versions: dict[str, str]
     measures: dict[str, dict[str, Number]]
 
+    def has(self, frame: str) -> bool:
+        """Tell whether a frame was written; earlier versions wrote fewer.
+
+        Parameters
+        ----------
+        frame : str
+            Its name.
+
+        Returns
+        -------
+        bool
+            Whether the folder has it.
+        """
+        return (self.folder / f"{frame}.parquet").is_file()
+
+    def frame(self, name: str) -> pd.DataFrame:
+        """Read a frame.
+
+        Parameters
+        ----------
+        name : str
+            Such as "signals".
+
+        Returns
+        -------
+        DataFrame
+            As the run wrote it.
+
+        Raises
+        ------
+        InputError
+            If it is not there, or damaged.
+        """
+        content = _read(self.folder, f"{name}.parquet")
+        try:
+            return pd.read_parquet(BytesIO(content))
+        except Exception as damage:  # noqa: BLE001 - without a checksum, nobody knows what a damaged file does
+            path, cause = self.folder / f"{name}.parquet", " ".join(str(damage).split())
+            raise InputError(f"{path}: is damaged ({cause}); {_REMEDY}") from None
+
+    def source(self) -> str:
+        """Read the scenario.
+
+        Returns
+        -------
+        str
+            As TOML.
+        """
+        return _text(self.folder, "scenario.toml")
+
 
 def load_run(folder: str | Path) -> StoredRun:
     """Read the folder of a run.
@@ -51,7 +106,7 @@ def load_run(folder: str | Path) -> StoredRun:
     Returns
     -------
     StoredRun
-        Without the frames.
+        Its frames are read when they are asked for.
 
     Raises
     ------
@@ -59,7 +114,7 @@ def load_run(folder: str | Path) -> StoredRun:
         If it is no such folder, or a file of it is damaged.
     """
     folder = checks.path("folder", folder)
-    text = {name: _read(folder / name) for name in ("run.json", "scenario.toml", "summary.csv")}
+    text = {name: _text(folder, name) for name in ("run.json", "scenario.toml", "summary.csv")}
     name = "run.json"
     try:
         provenance = json.loads(text[name])
@@ -67,29 +122,34 @@ def load_run(folder: str | Path) -> StoredRun:
         name = "scenario.toml"
         scenario = tomllib.loads(text[name])
         name = "summary.csv"
-        head, *rows = csv.reader(text[name].splitlines(), strict=True)
+        head, *rows = csv.reader(StringIO(text[name], newline=""), strict=True)
         place = head.index("resource")
         measures = {
             row[place]: {key: _number(word) for key, word in zip(head, row, strict=True) if key != "resource"}
             for row in rows
         }
     except (ValueError, KeyError, TypeError, csv.Error, RecursionError) as damage:
-        raise InputError(f"{folder / name}: is damaged ({damage}); run the scenario again") from None
+        raise InputError(f"{folder / name}: is damaged ({damage}); {_REMEDY}") from None
     return StoredRun(folder, scenario, digest, versions, measures)
 
 
-def _read(path: Path) -> str:
+def _read(folder: Path, name: str) -> bytes:
     try:
-        return path.read_text(encoding="utf-8")
+        return (folder / name).read_bytes()
     except FileNotFoundError:
         raise InputError.of(
-            "folder",
-            str(path.parent),
-            "one that aimd-des run or aimd-des sweep wrote",
-            f"it has no {path.name}",
+            "folder", str(folder), "one that aimd-des run or aimd-des sweep wrote", f"it has no {name}"
         ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
+    except OSError as error:
+        raise InputError(f"{folder / name}: cannot be read ({error.strerror}); {_REMEDY}") from None
+
+
+def _text(folder: Path, name: str) -> str:
+    content = _read(folder, name)
+    try:
+        return content.decode()
+    except UnicodeDecodeError as error:
+        raise InputError(f"{folder / name}: cannot be read ({error})") from None
 
 
 def _number(word: str) -> Number:

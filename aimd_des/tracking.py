@@ -15,7 +15,26 @@ from aimd_des.optimum import Optimum, solve_optimum
 from aimd_des.problem import Problem, Resource
 from aimd_des.recording import Observations
 
-__all__ = ["PieceOptima", "piece_problem", "pieces_frame", "tracking_frame"]
+__all__ = ["PieceOptima", "is_unchanged", "piece_problem", "pieces_frame", "tracking_frame"]
+
+
+def is_unchanged(problem: Problem, piece: Piece) -> bool:
+    """Tell whether the problem of a piece is that of the run.
+
+    Parameters
+    ----------
+    problem : Problem
+        The run's.
+    piece : Piece
+        What is in force.
+
+    Returns
+    -------
+    bool
+        Whether capacities and costs are as at the start, and everybody is here.
+    """
+    as_given = piece.costs is problem.costs and bool((piece.capacity == problem.capacity).all())
+    return as_given and bool(piece.present.all())
 
 
 def piece_problem(problem: Problem, piece: Piece) -> Problem:
@@ -33,8 +52,7 @@ def piece_problem(problem: Problem, piece: Piece) -> Problem:
     Problem
         The run's own where nothing has changed.
     """
-    unchanged = piece.costs is problem.costs and bool((piece.capacity == problem.capacity).all())
-    if unchanged and piece.present.all():
+    if is_unchanged(problem, piece):
         return problem
     here = piece.present
     resources = [
@@ -62,6 +80,22 @@ class PieceOptima:
         self.problem = problem
         self._solved: dict[tuple[bytes, bytes, int], Optimum | None] = {}
 
+    @staticmethod
+    def key(piece: Piece) -> tuple[bytes, bytes, int]:
+        """Give what is equal for pieces with the same problem.
+
+        Parameters
+        ----------
+        piece : Piece
+            What was in force.
+
+        Returns
+        -------
+        tuple
+            Of the capacities, those who were here, and the costs.
+        """
+        return piece.capacity.tobytes(), piece.present.tobytes(), id(piece.costs)
+
     def __call__(self, piece: Piece) -> Optimum | None:
         """Solve a piece.
 
@@ -80,7 +114,7 @@ class PieceOptima:
         SimulationError
             If it is not found.
         """
-        key = (piece.capacity.tobytes(), piece.present.tobytes(), id(piece.costs))
+        key = self.key(piece)
         if key not in self._solved:
             anybody = bool(piece.present.any())
             self._solved[key] = solve_optimum(piece_problem(self.problem, piece)) if anybody else None

@@ -18,13 +18,11 @@ from aimd_des.environment import Kind
 from aimd_des.interventions import CapacityProfile, Join, leave
 from aimd_des.latency import Exponential
 from aimd_des.loss import Bernoulli
-from aimd_des.optimum import solve_optimum
 from aimd_des.problem import Problem
 from aimd_des.recording import Recording
 from aimd_des.results import Result
 from aimd_des.simulation import Simulation
 from aimd_des.system import System
-from aimd_des.tracking import piece_problem
 from aimd_des.transport import ProcessGenerator
 from models.ev_charging import Vehicles, capacity_left, daily_base_load, ev_charging, vehicle_schedule
 
@@ -243,8 +241,9 @@ def _expected(case: Case, result: Result, vehicles: Vehicles) -> dict[str, float
     alpha, beta, gamma = problem.increase[0, 0], problem.decrease[0, 0], problem.normalization[0]
     lasted = _lasted(result)
     rates = theory.signal_rate(alpha, beta, gamma, pieces["multiplier"].to_numpy()[lasted > 0.0], loss)
-    piece = [piece for piece in result.history if piece.start <= middle][-1]
-    best = solve_optimum(piece_problem(problem, piece))
+    piece = result.piece_at(middle)
+    best = result.optimum_of(piece)
+    assert best is not None  # noqa: S101 - vehicles are there at midnight
     held = best.allocation[:, 0]
     age = float(middle - vehicles.arrival[piece.present].mean())
     memory = {"time_constant": _MEMORY} if case.forgets else {"window": age}

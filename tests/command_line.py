@@ -18,6 +18,8 @@ TABLES = {
     "signals.parquet",
     "demand.parquet",
     "allocations.parquet",
+    "capacity.parquet",
+    "optimum.parquet",
 }
 
 

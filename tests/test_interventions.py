@@ -183,8 +183,13 @@ def test_nobody_at_all_is_no_end_of_the_world(agents: Any) -> None:
     assert result.pieces["agents"].tolist() == [2, 0, 2]
     assert np.isnan(result.pieces["optimal_cost"].iloc[1])
     empty = run(problem, 20.0, Absence([0, 1], 5.0), agents=agents)
-    with pytest.raises(InputError, match="nobody is here at the end"):
-        empty.summary()
+    # Signals were sent and heard; what is measured of those who are here has no value.
+    summary = empty.summary()
+    missing = ["utilisation", "relative_error", "misallocation", "consensus_spread", "cost_ratio"]
+    assert summary.columns[summary.isna().any()].tolist() == missing
+    assert summary[missing].isna().all(axis=None)
+    assert empty.optimum is None
+    assert list(empty.measures(names=["lost", "utilisation"])) == ["lost", "utilisation"]
 
 
 def test_the_last_of_two_changes_at_one_instant_counts() -> None:

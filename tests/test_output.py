@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from aimd_des import InputError, Result, solve_optimum
+from aimd_des import InputError, Result
 from aimd_des.output import PROVENANCE, check_folder, new_folder, write_run
 from aimd_des.scenario import Scenario, load_scenario
 from aimd_des.stored import load_run
@@ -18,7 +18,9 @@ from tests.conftest import INLINE, quietly
 
 FILES = [
     "allocations.parquet",
+    "capacity.parquet",
     "demand.parquet",
+    "optimum.parquet",
     "run.json",
     "scenario.toml",
     "signals.parquet",
@@ -178,13 +180,12 @@ def result(scenario: Scenario) -> Result:
 
 
 def test_a_run_is_written_as_files_that_anybody_can_read(scenario: Scenario, result: Result) -> None:
-    optimum = solve_optimum(result.problem)
-    write_run(Path("out"), scenario, result, optimum, figures=False)
+    write_run(Path("out"), scenario, result, figures=False)
     assert list(everything(Path("out"))) == FILES
     for name in ("signals", "demand", "allocations"):
         pd.testing.assert_frame_equal(pd.read_parquet(f"out/{name}.parquet"), getattr(result, name))
     summary = pd.read_csv("out/summary.csv", index_col="resource")
-    pd.testing.assert_frame_equal(summary, result.summary(optimum), rtol=1e-15)
+    pd.testing.assert_frame_equal(summary, result.summary(), rtol=1e-15)
     again = load_scenario(Path("out/scenario.toml"))
     assert again == scenario.resolved() == load_scenario("out/scenario.toml")
     assert quietly(again.run).digest == result.digest == load_run("out").digest
@@ -193,13 +194,13 @@ def test_a_run_is_written_as_files_that_anybody_can_read(scenario: Scenario, res
 def test_the_event_log_is_written_if_it_was_kept(scenario: Scenario) -> None:
     asked = scenario.model_copy(update={"recording": scenario.recording.model_copy(update={"events": True})})
     result = asked.run()
-    write_run(Path("out"), asked, result, solve_optimum(result.problem), figures=False)
+    write_run(Path("out"), asked, result, figures=False)
     pd.testing.assert_frame_equal(pd.read_parquet("out/events.parquet"), result.events)
     assert len(result.events) > 100
 
 
 def test_the_provenance_names_digest_seed_and_versions(scenario: Scenario, result: Result) -> None:
-    write_run(Path("out"), scenario, result, solve_optimum(result.problem), figures=False)
+    write_run(Path("out"), scenario, result, figures=False)
     written = json.loads(Path("out", PROVENANCE).read_text(encoding="utf-8"))
     assert (written["digest"], written["seed"]) == (result.digest, 4)
     assert {"aimd_des", "python", "numpy", "scipy", "numba", "simpy", "pandas"} <= set(written["versions"])
@@ -212,8 +213,7 @@ def test_a_run_is_written_whole_or_not_at_all(
     def fail(*args: Any, **kwargs: Any) -> Any:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    optimum = solve_optimum(result.problem)
     monkeypatch.setattr(pd.DataFrame, "to_parquet", fail)
     with pytest.raises(OSError, match="No space left on device"):
-        write_run(Path("out"), scenario, result, optimum, figures=False)
+        write_run(Path("out"), scenario, result, figures=False)
     assert everything(Path()) == {}

@@ -92,7 +92,7 @@ def test_looks_follow_interventions() -> None:
     assert [look.capacity[0] / PROBLEM.capacity[0] for look in seen] == [1.0, 1.0] + [0.5] * 6
     assert seen[4].demand.tolist() == [0.0, 0.0]
     assert np.isnan(last_look(result).misallocation).all()
-    assert last_look(result).utilisation.tolist() == [0.0, 0.0]
+    assert np.isnan(last_look(result).utilisation).all()
 
 
 class Clock:

@@ -43,11 +43,11 @@ def command(
     """Run the system that the file SCENARIO describes, and write what came out.
 
     The folder receives scenario.toml (the run, every value spelled out), summary.csv (a row for
-    each resource), signals.parquet, demand.parquet and allocations.parquet (tidy frames), figures
-    as PNG, and run.json (digest, seed, versions).  The same scenario and seed give the same digest.
+    each resource), signals.parquet, demand.parquet and allocations.parquet (tidy frames), capacity.parquet
+    and optimum.parquet (what they are held against), figures as PNG, and run.json (digest, seed,
+    versions).  The same scenario and seed give the same digest.
     """
     from aimd_des.cli.runs import print_measures
-    from aimd_des.optimum import solve_optimum
     from aimd_des.output import check_folder, write_run
     from aimd_des.progress import RunProgress
     from aimd_des.scenario import load_scenario
@@ -62,8 +62,7 @@ def command(
     with writing(folder), refusing(scenario):
         with RunProgress(loaded.until) as progress:
             result = loaded.run(progress.update)
-        optimum = solve_optimum(result.problem)
-        write_run(folder, loaded, result, optimum, figures=figures)
+        write_run(folder, loaded, result, figures=figures)
     with refusing():
         print_measures("Summary", load_run(folder))
     say(f"Results in {folder}")

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from aimd_des.checks import FloatArray
 from aimd_des.optimum import Optimum
 from aimd_des.plots import selection, style, units
+from aimd_des.plots.in_force import NEVER, Look, measured
 from aimd_des.results import Result
 
 __all__ = ["average_allocations", "derivatives", "instantaneous_allocations"]
@@ -37,7 +38,8 @@ def average_allocations(
     result : Result
         The run, with allocations recorded over time.
     optimum : Optimum, optional
-        Its optimal allocations are drawn as dashed lines.
+        What stands for the optimum of the problem at the end; the one in force at each time unless given.
+        What it gives these agents is drawn as dashed lines, which end where an agent is away.
     agents : array_like of int, shape (q,), optional
         Which agents, the same for all resources; unless given, three for each resource (fewer for
         more than three resources), spread over the ranks of what they hold.
@@ -54,15 +56,15 @@ def average_allocations(
     if len(shown) < 2:
         return style.note(axes, NOT_RECORDED)
     times = seen.allocation_times[shown]
-    for j, chosen in enumerate(_chosen(result, agents, _agents_each(result))):
-        for i in chosen:
+    some, few = _chosen(result, agents, _agents_each(result)), selection.few_looks(result)
+    levels = _levels(result, few, some, optimum)
+    for j, chosen in enumerate(some):
+        for place, i in enumerate(chosen):
             # Row by row: an array of all looks of all agents can be larger than the memory left.
             curve = seen.average[shown, j, i] / scale.divisor[j]
             axes.plot(times, curve, color=style.colour(j), linewidth=1.4)
-            if optimum is not None:
-                level = optimum.allocation[i, j] / scale.divisor[j]
-                axes.axhline(level, color=style.colour(j), linewidth=1.0, linestyle="--", alpha=0.8)
-    style.name_resources(axes, result.problem, "" if optimum is None else "optimum")
+            _reference(axes, seen.allocation_times[few], levels[:, j, place] / scale.divisor[j], j)
+    style.name_resources(axes, result.problem, "optimum")
     axes.set_xlim(times[0], times[-1])
     axes.set_ylim(bottom=0.0)
     style.time_axis(axes, result, log=True)
@@ -122,6 +124,7 @@ def derivatives(axes: Axes, result: Result, optimum: Optimum | None = None) -> A
     result : Result
         The run, with allocations recorded over time.
     optimum : Optimum, optional
+        What stands for the optimum of the problem at the end; the one in force at each time unless given.
         Its multipliers, which all derivatives equal at the optimum, are drawn as dashed lines.
 
     Returns
@@ -136,20 +139,49 @@ def derivatives(axes: Axes, result: Result, optimum: Optimum | None = None) -> A
     if len(shown) < 2:
         return style.note(axes, NOT_RECORDED)
     times = seen.allocation_times[shown]
-    gradient = [problem.costs.gradient(seen.average[look].T) for look in shown]
-    mean = np.array([page.mean(axis=0) for page in gradient])
-    spread = np.array([page.std(axis=0) for page in gradient])
+    m = problem.n_resources
+    mean, spread = np.moveaxis(measured(result, shown, None, _agreement, 2, m), 1, 0)
+    known = mean[np.isfinite(mean).all(axis=1)]
+    if not known.size:
+        return style.note(axes, NEVER)
     _error_bars(axes, times, mean, spread)
-    if units.comparable(mean[-1]):
+    if units.comparable(known[-1]):
         axes.set_ylim(bottom=0.0)
     else:
         axes.set_yscale("log", nonpositive="clip")
-    if optimum is not None:
-        for j, level in enumerate(optimum.multipliers):
-            axes.axhline(level, color=style.colour(j), linewidth=1.0, linestyle="--", alpha=0.8)
-    style.name_resources(axes, problem, "" if optimum is None else "optimum")
+    few = selection.few_looks(result)
+    level = measured(result, few, optimum, lambda look: look.best.multipliers, m)
+    for j in range(m):
+        _reference(axes, seen.allocation_times[few], level[:, j], j)
+    style.name_resources(axes, problem, "optimum")
     style.time_axis(axes, result, log=True)
     return axes
+
+
+def _agreement(look: Look) -> FloatArray:
+    """Measure mean and spread of the derivatives: shape (2, m)."""
+    gradient = look.problem.costs.gradient(look.average)
+    return np.array([gradient.mean(axis=0), gradient.std(axis=0)])
+
+
+def _levels(
+    result: Result, shown: npt.NDArray[np.intp], agents: npt.NDArray[np.intp], optimum: Optimum | None
+) -> FloatArray:
+    """Say what agents, (m, q), should hold at some looks: shape (looks, m, q)."""
+
+    def level(look: Look) -> FloatArray:
+        place = np.cumsum(look.present) - 1
+        resource = np.arange(len(agents))[:, None]
+        return np.where(look.present[agents], look.best.allocation[place[agents], resource], np.nan)
+
+    return measured(result, shown, optimum, level, *agents.shape)
+
+
+def _reference(axes: Axes, times: FloatArray, level: FloatArray, resource: int) -> None:
+    """Draw what an optimum says as a dashed line, with a step wherever another one comes into force."""
+    axes.plot(
+        times, level, "--", color=style.colour(resource), linewidth=1.0, alpha=0.8, drawstyle="steps-post"
+    )
 
 
 def _error_bars(axes: Axes, times: FloatArray, mean: FloatArray, spread: FloatArray) -> None:

@@ -12,6 +12,7 @@ from aimd_des.errors import InputError
 from aimd_des.optimum import Optimum, solve_optimum
 from aimd_des.plots import selection, style
 from aimd_des.plots.allocations import NOT_RECORDED
+from aimd_des.plots.in_force import NEVER, NOBODY, Look, measured
 from aimd_des.results import Result
 
 __all__ = ["averages_against_optimum", "consensus", "error_decay"]
@@ -21,7 +22,7 @@ _DECAY_LOOKS = 30
 _MEASURES = {"misallocation": "misallocation", "relative_error": "relative error"}
 
 
-def averages_against_optimum(axes: Axes, result: Result, optimum: Optimum, resource: int) -> Axes:
+def averages_against_optimum(axes: Axes, result: Result, optimum: Optimum | None, resource: int) -> Axes:
     """Draw what each agent holds on average at the end against what it should hold.
 
     On the line, an agent holds its optimal allocation; above it, more.
@@ -32,8 +33,8 @@ def averages_against_optimum(axes: Axes, result: Result, optimum: Optimum, resou
         Where to draw.
     result : Result
         The run.
-    optimum : Optimum
-        The centralised solution, for those who are here at the end.
+    optimum : Optimum or None
+        The centralised solution, for those who are here at the end; None: the one in force.
     resource : int
         j, counted from 0.
 
@@ -51,20 +52,25 @@ def averages_against_optimum(axes: Axes, result: Result, optimum: Optimum, resou
     shared = result.problem.resources[resource]
     axes.set_xlabel(style.axis_label("optimal allocation", shared.unit))
     axes.set_ylabel(style.axis_label("average", shared.unit))
-    average = result.average_at_end[result.history[-1].present, resource]
-    if not average.size:
-        return style.note(axes, "Nobody is here at the end of the run.")
-    best = optimum.allocation[:, resource]
-    if best.shape != average.shape:
-        allowed = f"{average.shape}, for those who are here at the end"
-        raise InputError.of("shape of the optimum", best.shape, allowed)
+    last = result.history[-1]
+    found = result.optimum_of(last, optimum if last.present.any() else None)
+    if found is None:
+        return style.note(axes, NOBODY)
+    average, best = result.average_at_end[last.present, resource], found.allocation[:, resource]
     size = float(np.clip(2000.0 / len(best), 4.0, 30.0))
     axes.scatter(best, average, size, style.colour(resource), alpha=0.8, linewidths=0.0)
     low, high = float(min(best.min(), average.min())), float(max(best.max(), average.max()))
     margin = 0.05 * (high - low) or 0.05 * high or 1.0
     ends = (low - margin, high + margin)
     axes.plot(ends, ends, "--", color=style.REFERENCE, linewidth=1.2, label="optimum")
-    axes.plot([], [], "o", color=style.colour(resource), markersize=4.5, label=f"an agent's {shared.name}")
+    axes.plot(
+        [],
+        [],
+        "o",
+        color=style.colour(resource),
+        markersize=4.5,
+        label=f"an agent's {shared.name}",
+    )
     axes.set_xlim(ends)
     axes.set_ylim(ends)
     axes.set_aspect("equal", adjustable="box")
@@ -74,7 +80,7 @@ def averages_against_optimum(axes: Axes, result: Result, optimum: Optimum, resou
     return axes
 
 
-def consensus(axes: Axes, result: Result, optimum: Optimum) -> Axes:
+def consensus(axes: Axes, result: Result, optimum: Optimum | None = None) -> Axes:
     """Draw how the derivatives of the private costs come to agree.
 
     For each resource the median over all agents as a line, with a band that holds nine tenths of them, in
@@ -86,8 +92,8 @@ def consensus(axes: Axes, result: Result, optimum: Optimum) -> Axes:
         Where to draw.
     result : Result
         The run, with allocations recorded over time.
-    optimum : Optimum
-        The centralised solution of its problem.
+    optimum : Optimum, optional
+        What stands for the optimum of the problem at the end; the one in force at each time unless given.
 
     Returns
     -------
@@ -100,13 +106,9 @@ def consensus(axes: Axes, result: Result, optimum: Optimum) -> Axes:
     if len(shown) < 2:
         return style.note(axes, NOT_RECORDED)
     times = seen.allocation_times[shown]
-    quantiles = np.array(
-        [
-            np.quantile(problem.costs.gradient(seen.average[look].T), (0.05, 0.5, 0.95), axis=0)
-            for look in shown
-        ]
+    low, middle, high = np.moveaxis(
+        measured(result, shown, optimum, _agreement, 3, problem.n_resources), 1, 0
     )
-    low, middle, high = np.moveaxis(quantiles / optimum.multipliers, 1, 0)
     for j in range(problem.n_resources):
         axes.fill_between(times, low[:, j], high[:, j], color=style.colour(j), alpha=0.2, linewidth=0.0)
         axes.plot(times, middle[:, j], color=style.colour(j), linewidth=1.6)
@@ -119,6 +121,12 @@ def consensus(axes: Axes, result: Result, optimum: Optimum) -> Axes:
     style.number_axis(axes.yaxis)
     style.time_axis(axes, result, log=True)
     return axes
+
+
+def _agreement(look: Look) -> FloatArray:
+    """Give quantiles of the derivatives in multiples of what they all should be: shape (3, m)."""
+    gradient = look.problem.costs.gradient(look.average)
+    return np.asarray(np.quantile(gradient, (0.05, 0.5, 0.95), axis=0) / look.best.multipliers)
 
 
 def error_decay(
@@ -141,7 +149,7 @@ def error_decay(
         Runs of one problem, with allocations recorded at the same times; their errors are averaged.
     measure : {"misallocation", "relative_error"}
         Against the optimum for what is used, which is solved for at every look that is drawn, or against
-        the one for the capacities.
+        the one that is in force.
     slope : float
         Of the reference line.
 
@@ -167,12 +175,17 @@ def error_decay(
     if len(shown) < 2:
         return style.note(axes, NOT_RECORDED)
     drawn = times[0][shown]
-    error = np.mean([[_error(run, look, measure) for look in shown] for run in runs], axis=0)
+    of = _misallocation if measure == "misallocation" else _relative_error
+    error = np.mean([measured(run, shown, None, of, run.problem.n_resources) for run in runs], axis=0)
+    known = np.flatnonzero(np.isfinite(error).any(axis=1))
+    if not known.size:
+        return style.note(axes, NEVER)
     for j in range(error.shape[1]):
         axes.plot(drawn, error[:, j], ".-", color=style.colour(j), linewidth=1.4, markersize=4.0)
     axes.set_yscale("log")
     style.name_resources(axes, runs[0].problem)
-    reference = 1.6 * float(np.nanmax(error[-1])) * (drawn / drawn[-1]) ** slope
+    last = known[-1]
+    reference = 1.6 * float(np.nanmax(error[last])) * (drawn / drawn[last]) ** slope
     axes.plot(
         drawn,
         reference,
@@ -189,11 +202,12 @@ def error_decay(
     return axes
 
 
-def _error(run: Result, look: np.intp, measure: str) -> FloatArray:
-    """Measure one look of a run, shape (m,)."""
-    average = run.observations.average[look].T
-    used = average.sum(axis=0)
+def _misallocation(look: Look) -> FloatArray:
+    used = look.average.sum(axis=0)
     if (used <= 0.0).any():
         return np.full(len(used), np.nan)
-    best = solve_optimum(run.problem, capacity=used if measure == "misallocation" else None)
-    return metrics.relative_error(average, best.allocation)
+    return metrics.relative_error(look.average, solve_optimum(look.problem, capacity=used).allocation)
+
+
+def _relative_error(look: Look) -> FloatArray:
+    return metrics.relative_error(look.average, look.best.allocation)

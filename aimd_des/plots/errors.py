@@ -4,26 +4,19 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from aimd_des import metrics
+from aimd_des.checks import FloatArray
 from aimd_des.optimum import Optimum
 from aimd_des.plots import selection, style, units
 from aimd_des.plots.allocations import NOT_RECORDED
+from aimd_des.plots.in_force import NEVER, NOBODY, Look, measured
 from aimd_des.results import Result
 
 __all__ = ["absolute_error", "cost_ratio", "error_histogram", "relative_error"]
 
-# How many numbers the panels over time may look at: with very many agents, fewer looks are drawn.
-_BUDGET = 10_000_000
-_MOST_LOOKS = 200
-_FEWEST_LOOKS = 12
 _BINS = 20
 
 
-def _curve_points(result: Result) -> int:
-    size = result.problem.n_agents * result.problem.n_resources
-    return int(np.clip(_BUDGET // size, _FEWEST_LOOKS, _MOST_LOOKS))
-
-
-def absolute_error(axes: Axes, result: Result, optimum: Optimum) -> Axes:
+def absolute_error(axes: Axes, result: Result, optimum: Optimum | None = None) -> Axes:
     """Draw how the distance of the averages from the optimum evolves.
 
     For each resource the median over all agents as a line, with a band up to the distance below
@@ -35,8 +28,8 @@ def absolute_error(axes: Axes, result: Result, optimum: Optimum) -> Axes:
         Where to draw.
     result : Result
         The run, with allocations recorded over time.
-    optimum : Optimum
-        What its averages are held against.
+    optimum : Optimum, optional
+        What stands for the optimum of the problem at the end; the one in force at each time unless given.
 
     Returns
     -------
@@ -45,16 +38,16 @@ def absolute_error(axes: Axes, result: Result, optimum: Optimum) -> Axes:
     """
     scale, seen = units.scale_for_agents(result.problem), result.observations
     axes.set_ylabel(style.axis_label("|average − optimum|", scale.unit))
-    shown = selection.looks(seen.allocation_times, _curve_points(result), log=True)
+    shown = selection.few_looks(result)
     if len(shown) < 2:
         return style.note(axes, NOT_RECORDED)
     times = seen.allocation_times[shown]
-    for j in range(result.problem.n_resources):
-        best = optimum.allocation[:, j]
-        quantiles = np.array(
-            [np.quantile(np.abs(seen.average[look, j] - best), (0.5, 0.95)) for look in shown]
-        )
-        middle, high = quantiles.T / scale.divisor[j]
+    m = result.problem.n_resources
+    quantiles = measured(result, shown, optimum, _quantiles, 2, m) / scale.divisor
+    if np.isnan(quantiles).all():
+        return style.note(axes, NEVER)
+    for j in range(m):
+        middle, high = quantiles[:, :, j].T
         axes.fill_between(times, middle, high, color=style.colour(j), alpha=0.18, linewidth=0.0)
         axes.plot(times, middle, color=style.colour(j), linewidth=1.6)
     axes.set_yscale("log")
@@ -67,7 +60,7 @@ def absolute_error(axes: Axes, result: Result, optimum: Optimum) -> Axes:
     return axes
 
 
-def relative_error(axes: Axes, result: Result, optimum: Optimum) -> Axes:
+def relative_error(axes: Axes, result: Result, optimum: Optimum | None = None) -> Axes:
     """Draw how the relative error of each resource evolves.
 
     Parameters
@@ -76,8 +69,8 @@ def relative_error(axes: Axes, result: Result, optimum: Optimum) -> Axes:
         Where to draw.
     result : Result
         The run, with allocations recorded over time.
-    optimum : Optimum
-        What its averages are held against.
+    optimum : Optimum, optional
+        What stands for the optimum of the problem at the end; the one in force at each time unless given.
 
     Returns
     -------
@@ -86,12 +79,15 @@ def relative_error(axes: Axes, result: Result, optimum: Optimum) -> Axes:
     """
     seen = result.observations
     axes.set_ylabel("relative error")
-    shown = selection.looks(seen.allocation_times, _curve_points(result), log=True)
+    shown = selection.few_looks(result)
     if len(shown) < 2:
         return style.note(axes, NOT_RECORDED)
     times = seen.allocation_times[shown]
-    error = np.array([metrics.relative_error(seen.average[look].T, optimum.allocation) for look in shown])
-    for j in range(result.problem.n_resources):
+    m = result.problem.n_resources
+    error = measured(result, shown, optimum, _error, m)
+    if np.isnan(error).all():
+        return style.note(axes, NEVER)
+    for j in range(m):
         axes.plot(times, error[:, j], color=style.colour(j), linewidth=1.6)
     axes.set_yscale("log")
     style.number_axis(axes.yaxis, percent=True)
@@ -101,7 +97,7 @@ def relative_error(axes: Axes, result: Result, optimum: Optimum) -> Axes:
     return axes
 
 
-def cost_ratio(axes: Axes, result: Result, optimum: Optimum) -> Axes:
+def cost_ratio(axes: Axes, result: Result, optimum: Optimum | None = None) -> Axes:
     """Draw how the total cost of the averages, over that of the optimum, evolves.
 
     It is below 1 where the averages do not use up the capacities.
@@ -112,22 +108,23 @@ def cost_ratio(axes: Axes, result: Result, optimum: Optimum) -> Axes:
         Where to draw.
     result : Result
         The run, with allocations recorded over time.
-    optimum : Optimum
-        What its averages are held against.
+    optimum : Optimum, optional
+        What stands for the optimum of the problem at the end; the one in force at each time unless given.
 
     Returns
     -------
     Axes
         The same axes.
     """
-    costs, seen = result.problem.costs, result.observations
+    seen = result.observations
     axes.set_ylabel("total cost / optimal cost")
-    shown = selection.looks(seen.allocation_times, _curve_points(result), log=True)
+    shown = selection.few_looks(result)
     if len(shown) < 2:
         return style.note(axes, NOT_RECORDED)
     times = seen.allocation_times[shown]
-    ratio = [metrics.cost_ratio(costs, seen.average[look].T, optimum.allocation) for look in shown]
-    axes.plot(times, ratio, color="black", linewidth=1.6, label=f"total cost, {ratio[-1]:.3f} at the end")
+    ratio = measured(result, shown, optimum, _cost)
+    at_end = NOBODY if np.isnan(ratio[-1]) else f"total cost, {ratio[-1]:.3f} at the end"
+    axes.plot(times, ratio, color="black", linewidth=1.6, label=at_end)
     axes.axhline(1.0, color=style.REFERENCE, linewidth=1.2, linestyle="--", label="optimum")
     axes.set_xlim(times[0], times[-1])
     axes.set_ylim(bottom=0.0)
@@ -135,7 +132,7 @@ def cost_ratio(axes: Axes, result: Result, optimum: Optimum) -> Axes:
     return axes
 
 
-def error_histogram(axes: Axes, result: Result, optimum: Optimum, resource: int) -> Axes:
+def error_histogram(axes: Axes, result: Result, optimum: Optimum | None, resource: int) -> Axes:
     """Draw how many agents end how far from their optimal allocation of one resource.
 
     Parameters
@@ -144,8 +141,8 @@ def error_histogram(axes: Axes, result: Result, optimum: Optimum, resource: int)
         Where to draw.
     result : Result
         The run.
-    optimum : Optimum
-        What its averages are held against.
+    optimum : Optimum, optional
+        What stands for the optimum of the problem at the end; the one in force at each time unless given.
     resource : int
         j, counted from 0.
 
@@ -154,9 +151,14 @@ def error_histogram(axes: Axes, result: Result, optimum: Optimum, resource: int)
     Axes
         The same axes.
     """
-    shared = result.problem.resources[resource]
-    best = optimum.allocation[:, resource]
-    error = np.abs(result.average_at_end[:, resource] - best)
+    shared, last = result.problem.resources[resource], result.history[-1]
+    axes.set_xlabel(f"|average − optimum| of {style.resource_label(shared)}")
+    axes.set_ylabel("number of agents")
+    found = result.optimum_of(last, optimum)
+    if found is None:
+        return style.note(axes, NOBODY)
+    best = found.allocation[:, resource]
+    error = np.abs(result.average_at_end[last.present, resource] - best)
     widest = float(error.max()) or 1.0
     count, _, _ = axes.hist(
         error, bins=_BINS, range=(0.0, widest), color=style.colour(resource), edgecolor="white", linewidth=0.5
@@ -173,10 +175,20 @@ def error_histogram(axes: Axes, result: Result, optimum: Optimum, resource: int)
         bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
     )
     axes.set_ylim(0.0, 1.15 * float(np.max(count)))  # room for the text
-    axes.set_xlabel(f"|average − optimum| of {style.resource_label(shared)}")
-    axes.set_ylabel("number of agents")
     axes.set_xlim(0.0, widest * 1.03)
     style.number_axis(axes.xaxis)
     style.number_axis(axes.yaxis, whole=True)
     style.frame(axes)
     return axes
+
+
+def _quantiles(look: Look) -> FloatArray:
+    return np.asarray(np.quantile(np.abs(look.average - look.best.allocation), (0.5, 0.95), axis=0))
+
+
+def _error(look: Look) -> FloatArray:
+    return metrics.relative_error(look.average, look.best.allocation)
+
+
+def _cost(look: Look) -> float:
+    return metrics.cost_ratio(look.problem.costs, look.average, look.best.allocation)

@@ -22,7 +22,7 @@ _PANEL = (4.3, 3.7)  # inches: text of the default size stays readable on a page
 _Panel = tuple[str, Callable[[Axes], Axes]]
 
 
-def paper_figures(results: Result | Sequence[Result], optimum: Optimum) -> dict[str, Figure]:
+def paper_figures(results: Result | Sequence[Result], optimum: Optimum | None = None) -> dict[str, Figure]:
     """Draw the paper's four figures.
 
     Parameters
@@ -31,8 +31,8 @@ def paper_figures(results: Result | Sequence[Result], optimum: Optimum) -> dict[
         The run to draw; of several, the first, and all of them where capacity events are counted.
         Best recorded with ``Recording("auto", "auto", tail=100)``: a panel for which too little
         was recorded says so.
-    optimum : Optimum
-        The centralised solution for the first run's problem.
+    optimum : Optimum, optional
+        What stands for the optimum of the first run's problem at its end; the one in force unless given.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def paper_figures(results: Result | Sequence[Result], optimum: Optimum) -> dict[
     Raises
     ------
     InputError
-        If there is no run, or their resources differ.
+        If there is no run, their resources differ, or the optimum is for another number of agents.
     """
     runs = [results] if isinstance(results, Result) else list(results)
     if not runs:

@@ -4,6 +4,7 @@ from matplotlib.axes import Axes
 
 from aimd_des.plots import style
 from aimd_des.plots.allocations import NOT_RECORDED
+from aimd_des.plots.in_force import NEVER
 from aimd_des.results import Result
 
 __all__ = ["tracking_error", "tracking_level"]
@@ -29,6 +30,8 @@ def tracking_error(axes: Axes, result: Result) -> Axes:
     axes.set_ylabel(style.axis_label("relative error", "share of the optimum in force"))
     if not _draw(axes, result, "relative_error"):
         return style.note(axes, NOT_RECORDED)
+    if result.tracking["relative_error"].isna().all():
+        return style.note(axes, NEVER)
     axes.set_yscale("log")
     style.name_resources(axes, result.problem)
     return _finish(axes, result)

@@ -6,9 +6,14 @@ import numpy.typing as npt
 from aimd_des.checks import FloatArray
 from aimd_des.results import Result
 
-__all__ = ["looks", "typical_agents", "window"]
+__all__ = ["few_looks", "looks", "typical_agents", "window"]
 
 IndexArray = npt.NDArray[np.intp]
+
+# How many numbers a panel over time may look at: with very many agents, fewer looks are drawn.
+_BUDGET = 10_000_000
+_MOST_LOOKS = 200
+_FEWEST_LOOKS = 12
 
 
 def typical_agents(result: Result, count: int = 3) -> IndexArray:
@@ -60,6 +65,24 @@ def looks(times: FloatArray, count: int, *, log: bool = False) -> IndexArray:
     before = np.maximum(after - 1, 0)
     nearest = np.where(wanted - kept[before] < kept[after] - wanted, before, after)
     return np.asarray(first + np.unique(np.append(nearest, len(kept) - 1)))
+
+
+def few_looks(result: Result) -> IndexArray:
+    """Choose the looks, spread over the logarithm of time, at which all agents can be looked at.
+
+    Parameters
+    ----------
+    result : Result
+        The run.
+
+    Returns
+    -------
+    ndarray of int, shape (q,)
+        Positions in the times of its allocations, ascending.
+    """
+    size = result.problem.n_agents * result.problem.n_resources
+    count = int(np.clip(_BUDGET // size, _FEWEST_LOOKS, _MOST_LOOKS))
+    return looks(result.observations.allocation_times, count, log=True)
 
 
 def window(times: FloatArray, length: float, fewest: int = 20) -> IndexArray:

@@ -1,23 +1,19 @@
 """The page of a run, made from its folder."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from aimd_des.errors import InputError
-from aimd_des.optimum import solve_optimum
 from aimd_des.report.page import Chart, Choice, Page, Slider, Table
 from aimd_des.report.words import MEASURES, shown, verdict
-from aimd_des.scenario import load_scenario
 from aimd_des.stored import StoredRun
 
 __all__ = ["report_run"]
 
 _FRAMES = ("demand", "signals", "allocations")
-_MOST_AGENTS = 20_000
+# What an earlier version did not write.
+_OLD = "the folder has no {}.parquet; run the scenario again to see this"
 
 
 def report_run(run: StoredRun) -> Page:
@@ -40,16 +36,15 @@ def report_run(run: StoredRun) -> Page:
     """
     from aimd_des.report.run_charts import demand_charts, over_capacity, settling_chart, window_controls
 
-    demand, signals, allocations = (_read(run.folder / f"{name}.parquet") for name in _FRAMES)
+    demand, signals, allocations = (run.frame(name) for name in _FRAMES)
     until, names = float(run.scenario["until"]), list(run.measures)
-    last = demand.groupby("resource", observed=True)["average"].last()
-    # What the averages add up to, over how much of the capacity that is.
-    capacity = {name: float(last[name]) / run.measures[name]["utilisation"] for name in names}
     notes: list[str] = []
     charts: list[Chart] = []
     controls: list[Slider | Choice] = []
-    if len(demand) > len(names):
-        shown_demand = over_capacity(demand, capacity)
+    if not run.has("capacity"):
+        notes.append(f"Total demand over time: {_OLD.format('capacity')}.")
+    elif len(demand) > len(names):
+        shown_demand = over_capacity(demand, run.frame("capacity"))
         charts += demand_charts(shown_demand, signals, names, until)
         charts.append(settling_chart(shown_demand, names, until))
         controls = window_controls(until)
@@ -71,36 +66,26 @@ def report_run(run: StoredRun) -> Page:
         notes=notes,
         tables=[_measures(run)],
         provenance=_provenance(run),
-        source=(run.folder / "scenario.toml").read_text(encoding="utf-8"),
+        source=run.source(),
     )
 
 
-def _read(path: Path) -> pd.DataFrame:
-    try:
-        return pd.read_parquet(path)
-    except (OSError, ValueError) as damage:
-        raise InputError(f"{path}: cannot be read ({damage}); run the scenario again") from None
-
-
 def _shares(run: StoredRun, allocations: pd.DataFrame, names: list[str], notes: list[str]) -> list[Chart]:
-    """Hold averages against the optimum, where the problem at the end can be built anew."""
+    """Hold averages against the optimum in force at the end, of those who are here then."""
     from aimd_des.report.run_charts import share_chart
 
     what = "Averages against the optimum"
-    if run.scenario.get("interventions"):
-        notes.append(f"{what}: interventions have changed the problem; see result.tracking in Python.")
+    if not run.has("optimum"):
+        notes.append(f"{what}: {_OLD.format('optimum')}.")
         return []
-    try:
-        problem = load_scenario(run.folder / "scenario.toml").problem()
-    except InputError as refusal:
-        notes.append(f"{what}: the problem cannot be built here ({refusal}).")
-        return []
-    if problem.n_agents > _MOST_AGENTS:
-        notes.append(f"{what}: for more than {_MOST_AGENTS:,} agents that takes too long.")
+    best = run.frame("optimum")
+    if best.empty:
+        notes.append(f"{what}: nobody is here at the end.")
         return []
     last = allocations[allocations["time"] == allocations["time"].max()]
-    average = last["average"].to_numpy().reshape(len(names), -1).T
-    return [share_chart(np.asarray(average), solve_optimum(problem).allocation, names)]
+    both = best.merge(last, on=["camera", "resource"], how="left")
+    held, should = (both[of].to_numpy().reshape(len(names), -1).T for of in ("average", "allocation"))
+    return [share_chart(held, should, names)]
 
 
 def _facts(run: StoredRun, agents: int, names: list[str]) -> list[tuple[str, str]]:

@@ -1,6 +1,5 @@
 """The charts of a run: demand and signals in a window that moves, and how the averages settle."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import altair as alt
@@ -61,25 +60,25 @@ def _window(until: float) -> tuple[list[alt.Parameter], alt.X, str]:
     return parameters, alt.X("time:Q", title="time", scale=scale), inside
 
 
-def over_capacity(demand: pd.DataFrame, capacity: Mapping[str, float]) -> pd.DataFrame:
+def over_capacity(demand: pd.DataFrame, capacity: pd.DataFrame) -> pd.DataFrame:
     """Measure totals and averages in capacities, at as many looks as can be seen.
 
     Parameters
     ----------
     demand : DataFrame
         As `Result` has it.
-    capacity : mapping of str to float
-        At the end, in units of the resources.
+    capacity : DataFrame
+        Since when each resource has had which: columns time, resource, capacity.
 
     Returns
     -------
     DataFrame
         Columns time, resource, total, average.
     """
-    resources = len(capacity)
+    resources = capacity["resource"].nunique()
     kept = looks(demand["time"].to_numpy()[::resources], max(_MOST_ROWS // resources, 50))
     rows = demand.iloc[(kept[:, None] * resources + np.arange(resources)).ravel()]
-    own = rows["resource"].map(capacity).to_numpy(dtype=np.float64)
+    own = pd.merge_asof(rows, capacity, on="time", by="resource")["capacity"].to_numpy()
     shares = {name: rows[name].to_numpy() / own for name in ("total", "average")}
     return pd.DataFrame({"time": rows["time"], "resource": rows["resource"].astype(str), **shares})
 
@@ -122,7 +121,7 @@ def demand_charts(demand: pd.DataFrame, signals: pd.DataFrame, names: list[str],
     rule = alt.Chart(data(pd.DataFrame({"one": [1.0]}))).mark_rule(color=REFERENCE, strokeDash=[5, 4])
     layers = alt.layer(line, rule.encode(alt.Y("one:Q"))).add_params(*parameters)
     text = (
-        "Total demand of all agents over the capacity at the end of the run, which is the dashed line. "
+        "Total demand of all agents over the capacity in force, which is the dashed line. "
         f"{len(demand) // len(names):,} looks are drawn."
     )
     charts = [Chart("demand", "Demand against capacity", text, finished(layers))]
@@ -186,7 +185,7 @@ def settling_chart(demand: pd.DataFrame, names: list[str], until: float) -> Char
             resource_colour(names),
         )
     )
-    text = "The sum of the long-term averages of all agents, over the capacity at the end of the run."
+    text = "The sum of the long-term averages of all agents, over the capacity in force."
     return Chart("averages", "The averages settle", text, finished(chart, 200), wide=False)
 
 

@@ -16,7 +16,7 @@ from aimd_des.study.axis import Axis
 from aimd_des.study.columns import MEASURES
 from aimd_des.study.design import Study
 from aimd_des.study.points import problem_words
-from aimd_des.tracking import piece_problem
+from aimd_des.tracking import is_unchanged
 
 __all__ = [
     "SCENARIO",
@@ -137,7 +137,7 @@ def summary_of(scenario: Scenario, result: Result, names: Sequence[str]) -> dict
         A column for the resource and for each measure, a value for each resource.
     """
     # Where interventions have left another problem, the run has one of its own.
-    own = piece_problem(result.problem, result.history[-1]) is not result.problem
+    own = not is_unchanged(result.problem, result.history[-1])
     shared = not own and not _NEED_OPTIMUM.isdisjoint(names)
     optimum = _optimum(_Described(problem_words(scenario), result.problem)) if shared else None
     measures = result.measures(optimum, names)

@@ -1,0 +1,78 @@
+"""Looks at a run, each held against the problem and the optimum that were in force at the time."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.checks import FloatArray
+from aimd_des.optimum import Optimum
+from aimd_des.problem import Problem
+from aimd_des.results import Result
+from aimd_des.tracking import piece_problem
+
+__all__ = ["NEVER", "NOBODY", "Look", "measured"]
+
+#: What a panel says that would show the agents that are here at the end.
+NOBODY = "Nobody is here at the end of the run."
+#: What a panel over time says that has no number to show.
+NEVER = "Nobody was here at the looks of this panel."
+
+
+class Look(NamedTuple):
+    """Those who are here at a time, and what they are held against.
+
+    Attributes
+    ----------
+    problem : Problem
+        In force, for those who are here.
+    present : ndarray of bool, shape (n,)
+        Who they are.
+    average : ndarray, shape (k, m)
+        Their averages, in units of the resources.
+    best : Optimum
+        Of the problem.
+    """
+
+    problem: Problem
+    present: npt.NDArray[np.bool_]
+    average: FloatArray
+    best: Optimum
+
+
+def measured(
+    result: Result,
+    shown: npt.NDArray[np.intp],
+    optimum: Optimum | None,
+    measure: Callable[[Look], npt.ArrayLike],
+    *shape: int,
+) -> FloatArray:
+    """Measure the averages at some looks.
+
+    Parameters
+    ----------
+    result : Result
+        The run.
+    shown : ndarray of int, shape (q,)
+        Which looks at allocations.
+    optimum : Optimum, optional
+        What stands for the one in force at the end.
+    measure : callable
+        Called with each `Look`.
+    *shape : int
+        Of what it gives.
+
+    Returns
+    -------
+    ndarray, shape (q, ...)
+        NaN where nobody is here.
+    """
+    seen, found = result.observations, np.full((len(shown), *shape), np.nan)
+    for row, look in enumerate(shown.tolist()):
+        piece = result.piece_at(float(seen.allocation_times[look]))
+        best = result.optimum_of(piece, optimum)
+        if best is not None:
+            average = seen.average[look].T[piece.present]
+            found[row] = measure(Look(piece_problem(result.problem, piece), piece.present, average, best))
+    return found
