@@ -1,19 +1,27 @@
 """Panels about signals, the optimum, networks and studies: what is drawn is what was given."""
 
+import io
+from xml.etree import ElementTree as ET
+
 import networkx as nx
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
 from aimd_des import (
     BroadcastChannel,
     Crossing,
     Fleet,
     InputError,
+    PolynomialCosts,
+    Problem,
     Recording,
+    Resource,
     Result,
     Simulation,
     interventions,
@@ -31,6 +39,8 @@ from aimd_des.plots import (
     error_decay,
     heat_map,
     network_map,
+    paper_figures,
+    shared_legend,
     signal_raster,
     sum_of_demand,
     tracking_error,
@@ -203,9 +213,7 @@ def test_averages_stand_over_their_optima(run: Result) -> None:
 def test_averages_are_of_those_who_are_here(moved: Result) -> None:
     piece = moved.history[-1]
     optimum = solve_optimum(problem(N, 2))
-    with pytest.raises(
-        InputError, match=r"shape of optimum.allocation = \(12, 2\): must be \(10, 2\).*leave it"
-    ):
+    with pytest.raises(InputError, match=r"shape of optimum.allocation = \(12, 2\): must be \(10, 2\)"):
         averages_against_optimum(empty_axes(), moved, optimum, 0)
     assert int(piece.present.sum()) == 10
     with pytest.raises(InputError, match="resource = 5"):
@@ -405,3 +413,62 @@ def test_networks_that_cannot_be_drawn_are_refused() -> None:
     ring: nx.Graph[int] = nx.cycle_graph(4)
     with pytest.raises(InputError, match="has no attributes and no 'latency'"):
         network_map(empty_axes(), ring, root=0)
+
+
+# -- texts of users ------------------------------------------------------------------------------------------
+
+# Formulas that are none, one that is, a label that a legend would leave out, and what needs no care.
+WORDS = ("US$ (2020_$)", r"$\frac{1}{$", "$x^2$", "_hidden", r"\$5 & 100 %", "a_b^c")
+
+
+def texts(figure: Figure) -> set[str]:
+    """All words that a figure shows, as a reader sees them."""
+    drawn = io.BytesIO()
+    with rc_context({"svg.fonttype": "none"}):
+        figure.savefig(drawn, format="svg")
+    found = ET.fromstring(drawn.getvalue()).iter()
+    return {"".join(element.itertext()).strip() for element in found if element.tag.endswith("}text")}
+
+
+@pytest.fixture(scope="module")
+def named() -> Result:
+    """A run in which resources, units and agents have such names."""
+    ordinary = {"capacity": 2.0, "increase": 0.05, "decrease": 0.5, "normalization": 0.05}
+    resources = [Resource(word, **ordinary, unit=word[::-1]) for word in WORDS[:3]]  # type: ignore[arg-type]
+    resources += [Resource(word, **ordinary) for word in WORDS[3:]]  # type: ignore[arg-type]
+    costs = PolynomialCosts([2], np.ones((len(WORDS), len(WORDS), 1)))
+    shared = Problem(resources, costs, agent_names=WORDS)
+    return Simulation(shared, seed=0, recording=Recording(0.5, 0.5, events=True)).run(60.0)
+
+
+def test_names_and_units_are_drawn_as_they_are_written(named: Result) -> None:
+    labels = [f"{word} ({word[::-1]})" for word in WORDS[:3]] + [*WORDS[3:]]
+    figures = paper_figures(named)
+    for name in ("figure1", "figure2", "figure4"):
+        assert set(labels) <= texts(figures[name])
+    shown = texts(figures["figure3"])
+    assert {f"|average − optimum| of {label}" for label in labels} <= shown
+    assert {f"({'abcdef'[j]}) Errors at the end: {word}" for j, word in enumerate(WORDS)} <= shown
+
+
+def test_panels_show_texts_as_they_are_written(named: Result) -> None:
+    def shown(draw: object, *given: object, legend: bool = True, **options: object) -> set[str]:
+        figure = Figure(layout="constrained")
+        draw(figure.add_subplot(), *given, **options)  # type: ignore[operator]
+        if legend:
+            shared_legend(figure)
+        return texts(figure)
+
+    for draw in (demand_and_signals, tracking_error, tracking_level, consensus, error_decay):
+        assert set(WORDS[3:]) <= shown(draw, named)
+    for j, word in enumerate(WORDS):
+        assert f"an agent's {word}" in shown(averages_against_optimum, named, None, j)
+    assert set(WORDS) <= shown(signal_raster, named, 0)
+    graph = nx.Graph([("root", word, {"latency": 1.0, "loss": 0.0}) for word in WORDS], root="root")
+    # Names with an outline are drawn as shapes, so that no file has their words.
+    names = {text.get_text().strip() for text in network_map(empty_axes(), graph).texts}
+    assert names == {word.replace("$", r"\$") for word in WORDS}
+    frame = pd.DataFrame({"$a$": WORDS, r"$\b{$": 1.0, "$": 2.0})
+    assert {*WORDS, "$a$ ($c$)", r"$\b{$", "$"} <= shown(
+        heat_map, frame, "$a$", r"$\b{$", "$", units={"$a$": "$c$"}, legend=False
+    )

@@ -69,7 +69,7 @@ def averages_against_optimum(axes: Axes, result: Result, optimum: Optimum | None
         "o",
         color=style.colour(resource),
         markersize=4.5,
-        label=f"an agent's {shared.name}",
+        label=style.plain(f"an agent's {shared.name}"),
     )
     axes.set_xlim(ends)
     axes.set_ylim(ends)

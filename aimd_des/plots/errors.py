@@ -152,7 +152,7 @@ def error_histogram(axes: Axes, result: Result, optimum: Optimum | None, resourc
         The same axes.
     """
     shared, last = result.problem.resources[resource], result.history[-1]
-    axes.set_xlabel(f"|average − optimum| of {style.resource_label(shared)}")
+    axes.set_xlabel(style.plain(f"|average − optimum| of {style.resource_label(shared)}"))
     axes.set_ylabel("number of agents")
     found = result.optimum_of(last, optimum)
     if found is None:

@@ -12,7 +12,7 @@ from aimd_des.optimum import Optimum
 from aimd_des.plots.allocations import average_allocations, derivatives, instantaneous_allocations
 from aimd_des.plots.capacity import capacity_events, sum_of_averages, sum_of_demand
 from aimd_des.plots.errors import absolute_error, cost_ratio, error_histogram, relative_error
-from aimd_des.plots.style import shared_legend
+from aimd_des.plots.style import plain, shared_legend
 from aimd_des.results import Result
 
 __all__ = ["paper_figures"]
@@ -90,7 +90,7 @@ def _row(*panels: _Panel, legend: bool = True) -> Figure:
     for place, (title, draw) in enumerate(panels):
         axes = figure.add_subplot(rows, columns, place + 1)
         draw(axes)
-        axes.set_title(f"({chr(ord('a') + place)}) {title}", loc="left", fontsize="medium")
+        axes.set_title(f"({chr(ord('a') + place)}) {plain(title)}", loc="left", fontsize="medium")
     if legend:
         shared_legend(figure)
     return figure

@@ -121,7 +121,7 @@ def _name_cells(axis: Axis, values: "pd.Index[Any]") -> None:
     """Let the ticks say which values the cells stand for."""
     places = np.arange(0, len(values), -(-len(values) // _MOST_TICKS))
     numbers = pd.api.types.is_numeric_dtype(values)
-    axis.set_ticks(places, [f"{value:g}" if numbers else str(value) for value in values[places]])
+    axis.set_ticks(places, [f"{value:g}" if numbers else style.plain(str(value)) for value in values[places]])
 
 
 def _write_numbers(axes: Axes, table: FloatArray, drawn: QuadMesh) -> None:

@@ -102,7 +102,7 @@ def _name_nodes(axes: Axes, graph: Graph, places: Places, start: Hashable) -> No
     for node in graph:
         if node != start:
             x, y = places[node].tolist()
-            axes.annotate(str(node), (x, y), (6, 5), **_NAME)
+            axes.annotate(style.plain(str(node)), (x, y), (6, 5), **_NAME)
 
 
 def _draw_edges(axes: Axes, graph: Graph, places: Places, latency: str, loss: str) -> None:

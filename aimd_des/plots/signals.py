@@ -149,7 +149,8 @@ def signal_raster(
     style.time_axis(axes, result)
     axes.grid(visible=False)
     shown = np.arange(0, len(rows), -(-len(rows) // _MOST_NAMES))
-    axes.set_yticks(shown, [result.problem.agent_names[i] for i in rows[shown]], fontsize="small")
+    names = [style.plain(result.problem.agent_names[i]) for i in rows[shown]]
+    axes.set_yticks(shown, names, fontsize="small")
     return axes
 
 

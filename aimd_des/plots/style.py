@@ -21,6 +21,7 @@ __all__ = [
     "name_resources",
     "note",
     "number_axis",
+    "plain",
     "resource_label",
     "shared_legend",
     "time_axis",
@@ -52,6 +53,23 @@ def colour(resource: int) -> str:
     return _COLOURS[resource % len(_COLOURS)]
 
 
+def plain(text: str) -> str:
+    """Write a text so that it is drawn as it stands, with dollar signs that begin no formula.
+
+    Parameters
+    ----------
+    text : str
+        What a user has named something.
+
+    Returns
+    -------
+    str
+        For a label, a tick, a title or a legend, which leaves out what begins with an underscore.
+    """
+    shown = text.replace("$", r"\$")
+    return f" {shown}" if shown.startswith("_") else shown
+
+
 def axis_label(what: str, unit: str) -> str:
     """Compose the label of an axis.
 
@@ -68,9 +86,9 @@ def axis_label(what: str, unit: str) -> str:
         ``what (unit)``, in two lines where it is long.
     """
     if not unit:
-        return what
+        return plain(what)
     gap = " " if len(what) + len(unit) <= _LONGEST_LABEL else "\n"
-    return f"{what}{gap}({unit})"
+    return plain(f"{what}{gap}({unit})")
 
 
 def resource_label(resource: Resource) -> str:
@@ -102,7 +120,7 @@ def name_resources(axes: Axes, problem: Problem, reference: str = "") -> None:
         What dashed lines mean; empty where there are none.
     """
     for j, resource in enumerate(problem.resources):
-        axes.plot([], [], color=colour(j), linewidth=2.0, label=resource_label(resource))
+        axes.plot([], [], color=colour(j), linewidth=2.0, label=plain(resource_label(resource)))
     if reference:
         axes.plot([], [], "--", color=REFERENCE, linewidth=1.2, label=reference)
 
@@ -235,7 +253,14 @@ def note(axes: Axes, text: str) -> Axes:
         The same.
     """
     axes.text(
-        0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", fontsize="small", color=REFERENCE
+        0.5,
+        0.5,
+        plain(text),
+        transform=axes.transAxes,
+        ha="center",
+        va="center",
+        fontsize="small",
+        color=REFERENCE,
     )
     axes.set_xticks([])
     axes.set_yticks([])
