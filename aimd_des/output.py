@@ -5,8 +5,10 @@ import os
 import platform
 import shutil
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -19,14 +21,33 @@ from aimd_des.frames import categorical
 from aimd_des.results import Result
 from aimd_des.scenario import Scenario
 
-__all__ = ["check_folder", "library_versions", "new_folder", "write_run"]
+__all__ = ["Place", "check_folder", "library_versions", "new_folder", "write_run"]
 
 #: The file by which a folder is recognised as one that this program wrote.
 PROVENANCE = "run.json"
 _LIBRARIES = ("numpy", "scipy", "numba", "simpy", "pandas")
 
 
-def check_folder(folder: Path, *, overwrite: bool, mark: str = PROVENANCE) -> None:
+@dataclass(frozen=True)
+class Place:
+    """Where results shall go, and what was there before anything ran: only that may be replaced.
+
+    Attributes
+    ----------
+    folder : Path
+        As the user names it.
+    target : Path
+        The same without links.
+    held : mapping of str to tuple of int
+        What earlier results consist of: for each file and folder by which it is known again.
+    """
+
+    folder: Path
+    target: Path
+    held: Mapping[str, tuple[int, ...]]
+
+
+def check_folder(folder: Path, *, overwrite: bool, mark: str = PROVENANCE) -> Place:
     """Refuse a folder that cannot be written, before anything runs.
 
     Parameters
@@ -38,6 +59,11 @@ def check_folder(folder: Path, *, overwrite: bool, mark: str = PROVENANCE) -> No
     mark : str
         The file by which earlier results are recognised.
 
+    Returns
+    -------
+    Place
+        For `new_folder`.
+
     Raises
     ------
     InputError
@@ -46,66 +72,141 @@ def check_folder(folder: Path, *, overwrite: bool, mark: str = PROVENANCE) -> No
     """
     if folder.exists() and not folder.is_dir():
         raise InputError.of("output folder", str(folder), "a folder", "it is a file; choose another name")
-    if folder.is_dir() and any(folder.iterdir()):
-        if not overwrite:
-            raise InputError.of(
-                "output folder", str(folder), "new or empty", "choose another, or say --overwrite"
-            )
-        if not (folder / mark).is_file():
-            raise InputError.of(
-                "output folder",
-                str(folder),
-                "one that this program wrote",
-                f"it has no {mark}; remove it yourself",
-            )
-    above = next(path for path in folder.resolve().parents if path.exists())
+    target = folder.resolve()
+    held = _contents(target) if target.is_dir() else {}
+    if held and not overwrite:
+        raise InputError.of(
+            "output folder", str(folder), "new or empty", "choose another, or say --overwrite"
+        )
+    if held and not (folder / mark).is_file():
+        raise InputError.of(
+            "output folder",
+            str(folder),
+            "one that this program wrote",
+            f"it has no {mark}; remove it yourself",
+        )
+    above = next(path for path in target.parents if path.exists())
     try:
         with tempfile.TemporaryDirectory(prefix=".writable", dir=above):
             pass
     except OSError as error:
         raise InputError(f"output folder {str(folder)!r}: cannot be written ({error.strerror})") from None
+    return Place(folder, target, held)
+
+
+def _contents(folder: Path) -> dict[str, tuple[int, ...]]:
+    """List what is below a folder, with what changes when a file is replaced or written again."""
+    found: dict[str, tuple[int, ...]] = {}
+    for above, folders, files in os.walk(folder, onerror=_raise):
+        for name in folders:
+            path = Path(above, name)
+            found[str(path.relative_to(folder))] = (path.lstat().st_ino,)
+        for name in files:
+            path = Path(above, name)
+            now = path.lstat()
+            found[str(path.relative_to(folder))] = (now.st_ino, now.st_size, now.st_mtime_ns)
+    return found
+
+
+def _raise(error: OSError) -> None:
+    raise error
 
 
 @contextmanager
-def new_folder(folder: Path) -> Iterator[Path]:
-    """Give a temporary folder that takes the place of `folder` once its block has ended well.
+def new_folder(place: Place) -> Iterator[Path]:
+    """Give a temporary folder that takes its place once its block has ended well.
+
+    What has come to that place since it was checked stays there: the new folder then gets a name beside it.
 
     Parameters
     ----------
-    folder : Path
-        Where results shall go; `check_folder` has accepted it.
+    place : Place
+        Where results shall go, as `check_folder` has found it.
 
     Yields
     ------
     Path
         Where to write; it is removed if the block fails.
+
+    Raises
+    ------
+    InputError
+        If the place is no longer as it was; it says where the new folder is.
     """
-    target = folder.resolve()
+    target = place.target
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
     try:
         yield temporary
         temporary.chmod(0o777 & ~_umask())
-        _take_place(temporary, target)
     except BaseException:
         shutil.rmtree(temporary, ignore_errors=True)
         raise
+    try:
+        _take_place(temporary, place)
+    except OSError as failure:
+        kept = temporary.rename(temporary.with_name(temporary.name.removeprefix(".")))
+        why = "something has come there" if isinstance(failure, _TakenError) else failure.strerror
+        raise InputError(
+            f"output folder {str(place.folder)!r}: cannot be replaced any more ({why}) and was left alone; "
+            f"what was to be written there is in {str(place.folder.with_name(kept.name))!r}"
+        ) from None
 
 
-def _take_place(temporary: Path, target: Path) -> None:
+class _TakenError(OSError):
+    """A place holds something that was not there when it was checked."""
+
+
+def _take_place(temporary: Path, place: Place) -> None:
     """Put one folder where another may be; if that fails, the other is there again."""
-    if not target.exists():
-        temporary.replace(target)
+    target = place.target
+    if not place.held:
+        _rename(temporary, target)
         return
     aside = Path(tempfile.mkdtemp(prefix=f".{target.name}.old.", dir=target.parent))
-    old = target.replace(aside / target.name)
     try:
-        temporary.replace(target)
+        old = target.rename(aside / target.name)
     except BaseException:
-        old.replace(target)
         aside.rmdir()
         raise
-    shutil.rmtree(aside)
+    # Nobody finds it there, so that what is seen now is what is removed.
+    try:
+        if _contents(old) != place.held:
+            raise _TakenError
+        _rename(temporary, target)
+    except BaseException:
+        _rename(old, target)
+        aside.rmdir()
+        raise
+    _remove(old, place.held)
+
+
+def _rename(folder: Path, target: Path) -> None:
+    """Rename a folder; nothing but an empty folder may have its new name."""
+    with suppress(OSError):
+        target.rmdir()  # of an empty folder: not every system renames over it
+    try:
+        folder.rename(target)
+    except OSError as failure:
+        if os.path.lexists(target):
+            raise _TakenError from failure
+        raise
+
+
+def _remove(folder: Path, held: Mapping[str, tuple[int, ...]]) -> None:
+    """Remove what a folder is known to hold, and nothing else, and the folder above it."""
+    try:
+        for name in sorted(held, reverse=True):  # what is in a folder comes before it
+            path = folder / name
+            if path.is_dir() and not path.is_symlink():
+                path.rmdir()
+            else:
+                path.unlink()
+        folder.rmdir()
+        folder.parent.rmdir()
+    except OSError as failure:
+        said = f"{folder}: a part of the earlier results could not be removed ({failure.strerror})"
+        warnings.warn(said, RuntimeWarning, stacklevel=2)
 
 
 def _umask() -> int:
@@ -126,36 +227,41 @@ def library_versions() -> dict[str, str]:
     return {"aimd_des": aimd_des.__version__, "python": platform.python_version(), **libraries}
 
 
-def write_run(folder: Path, scenario: Scenario, result: Result, *, figures: bool = True) -> None:
+def write_run(place: Place, scenario: Scenario, result: Result, *, figures: bool = True) -> None:
     """Write everything about a run.
 
     Parameters
     ----------
-    folder : Path
-        Where results shall go; `check_folder` has accepted it.
+    place : Place
+        Where results shall go, as `check_folder` has found it.
     scenario : Scenario
         What was run.
     result : Result
         What came out.
     figures : bool
         Whether to draw.
+
+    Raises
+    ------
+    InputError
+        If something has come to that place meanwhile; it says where the results are.
     """
-    with new_folder(folder) as place:
-        (place / "scenario.toml").write_text(scenario.resolved().to_toml(), encoding="utf-8")
-        result.summary().to_csv(place / "summary.csv")
+    with new_folder(place) as folder:
+        (folder / "scenario.toml").write_text(scenario.resolved().to_toml(), encoding="utf-8")
+        result.summary().to_csv(folder / "summary.csv")
         for name, frame in _frames(result).items():
-            frame.to_parquet(place / f"{name}.parquet", index=False)
+            frame.to_parquet(folder / f"{name}.parquet", index=False)
         if figures:
             from aimd_des.plots import paper_figures
 
             for name, figure in paper_figures(result).items():
-                figure.savefig(place / f"{name}.png", dpi=160)
+                figure.savefig(folder / f"{name}.png", dpi=160)
         provenance = {
             "digest": result.digest,
             "seed": result.seed,
             "versions": library_versions(),
         }
-        (place / PROVENANCE).write_text(json.dumps(provenance, indent=2) + "\n", encoding="utf-8")
+        (folder / PROVENANCE).write_text(json.dumps(provenance, indent=2) + "\n", encoding="utf-8")
 
 
 def _frames(result: Result) -> dict[str, pd.DataFrame]:

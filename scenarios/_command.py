@@ -18,7 +18,7 @@ from rich.table import Table
 import aimd_des
 from aimd_des import checks
 from aimd_des.errors import InputError
-from aimd_des.output import check_folder, new_folder
+from aimd_des.output import Place, check_folder, new_folder
 
 __all__ = ["Study", "command", "write"]
 
@@ -56,24 +56,21 @@ class Study:
     pages: dict[str, str] = field(default_factory=dict)
 
 
-def write(study: Study, out: Path, *, overwrite: bool = False) -> None:
+def write(study: Study, place: Place) -> None:
     """Write figures, table and provenance, all or nothing.
 
     Parameters
     ----------
     study : Study
         What was found.
-    out : Path
-        The folder, new or empty.
-    overwrite : bool
-        Whether a folder that this scenario wrote may be replaced.
+    place : Place
+        Where to, as `check_folder` has found it.
 
     Raises
     ------
     InputError
-        If the folder cannot be written, or must not be replaced.
+        If something has come to that place meanwhile; it says where the results are.
     """
-    check_folder(out, overwrite=overwrite, mark=f"{study.name}.json")
     provenance = {
         "scenario": study.name,
         **study.settings,
@@ -84,14 +81,14 @@ def write(study: Study, out: Path, *, overwrite: bool = False) -> None:
             **{library: version(library) for library in ("numpy", "scipy", "numba", "simpy", "matplotlib")},
         },
     }
-    with new_folder(out) as place:
+    with new_folder(place) as folder:
         for name, figure in study.figures.items():
-            figure.savefig(place / f"{name}.png", dpi=_DPI)
+            figure.savefig(folder / f"{name}.png", dpi=_DPI)
         for name, page in study.pages.items():
-            (place / name).write_text(page, encoding="utf-8")
-        study.table.to_csv(place / "table.csv", index=False)
+            (folder / name).write_text(page, encoding="utf-8")
+        study.table.to_csv(folder / "table.csv", index=False)
         record = json.dumps(provenance, indent=2, ensure_ascii=False)
-        (place / f"{study.name}.json").write_text(record + "\n", encoding="utf-8")
+        (folder / f"{study.name}.json").write_text(record + "\n", encoding="utf-8")
 
 
 class _Refusal(click.ClickException):
@@ -126,10 +123,10 @@ def command(
         console = Console(width=None if sys.stdout.isatty() else 118, highlight=False)
         try:
             seed = checks.integer("seed", seed, low=0)
-            check_folder(out, overwrite=overwrite, mark=f"{name}.json")
+            place = check_folder(out, overwrite=overwrite, mark=f"{name}.json")
             with console.status(question):
                 study = run(quick, seed, **given)
-            write(study, out, overwrite=overwrite)
+            write(study, place)
         except InputError as refusal:
             raise _Refusal(str(refusal)) from None
         _show(study, console)

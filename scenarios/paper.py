@@ -27,7 +27,7 @@ from aimd_des.channel import BroadcastChannel
 from aimd_des.discrete import run_discrete
 from aimd_des.errors import InputError
 from aimd_des.optimum import Optimum, solve_optimum
-from aimd_des.output import check_folder, new_folder
+from aimd_des.output import Place, check_folder, new_folder
 from aimd_des.plots import paper_figures
 from aimd_des.problem import Problem
 from aimd_des.recording import Recording
@@ -198,24 +198,21 @@ def figures(study: PaperStudy) -> dict[str, Figure]:
     return drawn
 
 
-def write(study: PaperStudy, out: Path, *, overwrite: bool = False) -> None:
+def write(study: PaperStudy, place: Place) -> None:
     """Write figures, tables and provenance, all or nothing.
 
     Parameters
     ----------
     study : PaperStudy
         What was found.
-    out : Path
-        The folder, new or empty.
-    overwrite : bool
-        Whether a folder that this scenario wrote may be replaced.
+    place : Place
+        Where to, as `check_folder` has found it.
 
     Raises
     ------
     InputError
-        If the folder cannot be written, or must not be replaced.
+        If something has come to that place meanwhile; it says where the results are.
     """
-    check_folder(out, overwrite=overwrite, mark=MARK)
     provenance = {
         "scenario": "paper",
         "steps": study.steps,
@@ -228,12 +225,12 @@ def write(study: PaperStudy, out: Path, *, overwrite: bool = False) -> None:
             **{library: version(library) for library in ("numpy", "scipy", "numba", "simpy", "matplotlib")},
         },
     }
-    with new_folder(out) as place:
+    with new_folder(place) as folder:
         for name, figure in figures(study).items():
-            figure.savefig(place / f"{name}.png", dpi=_DPI)
-        table(study).to_csv(place / "table.csv", index=False)
-        (place / "table.md").write_text(markdown(study), encoding="utf-8")
-        (place / MARK).write_text(json.dumps(provenance, indent=2) + "\n", encoding="utf-8")
+            figure.savefig(folder / f"{name}.png", dpi=_DPI)
+        table(study).to_csv(folder / "table.csv", index=False)
+        (folder / "table.md").write_text(markdown(study), encoding="utf-8")
+        (folder / MARK).write_text(json.dumps(provenance, indent=2) + "\n", encoding="utf-8")
 
 
 class _Refusal(click.ClickException):
@@ -258,16 +255,16 @@ def main(quick: bool, seed: int, out: Path, overwrite: bool) -> None:
     steps, draws = QUICK if quick else FULL
     console = Console(width=None if sys.stdout.isatty() else 110, highlight=False)
     try:
-        check_folder(out, overwrite=overwrite, mark=MARK)
+        place = check_folder(out, overwrite=overwrite, mark=MARK)
         with console.status(f"{steps:,} steps, {draws} draws of the costs, {len(_CASES)} ways"):
             study = run(steps, draws, seed)
-            write(study, out, overwrite=overwrite)
+            write(study, place)
     except InputError as refusal:
         raise _Refusal(str(refusal)) from None
     header, rows = grid(study)
     shown = Table(title=caption(study))
-    for place, name in enumerate(header):
-        shown.add_column(name, justify="left" if place < 2 else "right")
+    for column, name in enumerate(header):
+        shown.add_column(name, justify="left" if column < 2 else "right")
     for row in rows:
         shown.add_row(*row)
     console.print(shown)

@@ -48,6 +48,37 @@ def test_figures_are_drawn_unless_they_are_not_wanted() -> None:
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in figures)
 
 
+@pytest.mark.parametrize("word", ["US$ (2020_$)", r"$\frac{1}{$"])
+def test_a_unit_with_dollar_signs_is_drawn(word: str) -> None:
+    outcome = invoke("run", str(write(INLINE.replace('"GB"', f"'{word}'"))), "--out", "out")
+    assert outcome.exit_code == 0, outcome.output
+    assert outcome.stderr == ""
+    assert len(list(Path("out").glob("*.png"))) == 4
+
+
+@pytest.mark.parametrize("overwrite", [[], ["--overwrite"]])
+def test_what_comes_to_the_folder_during_a_run_is_left_alone(
+    overwrite: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, of_file = str(write()), Scenario.run
+
+    def while_others_write(self: Scenario, *args: Any, **kwargs: Any) -> Any:
+        Path("out").mkdir()
+        # A run that has begun after this one, and ended before: --overwrite was not said about it.
+        Path("out/run.json").write_text("mine", encoding="utf-8")
+        return of_file(self, *args, **kwargs)
+
+    monkeypatch.setattr(Scenario, "run", while_others_write)
+    outcome = run(path, "--out", "out", *overwrite)
+    assert outcome.exit_code == 2
+    (sentence,) = [line for line in outcome.stderr.splitlines() if line.startswith("Error: ")]
+    assert sentence.startswith("Error: output folder 'out': cannot be replaced any more (something has come")
+    assert Path("out/run.json").read_text(encoding="utf-8") == "mine"
+    beside = Path(sentence.split(" is in ")[1].strip("'"))
+    assert {path.name for path in beside.iterdir()} == TABLES
+    assert beside.parent == Path("out").parent
+
+
 def test_the_same_run_twice_is_the_same() -> None:
     path = str(write())
     assert run(path, "--out", "out").exit_code == 0

@@ -3,15 +3,18 @@
 import errno
 import json
 import os
+import shutil
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier
 from typing import Any
 
 import pandas as pd
 import pytest
 
 from aimd_des import InputError, Result
-from aimd_des.output import PROVENANCE, check_folder, new_folder, write_run
+from aimd_des.output import PROVENANCE, Place, check_folder, new_folder, write_run
 from aimd_des.scenario import Scenario, load_scenario
 from aimd_des.stored import load_run
 from tests.conftest import INLINE, quietly
@@ -50,6 +53,10 @@ def earlier_results(folder: Path) -> Path:
     (folder / PROVENANCE).write_text("{}", encoding="utf-8")
     (folder / "old.csv").write_text("old", encoding="utf-8")
     return folder
+
+
+def checked(folder: str, *, overwrite: bool = False) -> Place:
+    return check_folder(Path(folder), overwrite=overwrite)
 
 
 def test_a_new_and_an_empty_folder_are_accepted_and_left_as_they_are() -> None:
@@ -123,7 +130,7 @@ def test_a_read_only_folder_is_refused() -> None:
 def test_what_is_written_appears_at_once(target: str) -> None:
     folder = Path(target)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with new_folder(folder) as place:
+    with new_folder(checked(target)) as place:
         (place / "a.txt").write_text("a", encoding="utf-8")
         assert not folder.exists()
     assert everything(Path()) == {f"{target}/a.txt": b"a"}
@@ -131,24 +138,24 @@ def test_what_is_written_appears_at_once(target: str) -> None:
 
 def test_the_folder_has_the_permissions_of_any_new_folder() -> None:
     Path("other").mkdir()
-    with new_folder(Path("out")):
+    with new_folder(checked("out")):
         pass
     assert Path("out").stat().st_mode == Path("other").stat().st_mode
 
 
 def test_earlier_results_are_replaced_as_a_whole() -> None:
-    folder = earlier_results(Path("out"))
-    with new_folder(folder) as place:
+    earlier_results(Path("out"))
+    with new_folder(checked("out", overwrite=True)) as place:
         (place / "new.csv").write_text("new", encoding="utf-8")
     assert everything(Path()) == {"out/new.csv": b"new"}
 
 
 def test_where_writing_fails_earlier_results_stay_and_nothing_else_is_left() -> None:
-    folder = earlier_results(Path("out"))
+    earlier_results(Path("out"))
     before = everything(Path())
 
     def write_half() -> None:
-        with new_folder(folder) as place:
+        with new_folder(checked("out", overwrite=True)) as place:
             (place / "half.csv").write_text("half", encoding="utf-8")
             raise ZeroDivisionError
 
@@ -160,10 +167,139 @@ def test_where_writing_fails_earlier_results_stay_and_nothing_else_is_left() -> 
 def test_results_may_lie_behind_a_link() -> None:
     earlier_results(Path("far/out"))
     Path("link").symlink_to("far/out")
-    with new_folder(Path("link")) as place:
+    with new_folder(checked("link", overwrite=True)) as place:
         (place / "new.csv").write_text("new", encoding="utf-8")
     assert Path("link").is_symlink()
     assert everything(Path("far")) == {"out/new.csv": b"new"}
+
+
+# -- what comes to the place while a run goes on -------------------------------------------------------------
+
+
+def lost(place: Place) -> str:
+    """The sentence of a run that comes too late to its place; what it has written is beside it."""
+    with pytest.raises(InputError) as refused, new_folder(place) as folder:
+        (folder / "new.csv").write_text("new", encoding="utf-8")
+    sentence = str(refused.value)
+    beside = Path(sentence.split(" is in ")[1].strip("'"))
+    assert everything(beside) == {"new.csv": b"new"}
+    assert not beside.name.startswith(".")
+    shutil.rmtree(beside)
+    return sentence
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+@pytest.mark.parametrize("begun", ["nothing", "empty"])
+def test_what_comes_to_a_new_folder_stays(overwrite: bool, begun: str) -> None:
+    if begun == "empty":
+        Path("out").mkdir()
+    place = checked("out", overwrite=overwrite)
+    Path("out").mkdir(exist_ok=True)
+    # It even looks like earlier results: they were not there when this run began.
+    Path("out", PROVENANCE).write_text("{}", encoding="utf-8")
+    before = everything(Path())
+    assert lost(place).startswith(
+        "output folder 'out': cannot be replaced any more (something has come there)"
+    )
+    assert everything(Path()) == before
+
+
+@pytest.mark.parametrize("kind", ["file", "link"])
+def test_what_is_no_folder_stays_too(kind: str) -> None:
+    place = checked("deep/out")
+    Path("deep").mkdir()
+    if kind == "file":
+        Path("deep/out").write_text("mine", encoding="utf-8")
+    else:
+        Path("far").mkdir()
+        Path("deep/out").symlink_to("../far")
+    assert "something has come there" in lost(place)
+    assert Path("deep/out").is_symlink() == (kind == "link")
+    assert kind == "link" or Path("deep/out").read_text(encoding="utf-8") == "mine"
+    assert [path.name for path in Path("deep").iterdir()] == ["out"]
+
+
+def test_what_is_put_beside_earlier_results_stays() -> None:
+    earlier_results(Path("out"))
+    Path("out/sub").mkdir()
+    Path("out/sub/old.txt").write_text("old", encoding="utf-8")
+
+    def added() -> None:
+        Path("out/sub/notes.txt").write_text("mine", encoding="utf-8")
+
+    def written_anew() -> None:
+        Path("out/old.csv").write_text("OLD", encoding="utf-8")
+
+    def replaced() -> None:
+        shutil.copytree("out", "copy")
+        shutil.rmtree("out")
+        Path("copy").rename("out")
+
+    for change in (added, written_anew, replaced):
+        place = checked("out", overwrite=True)
+        change()
+        before = everything(Path())
+        assert "something has come there" in lost(place)
+        assert everything(Path()) == before
+    with new_folder(checked("out", overwrite=True)):
+        pass  # as long as nothing comes, all of it is replaced
+    assert everything(Path()) == {"out/": b""}
+
+
+def test_earlier_results_that_are_gone_are_no_reason_to_stop_or_to_lose_anything() -> None:
+    place = checked(str(earlier_results(Path("out"))), overwrite=True)
+    shutil.rmtree("out")
+    assert "No such file" in lost(place)
+    assert everything(Path()) == {}
+
+
+def test_what_comes_to_earlier_results_while_they_are_removed_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    place = checked(str(earlier_results(Path("out"))), overwrite=True)
+    rename = Path.rename
+
+    def rename_late(self: Path, target: Path) -> Path:
+        if target == place.target:  # somebody has stood in the old folder all the time
+            (next(Path().glob(".out.old.*")) / "out/late.txt").write_text("mine", encoding="utf-8")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", rename_late)
+    with (
+        pytest.warns(RuntimeWarning, match="earlier results could not be removed"),
+        new_folder(place) as folder,
+    ):
+        (folder / "new.csv").write_text("new", encoding="utf-8")
+    found = everything(Path())
+    assert found.pop("out/new.csv") == b"new"
+    assert list(found.values()) == [b"mine"]
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_of_several_that_end_at_once_one_wins(overwrite: bool) -> None:
+    if overwrite:
+        earlier_results(Path("out"))
+    places = [checked("out", overwrite=overwrite) for _ in range(8)]
+    start = Barrier(len(places))
+
+    def race(number: int) -> str:
+        with new_folder(places[number]) as folder:
+            (folder / "mine.txt").write_text(str(number), encoding="utf-8")
+            start.wait()
+        return str(number)
+
+    with ThreadPoolExecutor(len(places)) as pool:
+        races = [pool.submit(race, number) for number in range(len(places))]
+    (winner,) = [done.result() for done in races if done.exception() is None]
+    kept = {path.read_text(encoding="utf-8"): path.parent.name for path in Path().glob("out*/mine.txt")}
+    assert sorted(kept) == [str(number) for number in range(8)]
+    assert kept[winner] == "out"
+    for number, done in enumerate(races):
+        if str(number) != winner:
+            assert isinstance(done.exception(), InputError)
+            assert f"is in '{kept[str(number)]}'" in str(done.exception())
+    assert not list(Path().glob(".*"))
+
+
+# -- what is written -----------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -180,7 +316,7 @@ def result(scenario: Scenario) -> Result:
 
 
 def test_a_run_is_written_as_files_that_anybody_can_read(scenario: Scenario, result: Result) -> None:
-    write_run(Path("out"), scenario, result, figures=False)
+    write_run(checked("out"), scenario, result, figures=False)
     assert list(everything(Path("out"))) == FILES
     for name in ("signals", "demand", "allocations"):
         pd.testing.assert_frame_equal(pd.read_parquet(f"out/{name}.parquet"), getattr(result, name))
@@ -194,13 +330,13 @@ def test_a_run_is_written_as_files_that_anybody_can_read(scenario: Scenario, res
 def test_the_event_log_is_written_if_it_was_kept(scenario: Scenario) -> None:
     asked = scenario.model_copy(update={"recording": scenario.recording.model_copy(update={"events": True})})
     result = asked.run()
-    write_run(Path("out"), asked, result, figures=False)
+    write_run(checked("out"), asked, result, figures=False)
     pd.testing.assert_frame_equal(pd.read_parquet("out/events.parquet"), result.events)
     assert len(result.events) > 100
 
 
 def test_the_provenance_names_digest_seed_and_versions(scenario: Scenario, result: Result) -> None:
-    write_run(Path("out"), scenario, result, figures=False)
+    write_run(checked("out"), scenario, result, figures=False)
     written = json.loads(Path("out", PROVENANCE).read_text(encoding="utf-8"))
     assert (written["digest"], written["seed"]) == (result.digest, 4)
     assert {"aimd_des", "python", "numpy", "scipy", "numba", "simpy", "pandas"} <= set(written["versions"])
@@ -215,5 +351,5 @@ def test_a_run_is_written_whole_or_not_at_all(
 
     monkeypatch.setattr(pd.DataFrame, "to_parquet", fail)
     with pytest.raises(OSError, match="No space left on device"):
-        write_run(Path("out"), scenario, result, figures=False)
+        write_run(checked("out"), scenario, result, figures=False)
     assert everything(Path()) == {}

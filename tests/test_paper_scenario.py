@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from matplotlib.image import imread
 
 from aimd_des import InputError, load_scenario, run_discrete, solve_optimum
+from aimd_des.output import check_folder
 from models.smart_cameras import smart_cameras
 from scenarios import paper
 from scenarios._paper_table import CAPACITY_EVENTS, table
@@ -156,13 +157,13 @@ def test_results_of_others_are_not_touched(tmp_path: Path) -> None:
 
 def test_own_results_are_replaced_only_when_asked(tmp_path: Path, quick: paper.PaperStudy) -> None:
     out = tmp_path / "paper"
-    paper.write(quick, out)
+    paper.write(quick, check_folder(out, overwrite=False, mark=paper.MARK))
     stale = out / "stale.txt"
     stale.touch()
     with pytest.raises(InputError, match="overwrite"):
-        paper.write(quick, out)
+        check_folder(out, overwrite=False, mark=paper.MARK)
     assert stale.exists()
-    paper.write(quick, out, overwrite=True)
+    paper.write(quick, check_folder(out, overwrite=True, mark=paper.MARK))
     assert {path.name for path in out.iterdir()} == FILES
 
 
@@ -174,7 +175,7 @@ def test_nothing_is_left_of_a_run_that_fails(
 
     monkeypatch.setattr(paper, "markdown", fail)
     with pytest.raises(OSError, match="disk full"):
-        paper.write(quick, tmp_path / "paper")
+        paper.write(quick, check_folder(tmp_path / "paper", overwrite=False, mark=paper.MARK))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -58,11 +58,11 @@ def command(
         check_command(scenario, study=False)
         loaded = load_scenario(scenario, **changes(settings, seed=seed, agents=agents))
     with writing(folder), refusing():
-        check_folder(folder, overwrite=overwrite)
-    with writing(folder), refusing(scenario):
-        with RunProgress(loaded.until) as progress:
-            result = loaded.run(progress.update)
-        write_run(folder, loaded, result, figures=figures)
+        place = check_folder(folder, overwrite=overwrite)
+    with refusing(scenario), RunProgress(loaded.until) as progress:
+        result = loaded.run(progress.update)
+    with writing(folder), refusing():
+        write_run(place, loaded, result, figures=figures)
     with refusing():
         print_measures("Summary", load_run(folder))
     say(f"Results in {folder}")
