@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 import aimd_des
+from aimd_des.checksums import checksums_of, write_checksums
 from aimd_des.errors import InputError
 from aimd_des.frames import categorical
 from aimd_des.results import Result
@@ -262,6 +263,7 @@ def write_run(place: Place, scenario: Scenario, result: Result, *, figures: bool
             "versions": library_versions(),
         }
         (folder / PROVENANCE).write_text(json.dumps(provenance, indent=2) + "\n", encoding="utf-8")
+        write_checksums(folder, checksums_of(folder, [path.name for path in folder.iterdir()]))
 
 
 def _frames(result: Result) -> dict[str, pd.DataFrame]:

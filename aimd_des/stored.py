@@ -3,6 +3,8 @@
 import csv
 import json
 import tomllib
+import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO, StringIO
 from pathlib import Path
@@ -11,6 +13,7 @@ from typing import Any
 import pandas as pd
 
 from aimd_des import checks
+from aimd_des.checksums import SUMS, read_checksums, verified
 from aimd_des.errors import InputError
 
 __all__ = ["StoredRun", "load_run"]
@@ -36,6 +39,8 @@ class StoredRun:
         Of this program, Python and the libraries.
     measures : dict of str to dict of str to number
         For each resource, each measure by its name.
+    checksums : mapping of str to str, or None
+        Of the files, by their names; None for a folder without them.
     """
 
     folder: Path
@@ -43,6 +48,7 @@ class StoredRun:
     digest: str
     versions: dict[str, str]
     measures: dict[str, dict[str, Number]]
+    checksums: Mapping[str, str] | None
 
     def has(self, frame: str) -> bool:
         """Tell whether a frame was written; earlier versions wrote fewer.
@@ -75,9 +81,9 @@ class StoredRun:
         Raises
         ------
         InputError
-            If it is not there, or damaged.
+            If it is not there, or not as the run wrote it.
         """
-        content = _read(self.folder, f"{name}.parquet")
+        content = _read(self.folder, f"{name}.parquet", self.checksums)
         try:
             return pd.read_parquet(BytesIO(content))
         except Exception as damage:  # noqa: BLE001 - without a checksum, nobody knows what a damaged file does
@@ -92,7 +98,7 @@ class StoredRun:
         str
             As TOML.
         """
-        return _text(self.folder, "scenario.toml")
+        return _text(self.folder, "scenario.toml", self.checksums)
 
 
 def load_run(folder: str | Path) -> StoredRun:
@@ -112,9 +118,15 @@ def load_run(folder: str | Path) -> StoredRun:
     ------
     InputError
         If it is no such folder, or a file of it is damaged.
+
+    Warns
+    -----
+    UserWarning
+        If the folder has no checksums: an earlier version wrote it.
     """
     folder = checks.path("folder", folder)
-    text = {name: _text(folder, name) for name in ("run.json", "scenario.toml", "summary.csv")}
+    sums = read_checksums(folder, _REMEDY)
+    text = {name: _text(folder, name, sums) for name in ("run.json", "scenario.toml", "summary.csv")}
     name = "run.json"
     try:
         provenance = json.loads(text[name])
@@ -130,22 +142,25 @@ def load_run(folder: str | Path) -> StoredRun:
         }
     except (ValueError, KeyError, TypeError, csv.Error, RecursionError) as damage:
         raise InputError(f"{folder / name}: is damaged ({damage}); {_REMEDY}") from None
-    return StoredRun(folder, scenario, digest, versions, measures)
+    if sums is None:
+        said = (
+            f"{folder}: has no {SUMS}, so nothing tells whether its files are as they were written; {_REMEDY}"
+        )
+        warnings.warn(said, UserWarning, stacklevel=2)
+    return StoredRun(folder, scenario, digest, versions, measures, sums)
 
 
-def _read(folder: Path, name: str) -> bytes:
+def _read(folder: Path, name: str, sums: Mapping[str, str] | None) -> bytes:
     try:
-        return (folder / name).read_bytes()
+        return verified(folder, name, sums, _REMEDY)
     except FileNotFoundError:
         raise InputError.of(
             "folder", str(folder), "one that aimd-des run or aimd-des sweep wrote", f"it has no {name}"
         ) from None
-    except OSError as error:
-        raise InputError(f"{folder / name}: cannot be read ({error.strerror}); {_REMEDY}") from None
 
 
-def _text(folder: Path, name: str) -> str:
-    content = _read(folder, name)
+def _text(folder: Path, name: str, sums: Mapping[str, str] | None) -> str:
+    content = _read(folder, name, sums)
     try:
         return content.decode()
     except UnicodeDecodeError as error:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from aimd_des.checksums import checksums_of, write_checksums
 from aimd_des.cli.tables import shown
 from tests.command_line import refusal, run, said, words, write
 
@@ -53,6 +54,7 @@ def test_a_value_that_is_missing_is_not_a_number() -> None:
     summary = pd.read_csv("out/summary.csv", index_col="resource")
     summary["misallocation"] = float("nan")
     summary.to_csv("out/summary.csv")
+    write_checksums(Path("out"), checksums_of(Path("out"), [path.name for path in Path("out").glob("[!S]*")]))
     assert ["misallocation", "nan", "nan"] in words(said("show", "out"))
 
 
@@ -87,6 +89,8 @@ def test_another_folder_is_refused() -> None:
 def test_a_damaged_folder_is_refused(name: str, content: str) -> None:
     a_run()
     Path("out", name).write_text(content, encoding="utf-8")
+    assert refusal("show", "out").startswith(f"out/{name}: does not have the checksum")
+    Path("out/SHA256SUMS").unlink()  # as in the folder of an earlier version
     found = refusal("show", "out")
     assert found.startswith(f"out/{name}: is damaged (")
     assert found.endswith("; run the scenario again")
@@ -100,5 +104,6 @@ def test_a_folder_that_lacks_a_file_is_refused(name: str) -> None:
     Path("out", name).mkdir()
     assert refusal("show", "out").startswith(f"out/{name}: cannot be read (")
     Path("out", name).rmdir()
+    Path("out/SHA256SUMS").unlink()
     Path("out", name).write_bytes(b"\xff\xfe")
     assert refusal("show", "out").startswith(f"out/{name}: cannot be read (")

@@ -11,6 +11,7 @@ ROOT = Path(__file__).resolve().parents[1]
 # Each module of the framework imports only from those above it. A package counts as one module.
 ORDER = [
     "errors",
+    "checksums",
     "checks",
     "handed",
     "compiled",

@@ -20,6 +20,7 @@ from aimd_des.stored import load_run
 from tests.conftest import INLINE, quietly
 
 FILES = [
+    "SHA256SUMS",
     "allocations.parquet",
     "capacity.parquet",
     "demand.parquet",

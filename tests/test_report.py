@@ -171,7 +171,9 @@ def test_what_is_not_shown_is_said() -> None:
 def test_damaged_frames_are_refused() -> None:
     folder = written()
     (folder / "demand.parquet").write_bytes(b"no parquet")
-    with pytest.raises(InputError, match=r"demand.parquet: is damaged .*; run the scenario again"):
+    with pytest.raises(
+        InputError, match=r"demand.parquet: does not have the checksum .*; run the scenario again"
+    ):
         report_run(load_run(folder))
 
 

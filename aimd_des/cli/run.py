@@ -44,8 +44,8 @@ def command(
 
     The folder receives scenario.toml (the run, every value spelled out), summary.csv (a row for
     each resource), signals.parquet, demand.parquet and allocations.parquet (tidy frames), capacity.parquet
-    and optimum.parquet (what they are held against), figures as PNG, and run.json (digest, seed,
-    versions).  The same scenario and seed give the same digest.
+    and optimum.parquet (what they are held against), figures as PNG, run.json (digest, seed, versions), and
+    SHA256SUMS (a checksum of each file).  The same scenario and seed give the same digest.
     """
     from aimd_des.cli.runs import print_measures
     from aimd_des.output import check_folder, write_run
