@@ -176,8 +176,11 @@ def _take_place(temporary: Path, place: Place) -> None:
             raise _TakenError
         _rename(temporary, target)
     except BaseException:
-        _rename(old, target)
-        aside.rmdir()
+        try:
+            _rename(old, target)
+            aside.rmdir()
+        except OSError:  # others have come there in between
+            warnings.warn(f"{old}: holds what was at {place.folder} before", RuntimeWarning, stacklevel=4)
         raise
     _remove(old, place.held)
 

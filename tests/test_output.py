@@ -274,6 +274,25 @@ def test_what_comes_to_earlier_results_while_they_are_removed_stays(monkeypatch:
     assert list(found.values()) == [b"mine"]
 
 
+def test_earlier_results_that_cannot_go_back_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    place = checked(str(earlier_results(Path("out"))), overwrite=True)
+    rename = Path.rename
+
+    def rename_late(self: Path, target: Path) -> Path:
+        moved = rename(self, target)
+        if self == place.target:  # a third comes where the earlier results have just been
+            self.mkdir()
+            (self / "third.txt").write_text("third", encoding="utf-8")
+        return moved
+
+    monkeypatch.setattr(Path, "rename", rename_late)
+    with pytest.warns(RuntimeWarning, match="holds what was at out before"):
+        assert "something has come there" in lost(place)
+    found = everything(Path())
+    assert found.pop("out/third.txt") == b"third"
+    assert sorted(Path(name).name for name in found) == ["old.csv", PROVENANCE]
+
+
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_of_several_that_end_at_once_one_wins(overwrite: bool) -> None:
     if overwrite:
