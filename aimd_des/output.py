@@ -1,4 +1,4 @@
-"""The folder of a run: scenario, summary, frames and figures, written whole or not at all."""
+"""The folder of a run: scenario, summary and frames, written whole or not at all, and then its figures."""
 
 import json
 import os
@@ -6,26 +6,32 @@ import platform
 import shutil
 import tempfile
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
+from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 import aimd_des
-from aimd_des.checksums import checksums_of, write_checksums
+from aimd_des.checksums import checksum, checksums_of, read_checksums, write_checksums
 from aimd_des.errors import InputError
 from aimd_des.frames import categorical
 from aimd_des.results import Result
 from aimd_des.scenario import Scenario
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 __all__ = ["Place", "check_folder", "library_versions", "new_folder", "write_run"]
 
 #: The file by which a folder is recognised as one that this program wrote.
 PROVENANCE = "run.json"
+_DPI = 160
 _LIBRARIES = ("numpy", "scipy", "numba", "simpy", "pandas")
 
 
@@ -232,7 +238,7 @@ def library_versions() -> dict[str, str]:
 
 
 def write_run(place: Place, scenario: Scenario, result: Result, *, figures: bool = True) -> None:
-    """Write everything about a run.
+    """Write everything about a run: the numbers first, whole or not at all, and then the figures.
 
     Parameters
     ----------
@@ -249,24 +255,29 @@ def write_run(place: Place, scenario: Scenario, result: Result, *, figures: bool
     ------
     InputError
         If something has come to that place meanwhile; it says where the results are.
+
+    Warns
+    -----
+    RuntimeWarning
+        For each figure that cannot be drawn: the numbers are there all the same.
     """
     with new_folder(place) as folder:
         (folder / "scenario.toml").write_text(scenario.resolved().to_toml(), encoding="utf-8")
         result.summary().to_csv(folder / "summary.csv")
         for name, frame in _frames(result).items():
             frame.to_parquet(folder / f"{name}.parquet", index=False)
-        if figures:
-            from aimd_des.plots import paper_figures
-
-            for name, figure in paper_figures(result).items():
-                figure.savefig(folder / f"{name}.png", dpi=160)
         provenance = {
             "digest": result.digest,
             "seed": result.seed,
             "versions": library_versions(),
         }
         (folder / PROVENANCE).write_text(json.dumps(provenance, indent=2) + "\n", encoding="utf-8")
-        write_checksums(folder, checksums_of(folder, [path.name for path in folder.iterdir()]))
+        sums = checksums_of(folder, [path.name for path in folder.iterdir()])
+        write_checksums(folder, sums)
+    if figures:
+        from aimd_des.plots.figures import figure_makers
+
+        _add_figures(place, figure_makers(result), sums)
 
 
 def _frames(result: Result) -> dict[str, pd.DataFrame]:
@@ -303,3 +314,29 @@ def _optimum(result: Result) -> pd.DataFrame:
             "allocation": best.T.ravel(),
         }
     )
+
+
+def _add_figures(place: Place, makers: Mapping[str, Callable[[], "Figure"]], sums: Mapping[str, str]) -> None:
+    """Draw figures into the folder of a run, as long as its checksums are there; a failure is told."""
+    for name, draw in makers.items():
+        path = place.target / f"{name}.png"
+        try:
+            picture = BytesIO()
+            draw().savefig(picture, dpi=_DPI)
+            # By now the folder may be another run's, or somebody's who has made a new one.
+            if read_checksums(place.target, "") != sums:
+                raise _TakenError(0, "the folder is no longer that of this run")
+            _write(path, picture.getvalue())
+            sums = {**sums, path.name: checksum(picture.getvalue())}
+            write_checksums(place.target, sums)
+        except Exception as failure:  # noqa: BLE001 - whatever it is, the numbers are what the run was for
+            said = f"{place.folder / path.name}: is missing ({type(failure).__name__}: {failure})"
+            warnings.warn(f"{said}; all numbers are written", RuntimeWarning, stacklevel=3)
+
+
+def _write(path: Path, content: bytes) -> None:
+    try:
+        path.write_bytes(content)
+    except OSError:
+        path.unlink(missing_ok=True)  # half a figure
+        raise

@@ -56,6 +56,21 @@ def test_a_unit_with_dollar_signs_is_drawn(word: str) -> None:
     assert len(list(Path("out").glob("*.png"))) == 4
 
 
+def test_a_figure_that_fails_is_a_warning_and_no_reason_to_lose_a_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(*args: Any) -> Any:
+        raise ZeroDivisionError("no picture")
+
+    monkeypatch.setattr("aimd_des.plots.figures.sum_of_averages", fail)
+    sentence = r"^out/figure4.png: is missing \(ZeroDivisionError: no picture\); all numbers are written$"
+    with pytest.warns(RuntimeWarning, match=sentence):
+        outcome = invoke("run", str(write()), "--out", "out")
+    assert outcome.exit_code == 0, outcome.output
+    assert {path.name for path in Path("out").glob("*.png")} == {f"figure{k}.png" for k in (1, 2, 3)}
+    assert {path.name for path in Path("out").iterdir()} >= TABLES
+
+
 @pytest.mark.parametrize("overwrite", [[], ["--overwrite"]])
 def test_what_comes_to_the_folder_during_a_run_is_left_alone(
     overwrite: list[str], monkeypatch: pytest.MonkeyPatch

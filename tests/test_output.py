@@ -6,14 +6,17 @@ import os
 import shutil
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from threading import Barrier
 from typing import Any
 
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
 from aimd_des import InputError, Result
+from aimd_des.checksums import SUMS, read_checksums
 from aimd_des.output import PROVENANCE, Place, check_folder, new_folder, write_run
 from aimd_des.scenario import Scenario, load_scenario
 from aimd_des.stored import load_run
@@ -373,3 +376,51 @@ def test_a_run_is_written_whole_or_not_at_all(
     with pytest.raises(OSError, match="No space left on device"):
         write_run(checked("out"), scenario, result, figures=False)
     assert everything(Path()) == {}
+
+
+# -- figures ---------------------------------------------------------------------------------------------
+
+
+def broken(*names: str) -> Any:
+    """Makers of figures of which some fail, in drawing or when they are rendered."""
+
+    def makers(result: Result) -> dict[str, Any]:
+        assert Path("out/summary.csv").is_file(), "numbers come before figures"
+        return {f"figure{k}": partial(draw, f"figure{k}") for k in range(1, 4)}
+
+    def draw(name: str) -> Figure:
+        figure = Figure()
+        if name in names:
+            figure.suptitle(r"$\frac{1}{$")  # fails when it is rendered
+        return figure
+
+    return makers
+
+
+def test_a_figure_that_fails_is_told_and_takes_nothing_along(
+    scenario: Scenario, result: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("aimd_des.plots.figures.figure_makers", broken("figure2"))
+    with pytest.warns(
+        RuntimeWarning, match=r"(?s)^out/figure2\.png: is missing \(ValueError: .*; all numbers"
+    ):
+        write_run(checked("out"), scenario, result)
+    assert list(everything(Path("out"))) == sorted([*FILES, "figure1.png", "figure3.png"])
+    sums = read_checksums(Path("out"), "")
+    assert sums is not None
+    assert sorted(sums) == sorted({*FILES, "figure1.png", "figure3.png"} - {SUMS})
+    assert load_run("out").digest == result.digest
+
+
+def test_no_figure_goes_into_another_runs_folder(
+    scenario: Scenario, result: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def taken(result: Result) -> dict[str, Any]:
+        shutil.rmtree("out")
+        earlier_results(Path("out"))
+        return {"figure1": Figure}
+
+    monkeypatch.setattr("aimd_des.plots.figures.figure_makers", taken)
+    with pytest.warns(RuntimeWarning, match="the folder is no longer that of this run"):
+        write_run(checked("out"), scenario, result)
+    assert sorted(everything(Path("out"))) == ["old.csv", PROVENANCE]

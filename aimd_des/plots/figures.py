@@ -15,7 +15,7 @@ from aimd_des.plots.errors import absolute_error, cost_ratio, error_histogram, r
 from aimd_des.plots.style import plain, shared_legend
 from aimd_des.results import Result
 
-__all__ = ["paper_figures"]
+__all__ = ["figure_makers", "paper_figures"]
 
 _PANEL = (4.3, 3.7)  # inches: text of the default size stays readable on a page
 
@@ -48,6 +48,29 @@ def paper_figures(results: Result | Sequence[Result], optimum: Optimum | None = 
     InputError
         If there is no run, their resources differ, or the optimum is for another number of agents.
     """
+    return {name: draw() for name, draw in figure_makers(results, optimum).items()}
+
+
+def figure_makers(
+    results: Result | Sequence[Result], optimum: Optimum | None = None
+) -> dict[str, Callable[[], Figure]]:
+    """Give what draws each of the paper's figures, so that one that fails does not take the others along.
+
+    Parameters
+    ----------
+    results, optimum
+        As for `paper_figures`.
+
+    Returns
+    -------
+    dict of str to callable
+        Draws the figure of that name.
+
+    Raises
+    ------
+    InputError
+        If there is no run.
+    """
     runs = [results] if isinstance(results, Result) else list(results)
     if not runs:
         raise InputError.of("results", runs, "at least one run")
@@ -57,18 +80,21 @@ def paper_figures(results: Result | Sequence[Result], optimum: Optimum | None = 
         for j, name in enumerate(run.problem.resource_names)
     ]
     return {
-        "figure1": _row(
+        "figure1": partial(
+            _row,
             ("Averages of some agents", lambda axes: average_allocations(axes, run, optimum)),
             ("Demand of one agent for each resource", lambda axes: instantaneous_allocations(axes, run)),
             ("Derivatives, mean ± std over all agents", lambda axes: derivatives(axes, run, optimum)),
         ),
-        "figure2": _row(
+        "figure2": partial(
+            _row,
             ("Distance from the optimum", lambda axes: absolute_error(axes, run, optimum)),
             ("Relative error", lambda axes: relative_error(axes, run, optimum)),
             ("Total cost over optimal cost", lambda axes: cost_ratio(axes, run, optimum)),
         ),
-        "figure3": _row(*histograms, legend=False),
-        "figure4": _row(
+        "figure3": partial(_row, *histograms, legend=False),
+        "figure4": partial(
+            _row,
             ("Sum of the averages", lambda axes: sum_of_averages(axes, run)),
             ("Sum of the demands at the end", lambda axes: sum_of_demand(axes, run)),
             (_events_title(len(runs)), lambda axes: capacity_events(axes, runs)),
