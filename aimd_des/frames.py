@@ -1,12 +1,16 @@
 """Columns of tidy frames."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-__all__ = ["categorical"]
+__all__ = ["categorical", "name_as_written", "safe_names"]
+
+# What a spreadsheet takes for the beginning of a formula, and the sign by which it takes it for text.
+_FORMULAS = ("=", "+", "-", "@", "\t", "\r")
+_TEXT = "'"
 
 
 def categorical(codes: npt.NDArray[np.int64], names: Sequence[str]) -> pd.Categorical:
@@ -26,3 +30,36 @@ def categorical(codes: npt.NDArray[np.int64], names: Sequence[str]) -> pd.Catego
     """
     # Generic in the stubs only: a subscript in the annotation would not survive at run time.
     return pd.Categorical.from_codes(codes.tolist(), categories=pd.Index(names))  # type: ignore[return-value]
+
+
+def safe_names(names: Iterable[str]) -> list[str]:
+    """Write names for a CSV file so that no spreadsheet takes them for formulas.
+
+    Parameters
+    ----------
+    names : iterable of str
+        As the user gave them.
+
+    Returns
+    -------
+    list of str
+        With an apostrophe before each that begins like a formula, or with an apostrophe.
+    """
+    return [_TEXT + name if name.startswith((*_FORMULAS, _TEXT)) else name for name in names]
+
+
+def name_as_written(word: str) -> str:
+    """Undo `safe_names`.
+
+    Parameters
+    ----------
+    word : str
+        As it stands in a CSV file.
+
+    Returns
+    -------
+    str
+        The name as the user gave it.
+    """
+    rest = word.removeprefix(_TEXT)
+    return rest if rest.startswith((*_FORMULAS, _TEXT)) else word

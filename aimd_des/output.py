@@ -20,7 +20,7 @@ import pandas as pd
 import aimd_des
 from aimd_des.checksums import checksum, checksums_of, read_checksums, write_checksums
 from aimd_des.errors import InputError
-from aimd_des.frames import categorical
+from aimd_des.frames import categorical, safe_names
 from aimd_des.results import Result
 from aimd_des.scenario import Scenario
 
@@ -263,7 +263,8 @@ def write_run(place: Place, scenario: Scenario, result: Result, *, figures: bool
     """
     with new_folder(place) as folder:
         (folder / "scenario.toml").write_text(scenario.resolved().to_toml(), encoding="utf-8")
-        result.summary().to_csv(folder / "summary.csv")
+        summary = result.summary()
+        summary.set_axis(safe_names(summary.index)).rename_axis("resource").to_csv(folder / "summary.csv")
         for name, frame in _frames(result).items():
             frame.to_parquet(folder / f"{name}.parquet", index=False)
         provenance = {

@@ -15,6 +15,7 @@ import pandas as pd
 from aimd_des import checks
 from aimd_des.checksums import SUMS, read_checksums, verified
 from aimd_des.errors import InputError
+from aimd_des.frames import name_as_written
 
 __all__ = ["StoredRun", "load_run"]
 
@@ -137,7 +138,9 @@ def load_run(folder: str | Path) -> StoredRun:
         head, *rows = csv.reader(StringIO(text[name], newline=""), strict=True)
         place = head.index("resource")
         measures = {
-            row[place]: {key: _number(word) for key, word in zip(head, row, strict=True) if key != "resource"}
+            name_as_written(row[place]): {
+                key: _number(word) for key, word in zip(head, row, strict=True) if key != "resource"
+            }
             for row in rows
         }
     except (ValueError, KeyError, TypeError, csv.Error, RecursionError) as damage:

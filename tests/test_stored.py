@@ -11,9 +11,10 @@ import pytest
 
 from aimd_des import InputError
 from aimd_des.checksums import SUMS, checksums_of, read_checksums, verified, write_checksums
+from aimd_des.frames import name_as_written, safe_names
 from aimd_des.report import report_run
 from aimd_des.stored import load_run
-from tests.command_line import invoke, refusal, said
+from tests.command_line import invoke, refusal, run, said, write
 from tests.conftest import INLINE
 
 pytestmark = pytest.mark.usefixtures("own_folder")
@@ -170,3 +171,40 @@ def test_checksums_are_of_any_files() -> None:
     Path("folder").mkdir()
     with pytest.raises(InputError, match=f"^folder: cannot be read .*; {AGAIN}"):
         verified(Path(), "folder", sums, AGAIN)
+
+
+# -- names that a spreadsheet would run ---------------------------------------------------------------------
+
+FORMULAS = [
+    "=cmd|' /C calc'!A0",
+    "+1+2",
+    "-x",
+    "@SUM(A1)",
+    "'quoted",
+    "''",
+    "plain",
+    "a=b",
+    "'=x",
+    "\u2028 line",
+]
+
+
+def test_names_like_formulas_come_back_as_they_were() -> None:
+    written = safe_names(FORMULAS)
+    assert not [word for word in written if word[0] in "=+-@\t\r"]
+    assert [name_as_written(word) for word in written] == FORMULAS
+    assert [word for word, name in zip(written, FORMULAS, strict=True) if word == name] == [
+        "plain",
+        "a=b",
+        "\u2028 line",
+    ]
+
+
+@pytest.mark.parametrize("name", ["=cmd|' /C calc'!A0", "@x", 'a,\\"b', "x\u2028y"])
+def test_a_resource_with_a_name_like_a_formula_is_safe_in_csv(name: str) -> None:
+    assert run(str(write(INLINE.replace('"memory"', f'"{name}"')))).exit_code == 0
+    asked = name.replace("\\", "")
+    (first, _) = pd.read_csv("results/five/summary.csv")["resource"]
+    assert first[0] not in "=@"
+    assert list(load_run("results/five").measures) == [asked, "disk"]
+    assert asked in said("show", "results/five")
