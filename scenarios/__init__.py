@@ -1,1 +1,1 @@
-"""Studies to run: one question a file, each with a quick size; ``python -m scenarios`` lists them."""
+"""Studies to run: one question each, with a quick size; ``python -m scenarios`` lists them."""

@@ -28,7 +28,7 @@ from aimd_des.recording import Recording
 from aimd_des.results import Result
 from aimd_des.simulation import Simulation
 from models import smart_cameras
-from scenarios._command import Study, command
+from scenarios.common.command import Study, command
 
 __all__ = ["main", "study"]
 

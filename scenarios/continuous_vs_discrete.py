@@ -19,9 +19,9 @@ from aimd_des.plots import colour, shared_legend
 from aimd_des.plots.style import REFERENCE, frame, number_axis
 from aimd_des.problem import Problem
 from models.smart_cameras import smart_cameras
-from scenarios._command import Study, command
-from scenarios._measure import Run, measure_all
-from scenarios._replicate import numbers
+from scenarios.common.command import Study, command
+from scenarios.common.measure import Run, measure_all
+from scenarios.common.replicate import numbers
 
 __all__ = ["main", "study"]
 

@@ -18,9 +18,9 @@ from aimd_des.control_unit import Crossing
 from aimd_des.optimum import solve_optimum
 from aimd_des.plots import colour, shared_legend
 from aimd_des.plots.style import REFERENCE, frame, number_axis
-from scenarios._command import Study, command
-from scenarios._measure import Run, measure_all
-from scenarios._systems import memory_alone
+from scenarios.common.command import Study, command
+from scenarios.common.measure import Run, measure_all
+from scenarios.common.systems import memory_alone
 
 __all__ = ["main", "study"]
 

@@ -21,10 +21,10 @@ from aimd_des.errors import InputError
 from aimd_des.optimum import solve_optimum
 from aimd_des.plots import colour, shared_legend
 from aimd_des.plots.style import REFERENCE, frame, number_axis
-from scenarios._command import Study, command
-from scenarios._measure import Measures, Run, distance, measure_all
-from scenarios._replicate import jackknife
-from scenarios._systems import memory_alone, spread
+from scenarios.common.command import Study, command
+from scenarios.common.measure import Measures, Run, distance, measure_all
+from scenarios.common.replicate import jackknife
+from scenarios.common.systems import memory_alone, spread
 
 __all__ = ["main", "study"]
 

@@ -7,14 +7,14 @@ signals.
 
 import pandas as pd
 
-from scenarios._command import Study, command
-from scenarios._replicate import replicate
 from scenarios._theory_classics import classics
 from scenarios._theory_figure import deviations
 from scenarios._theory_losses import compensated, critical, heterogeneous, runaway
 from scenarios._theory_page import PAGE
 from scenarios._theory_rows import Size, digest, frame, markdown
 from scenarios._theory_signals import signals_and_utilisation
+from scenarios.common.command import Study, command
+from scenarios.common.replicate import replicate
 
 __all__ = ["FULL", "QUICK", "main", "study"]
 

@@ -60,6 +60,10 @@ def test_scripts_and_files_of_this_folder_are_found() -> None:
     Path("scenarios").mkdir()
     write('"""What happens?\n\nMuch."""\n', "scenarios/question.py")
     write("", "scenarios/_helper.py")
+    for name in ("folder", "shared"):
+        Path("scenarios", name).mkdir()
+        write('"""Which one?"""\n', f"scenarios/{name}/__init__.py")
+    write("", "scenarios/folder/__main__.py")
     write("def broken(:", "scenarios/broken.py")
     write(INLINE, "scenarios/file.toml")
     write('title = "many"\n[scenario]\nuntil = 5\n[[axes]]\nkey = "seed"\n', "study.toml")
@@ -67,6 +71,7 @@ def test_scripts_and_files_of_this_folder_are_found() -> None:
     write("until = ", "broken.toml")
     found = [(entry["name"], entry["meaning"]) for entry in listed("scenarios")["scenarios"]]
     assert found == [
+        ("scenarios.folder", "Which one?"),
         ("scenarios.question", "What happens?"),
         ("scenarios/file.toml", "five agents, two resources"),
         ("study.toml", "many"),

@@ -39,7 +39,7 @@ from aimd_des.response import CONTINUOUS, DISCRETE
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
 from models.smart_cameras import smart_cameras
-from scenarios._systems import memory_alone, spread
+from scenarios.common.systems import memory_alone, spread
 from tests.conftest import assert_same_run, quietly, random_problem
 
 # Standard errors by which a mean may lie from the truth: once in 15,000 by chance.

@@ -25,7 +25,6 @@ PAGES = sorted(
     for path in DOCS.rglob("*")
     if path.suffix in {".md", ".rst"} and not MADE & set(path.relative_to(DOCS).parts)
 )
-SCENARIOS = sorted((ROOT / "scenarios").glob("[!_]*.py"))
 
 # Public where they live, for the other modules; of no use to those who pass a compensation in.
 INTERNAL = {
@@ -102,19 +101,30 @@ def test_every_public_name_is_in_the_api() -> None:
     assert public_names() - listed == set()
 
 
-@pytest.mark.parametrize("source", SCENARIOS, ids=lambda path: path.stem)
-def test_every_scenario_has_a_page_in_the_gallery(source: Path) -> None:
-    script = ast.parse(extension("scenario_gallery").example(source, DOCS))
+SCENARIOS = extension("scenario_gallery").sources(ROOT / "scenarios")
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_every_scenario_has_a_page_in_the_gallery(name: str) -> None:
+    text, code = SCENARIOS[name]
+    script = ast.parse(extension("scenario_gallery").example(name, text, code, DOCS))
     title, line, *rest = (ast.get_docstring(script) or "").splitlines()
     assert line == "=" * len(title)
-    assert f"python -m scenarios.{source.stem}" in "\n".join(rest)
+    assert f"python -m scenarios.{name}" in "\n".join(rest)
     for anchor in re.findall(r"scenarios\.html#([\w-]+)", "\n".join(rest)):  # Sphinx takes it as it is
         assert anchor in slugs((DOCS / "scenarios.md").read_text(encoding="utf-8"))
-    figure = DOCS / "images" / f"{source.stem}.png"
+    figure = DOCS / "images" / f"{name}.png"
     assert figure.is_file(), "draw it, and keep the figure of the full size in docs/images"
     # All of the code is shown, and nothing else: the docstring is the page.
-    whole = ast.parse(source.read_text(encoding="utf-8"))
+    whole = ast.parse(code.read_text(encoding="utf-8"))
     assert [ast.dump(node) for node in script.body[1:]] == [ast.dump(node) for node in whole.body[1:]]
+
+
+def test_modules_and_folders_are_scenarios() -> None:
+    text, code = SCENARIOS["churn"]
+    assert (text.name, code.name) == ("__init__.py", "study.py")
+    assert SCENARIOS["delay"][0] == SCENARIOS["delay"][1]
+    assert "common" not in SCENARIOS
 
 
 def test_a_scenario_without_findings_is_refused(tmp_path: Path) -> None:
@@ -122,7 +132,7 @@ def test_a_scenario_without_findings_is_refused(tmp_path: Path) -> None:
     (tmp_path / "scenarios.md").write_text("# Scenarios\n\n## Why?\n\n`other`: text\n")
     (tmp_path / "new.py").write_text('"""Why?\n\nBecause.\n"""\n')
     with pytest.raises(gallery.ExtensionError, match="`new`"):
-        gallery.example(tmp_path / "new.py", tmp_path)
+        gallery.example("new", tmp_path / "new.py", tmp_path / "new.py", tmp_path)
 
 
 def slugs(page: str) -> set[str]:

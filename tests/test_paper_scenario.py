@@ -14,8 +14,8 @@ from aimd_des import InputError, load_scenario, run_discrete, solve_optimum
 from aimd_des.output import check_folder
 from models.smart_cameras import smart_cameras
 from scenarios import paper
-from scenarios._paper_table import CAPACITY_EVENTS, table
-from scenarios._paper_text import markdown, sentences
+from scenarios.paper.table import CAPACITY_EVENTS, table
+from scenarios.paper.text import markdown, sentences
 from tests.conftest import ROOT, python
 
 STORED = Path(__file__).parent / "data" / "paper_quick.csv"
@@ -173,7 +173,7 @@ def test_nothing_is_left_of_a_run_that_fails(
     def fail(study: paper.PaperStudy) -> str:
         raise OSError("disk full")
 
-    monkeypatch.setattr(paper, "markdown", fail)
+    monkeypatch.setattr(paper.study, "markdown", fail)
     with pytest.raises(OSError, match="disk full"):
         paper.write(quick, check_folder(tmp_path / "paper", overwrite=False, mark=paper.MARK))
     assert list(tmp_path.iterdir()) == []
@@ -184,7 +184,7 @@ def test_scenarios_are_listed_with_their_first_lines() -> None:
     assert listed.returncode == 0
     assert (paper.__doc__ or "").splitlines()[0] in listed.stdout
     assert "python -m scenarios.paper" in listed.stdout
-    assert "_paper" not in listed.stdout
+    assert "common" not in listed.stdout
 
 
 def test_the_scenario_file_is_the_first_run_of_the_study() -> None:

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios._burst_theory import level_shares, run_away
-from scenarios._bursts import Bursts, Outcome, measure, smallest
-from scenarios._replicate import mean_and_error, replicate
-from scenarios._systems import memory_alone
+from scenarios.burst_loss.runs import Bursts, Outcome, measure, smallest
+from scenarios.burst_loss.theory import level_shares, run_away
+from scenarios.common.replicate import mean_and_error, replicate
+from scenarios.common.systems import memory_alone
 
 PROBLEM = memory_alone()
 REPLICATIONS = 8

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from aimd_des import theory
-from scenarios._mesh import FLOOD, TREE, Mesh, Outcome, branches, measure, mesh, statistics
-from scenarios._replicate import mean_and_error, replicate
-from scenarios._systems import memory_alone
+from scenarios.common.replicate import mean_and_error, replicate
+from scenarios.common.systems import memory_alone
+from scenarios.mesh.runs import FLOOD, TREE, Mesh, Outcome, branches, measure, mesh, statistics
 
 PROBLEM = memory_alone()
 LOSS = 0.4

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios._outage import ALL, FAILOVER, HALF, OTHER, PART, Found, Outage, expected, measure
-from scenarios._replicate import mean_and_error, replicate
+from scenarios.common.replicate import mean_and_error, replicate
+from scenarios.outage.runs import ALL, FAILOVER, HALF, OTHER, PART, Found, Outage, expected, measure
 
 # Standard errors by which a mean may be off: by Student's t with 7 degrees of freedom once in 1,000.
 Z = 5.4

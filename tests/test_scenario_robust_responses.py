@@ -7,10 +7,10 @@ import pytest
 
 from aimd_des import BroadcastChannel, Crossing, Fleet, Problem, Recording, Simulation
 from aimd_des.compensation import Compensation, EstimatedLoss
-from scenarios._measure import distance
-from scenarios._replicate import jackknife, mean_and_error
-from scenarios._responses_theory import MEMORY, critical, estimate, misallocation, rate
-from scenarios._systems import memory_alone, spread
+from scenarios.common.measure import distance
+from scenarios.common.replicate import jackknife, mean_and_error
+from scenarios.common.systems import memory_alone, spread
+from scenarios.robust_responses.theory import MEMORY, critical, estimate, misallocation, rate
 from tests.conftest import quietly
 
 # Four replications: by Student's t with 3 degrees of freedom a mean is so far off once in 200.

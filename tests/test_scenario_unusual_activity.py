@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from aimd_des.averaging import Cumulative, Forgetting, Window
-from scenarios._fluid import flow
-from scenarios._replicate import mean_and_error, replicate
-from scenarios._systems import memory_alone
-from scenarios._unusual_runs import Seen, Size, fluid, groups, measure, reached, shares
+from scenarios.common.fluid import flow
+from scenarios.common.replicate import mean_and_error, replicate
+from scenarios.common.systems import memory_alone
+from scenarios.unusual_activity.runs import Seen, Size, fluid, groups, measure, reached, shares
 
 SIZE = Size(24, 200.0, 450.0, 460.0, 10.0)
 # By Student's t with 23 degrees of freedom, beyond once in 2,000 means.

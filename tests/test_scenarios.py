@@ -18,10 +18,10 @@ from aimd_des import theory
 from aimd_des.control_unit import Crossing
 from models.smart_cameras import smart_cameras
 from scenarios import _theory_losses, _theory_signals
-from scenarios._measure import Measures, Run, measure, measure_all
-from scenarios._replicate import jackknife, mean_and_error, replicate, summarise
-from scenarios._systems import memory_alone, spread
 from scenarios._theory_rows import Row, Rule, Size, digest, frame, markdown
+from scenarios.common.measure import Measures, Run, measure, measure_all
+from scenarios.common.replicate import jackknife, mean_and_error, replicate, summarise
+from scenarios.common.systems import memory_alone, spread
 from tests.conftest import python
 
 STORED = Path(__file__).parent / "data"

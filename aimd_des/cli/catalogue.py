@@ -120,13 +120,16 @@ def _entry(kind: "Kind") -> Entry:
 
 
 def _scripts() -> Iterator[Entry]:
-    """Find the scripts of the folder `scenarios`; nothing is run."""
-    for path in sorted(Path("scenarios").glob("[!_.]*.py")):
+    """Find the scripts of the folder `scenarios`, and folders in it that can be run; nothing is run."""
+    folder = Path("scenarios")
+    sources = {path.stem: path for path in folder.glob("[!_.]*.py")}
+    sources |= {path.parent.name: path.with_name("__init__.py") for path in folder.glob("[!_.]*/__main__.py")}
+    for name, source in sorted(sources.items()):
         try:
-            text = ast.get_docstring(ast.parse(path.read_bytes())) or ""
+            text = ast.get_docstring(ast.parse(source.read_bytes())) or ""
         except (OSError, SyntaxError, ValueError, RecursionError):
             continue  # no module of Python
-        yield Entry(f"scenarios.{path.stem}", text.partition("\n")[0])
+        yield Entry(f"scenarios.{name}", text.partition("\n")[0])
 
 
 def _files() -> Iterator[Entry]:

@@ -2,7 +2,7 @@
 
 A scenario is a study with a command, and takes minutes; its figure is kept in `docs/images`.  So each
 becomes a script for sphinx-gallery: its docstring as a page (question, answer, figure, command), and
-its code below as it is.
+its code below as it is; of a folder the code of its `study.py`.
 """
 
 import ast
@@ -49,12 +49,22 @@ def _details(docs: Path, name: str) -> str:
     return f"Findings and numbers: `{found[0]} <../scenarios.html#{anchor}>`__"
 
 
-def example(source: Path, docs: Path) -> str:
-    """Turn the module of a scenario into a script for sphinx-gallery."""
-    name, code = source.stem, source.read_text(encoding="utf-8")
-    tree = ast.parse(code)
-    title, _, answer = (ast.get_docstring(tree) or "").partition("\n\n")
-    below = "".join(code.splitlines(keepends=True)[tree.body[0].end_lineno :])
+def sources(folder: Path) -> dict[str, tuple[Path, Path]]:
+    """Find for each scenario the file with its docstring, and the one with its code: a folder has two."""
+    found = {path.stem: (path, path) for path in folder.glob("[!_]*.py")}
+    found |= {
+        path.parent.name: (path.with_name("__init__.py"), path.with_name("study.py"))
+        for path in folder.glob("*/__main__.py")
+    }
+    return dict(sorted(found.items()))
+
+
+def example(name: str, text: Path, code: Path, docs: Path) -> str:
+    """Turn a scenario into a script for sphinx-gallery."""
+    docstring = ast.get_docstring(ast.parse(text.read_text(encoding="utf-8"))) or ""
+    title, _, answer = docstring.partition("\n\n")
+    source = code.read_text(encoding="utf-8")
+    below = "".join(source.splitlines(keepends=True)[ast.parse(source).body[0].end_lineno :])
     header = _HEADER.format(
         name=name, title=title, underline="=" * len(title), answer=answer, more=_details(docs, name)
     )
@@ -65,8 +75,8 @@ def write_examples(docs: Path, folder: Path) -> None:
     """Write a script for each scenario, and the header of the gallery."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
-    for source in sorted((docs.parent / "scenarios").glob("[!_]*.py")):
-        (folder / source.name).write_text(example(source, docs), encoding="utf-8")
+    for name, (text, code) in sources(docs.parent / "scenarios").items():
+        (folder / f"{name}.py").write_text(example(name, text, code, docs), encoding="utf-8")
     (folder / "GALLERY_HEADER.rst").write_text(
         "Gallery of scenarios\n====================\n\n"
         "Studies to run, one question each. What they found stands on :doc:`one page </scenarios>`.\n",

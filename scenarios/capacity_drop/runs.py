@@ -1,0 +1,248 @@
+"""A drop of the capacity of the paper's memory, or one like it: what is measured, and what is expected."""
+
+from dataclasses import replace
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import ndtr
+
+from aimd_des import theory
+from aimd_des.agents import Fleet
+from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
+from aimd_des.checks import FloatArray
+from aimd_des.control_unit import Crossing
+from aimd_des.costs import PolynomialCosts
+from aimd_des.interventions import CapacityRamp, CapacityStep
+from aimd_des.metrics import relative_error
+from aimd_des.optimum import solve_optimum
+from aimd_des.problem import Problem
+from aimd_des.recording import Recording
+from aimd_des.simulation import Simulation
+from scenarios.common.replicate import jackknife, mean_and_error
+from scenarios.common.systems import memory_alone
+
+__all__ = [
+    "GRAIN",
+    "LEFT",
+    "PAPER",
+    "QUADRATIC",
+    "WAYS",
+    "WITHIN",
+    "Drop",
+    "Found",
+    "closed_form",
+    "error_of",
+    "measure",
+    "rows_of",
+]
+
+WITHIN = 0.05
+LEFT = 0.6  # of the capacity
+GRAIN = 5.0  # time between two records of all agents; totals are kept every unit
+# A window that slides by finer parts would make no difference here.
+_PARTS = 200
+PAPER, QUADRATIC = "paper's memory", "quadratic costs"
+WAYS = ("cumulative", "window", "forgetting")
+
+
+class Drop(NamedTuple):
+    """Costs, averaging and change; `window` is the length of the window and twice the time constant."""
+
+    costs: str
+    way: str
+    ramp: float
+    age: float
+    window: float
+
+    @property
+    def memory(self) -> dict[str, float]:
+        """As theory takes it."""
+        known = {"window": {"window": self.window}, "forgetting": {"time_constant": self.window / 2}}
+        return known.get(self.way, {})
+
+    @property
+    def averaging(self) -> Averaging:
+        """As agents take it."""
+        if self.way == "cumulative":
+            return Cumulative()
+        return Window(self.window, _PARTS) if self.way == "window" else Forgetting(self.window / 2)
+
+    @property
+    def until(self) -> float:
+        """Some time after averages should have recovered, a multiple of the grain."""
+        return float(GRAIN * np.ceil((self.age + 1.25 * closed_form(self) + self.ramp) / GRAIN))
+
+
+class Found(NamedTuple):
+    """Level (q,) each unit of time; averages (r, n) and single run's relative error (r,) each grain."""
+
+    level: FloatArray
+    average: FloatArray
+    error: FloatArray
+
+
+@lru_cache
+def _problem(costs: str, share: float = 1.0) -> Problem:
+    """Make memory alone, or costs c_i x**2 with the same optimum, with a share of the capacity."""
+    problem = memory_alone(normalization=1 / 180)
+    if costs == QUADRATIC:
+        best = solve_optimum(problem)
+        factors = best.multipliers[0] / (2.0 * best.allocation[:, 0])
+        problem = Problem(problem.resources, PolynomialCosts([2], factors[:, None, None]))
+    memory = replace(problem.resources[0], capacity=share * float(problem.capacity[0]))
+    return Problem([memory], problem.costs)
+
+
+@lru_cache
+def used(costs: str, share: float) -> float:
+    """Predict the mean total demand, in units of the resource."""
+    problem = _problem(costs, share)
+    return float(theory.predict(problem, "continuous").utilisation[0] * problem.capacity[0])
+
+
+@lru_cache
+def closed_form(case: Drop, *, plain: bool = False) -> float:
+    """Predict the time from the start of the change until the level is within 5 % of the new capacity.
+
+    Plain: as if all of the capacity were used from the first instant on. A ramp of length D is a step at its
+    middle, but for forgetting, which sees the average of an exponential and is tau log(sinh(D / 2 tau) / (D /
+    2 tau)) later, and for a window that has left the first part of the ramp behind: what remains of the
+    ramp, squared, over 2 D W is what may be left.
+    """
+    problem, middle = _problem(case.costs), 0.5 * (case.ramp + 1.0) if case.ramp else 0.0
+    before, after = float(problem.capacity[0]), LEFT * float(problem.capacity[0])
+    within, age = WITHIN, case.age + middle
+    if not plain:
+        within = (1.0 + WITHIN) * after / used(case.costs, LEFT) - 1.0
+        filling = 0.5 * before / float(problem.increase.sum())  # demand begins at 0
+        before, after = used(case.costs, 1.0), used(case.costs, LEFT)
+        if case.way == "cumulative":
+            before *= 1.0 - filling / age
+    late = middle
+    if case.way == "forgetting" and middle > 0.0:
+        shape = case.ramp / case.window
+        late += 0.5 * case.window * float(np.log(np.sinh(shape) / shape))
+    left = within * after / (before - after)
+    if case.way == "window" and case.ramp > 2.0 * case.window * left:
+        return case.window + 2.0 * middle - float(np.sqrt(4.0 * middle * case.window * left))
+    return late + theory.recovery_time(before, after, age, **case.memory, within=within)
+
+
+def mean_field(case: Drop) -> FloatArray:
+    """Follow the means alone, (r, n) each grain: demand is shared as averages ask for, averages follow."""
+    problem, steps = _problem(case.costs), round(case.until / GRAIN)
+    filling = 0.5 * float(problem.capacity[0] / problem.increase.sum())
+    start = theory.predict(problem, "continuous").allocation[:, 0]
+    history = [start] * (round(case.age / GRAIN) + 1)
+    average = start * (1.0 - filling / case.age) if case.way == "cumulative" else start.copy()
+    kept = [average] * len(history)
+    for step in range(len(history), steps + 1):
+        part = min((step * GRAIN - case.age) / case.ramp, 1.0) if case.ramp else 1.0
+        total = (1.0 - part) * used(case.costs, 1.0) + part * used(case.costs, LEFT)
+        wanted = average / problem.costs.gradient(average[:, None])[:, 0]
+        demand = wanted * total / wanted.sum()
+        history.append(demand)
+        if case.way == "window":
+            average = average + (demand - history[step - round(case.window / GRAIN)]) * GRAIN / case.window
+        else:
+            span = step * GRAIN if case.way == "cumulative" else case.window / 2
+            average = average + (demand - average) * GRAIN / span
+        kept.append(average)
+    return np.array(kept)
+
+
+def measure(case: Drop, seed: int) -> Found:
+    """Run once, and keep what is looked at."""
+    problem = _problem(case.costs)
+    capacity = LEFT * float(problem.capacity[0])
+    change = (
+        CapacityRamp("memory", case.age, case.age + case.ramp, capacity, steps=round(case.ramp))
+        if case.ramp
+        else CapacityStep("memory", case.age, capacity)
+    )
+    result = Simulation(
+        problem,
+        dynamics="continuous",
+        control_unit=Crossing(0.0),
+        agents=Fleet,
+        averaging=case.averaging,
+        interventions=[change],
+        seed=seed,
+        recording=Recording(demand=1.0, allocations=GRAIN, overshoot=False),
+    ).run(case.until)
+    seen = result.observations
+    tracked = result.tracking["relative_error"].to_numpy()
+    return Found(seen.total_average[:, 0] / capacity, seen.average[:, 0, :], tracked)
+
+
+def _last_outside(values: FloatArray, start: float, grain: float) -> float:
+    """Time from the start of the change to the last record outside; to the end if it is."""
+    after = np.asarray(values)[round(start / grain) :]
+    outside = np.flatnonzero(np.abs(after) > WITHIN)
+    return float(grain * (outside[-1] + 0.5)) if len(outside) else 0.0
+
+
+def error_of(case: Drop, averages: FloatArray) -> FloatArray:
+    """Compute the relative error against the new optimum at each record, (r,)."""
+    best = solve_optimum(_problem(case.costs, LEFT)).allocation
+    return np.array([relative_error(row[:, None], best)[0] for row in averages])
+
+
+def _shares_recovery(case: Drop, averages: FloatArray) -> FloatArray:
+    return np.array([_last_outside(error_of(case, averages), case.age, GRAIN)])
+
+
+def _with_noise(case: Drop, errors: FloatArray) -> FloatArray:
+    """Expect the relative error of the mean field plus normal noise with these standard errors, (r,)."""
+    best = solve_optimum(_problem(case.costs, LEFT)).allocation[:, 0]
+    away, noise = mean_field(case) - best, np.maximum(errors, 1e-12)
+    inside = away / noise
+    size = noise * np.sqrt(2.0 / np.pi) * np.exp(-0.5 * inside**2) + away * (2.0 * ndtr(inside) - 1.0)
+    return np.asarray(size.sum(axis=1) / best.sum())
+
+
+def _spread(case: Drop) -> float:
+    """Predict the scatter of agents' averages at the drop; NaN where no closed form is known."""
+    problem = _problem(case.costs)
+    expected = theory.predict(problem, "continuous")
+    x = expected.allocation
+    steep = x * np.einsum("ijj->ij", problem.costs.hessian(x)) / problem.costs.gradient(x)
+    bent = case.costs == PAPER
+    if bent and case.way != "forgetting":
+        return np.nan
+    memory = case.memory or {"window": case.age}
+    # Signals come nearly evenly, so that what is certain about an answer makes no noise.
+    each = theory.averaging_spread(
+        x,
+        problem.increase,
+        problem.decrease,
+        elasticity=steep if bent else 1.0,
+        probability=expected.probability,
+        **memory,
+    )
+    return float(np.sqrt((each**2).mean()))
+
+
+def rows_of(case: Drop, found: list[Found]) -> list[dict[str, Any]]:
+    """Measure the recovery and the scatter over all replications, beside what theory has."""
+    averages = [run.average for run in found]
+    at_drop = np.stack([run.average[round(case.age / GRAIN)] for run in found])
+    level = mean_and_error([_last_outside(run.level - 1.0, case.age, 1.0) for run in found])
+    shares = jackknife(averages, partial(_shares_recovery, case))
+    scatter = np.sqrt((at_drop.var(axis=0, ddof=1) / at_drop.mean(axis=0) ** 2).mean())
+    left = mean_and_error([run.error[-1] for run in found])
+    # Of a standard deviation from R replications of n agents that hardly depend on each other.
+    doubt = scatter / np.sqrt(2.0 * (len(found) - 1) * at_drop.shape[1])
+    labels = {"costs": case.costs, "way": case.way, "ramp": case.ramp}
+    alone = _last_outside(_with_noise(case, mean_and_error(averages)[1]), case.age, GRAIN)
+    rows = [
+        ("recovery of the level", level[0], level[1], closed_form(case)),
+        ("recovery of the shares", shares[0][0], shares[1][0], alone),
+        ("scatter of an average", scatter, doubt, _spread(case)),
+        ("error left in one run", left[0], left[1], np.nan),
+    ]
+    columns = ("measure", "mean", "standard_error", "theory")
+    made = [{**labels, **dict(zip(columns, (n, float(m), float(e), t), strict=True))} for n, m, e, t in rows]
+    made[0]["plain_theory"] = closed_form(case, plain=True)
+    return made

@@ -1,0 +1,221 @@
+"""The study: what is run, and what is made of it."""
+
+from functools import partial
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from aimd_des.plots import colour, shared_legend
+from aimd_des.plots.style import REFERENCE, frame, number_axis
+from scenarios.capacity_drop.runs import (
+    GRAIN,
+    PAPER,
+    QUADRATIC,
+    WAYS,
+    WITHIN,
+    Drop,
+    Found,
+    closed_form,
+    error_of,
+    measure,
+    rows_of,
+)
+from scenarios.common.command import Study, command
+from scenarios.common.replicate import replicate
+
+__all__ = ["main", "study"]
+
+_LEVEL, _SHARES, _SCATTER = "recovery of the level", "recovery of the shares", "scatter of an average"
+# Recorded times that the figure shows, over the age at the drop.
+_SHOWN = 1.6
+
+
+def study(quick: bool = False, seed: int = 0) -> Study:
+    """Take 40 % of the capacity away, at once and in a ramp, from agents with three ways of averaging.
+
+    Parameters
+    ----------
+    quick : bool
+        Whether to run the small size.
+    seed : int
+        Of the first replication.
+
+    Returns
+    -------
+    Study
+        A pure function of the arguments.
+    """
+    replications, age, window = (2, 60.0, 80.0) if quick else (16, 600.0, 400.0)
+    changes = [(QUADRATIC, 0.0), (QUADRATIC, window / 2), (PAPER, 0.0)]
+    cases = [Drop(costs, way, ramp, age, window) for costs, ramp in changes for way in WAYS]
+    jobs = [partial(measure, case) for case in cases]
+    outcomes = replicate(jobs, replications, seed, workers=1 if quick else None)
+    pairs = list(zip(cases, outcomes, strict=True))
+    table = pd.DataFrame([row for case, found in pairs for row in rows_of(case, found)])
+    return Study(
+        "capacity_drop",
+        {"seed": seed, "replications": replications, "age": age, "window": window},
+        table.assign(replications=replications),
+        _readable(table),
+        _findings(table, age),
+        {"capacity_drop": _figure(table, pairs)},
+    )
+
+
+def _pick(table: pd.DataFrame, what: str, costs: str = QUADRATIC, *, ramp: bool = False) -> pd.DataFrame:
+    """Take a measure, a row for each way of averaging."""
+    wanted = (table["measure"] == what) & (table["costs"] == costs) & ((table["ramp"] > 0.0) == ramp)
+    return table[wanted].set_index("way").loc[list(WAYS)]
+
+
+def _figure(table: pd.DataFrame, pairs: list[tuple[Drop, list[Found]]]) -> Figure:
+    figure = Figure(figsize=(13.0, 4.6), layout="constrained")
+    left, middle, right = figure.subplots(1, 3)
+    steps = [(case, found) for case, found in pairs if case.costs == QUADRATIC and not case.ramp]
+    _draw_levels(left, steps)
+    _draw_times(middle, table, steps[0][0].age)
+    _draw_errors(right, steps)
+    for axes in (left, middle, right):
+        frame(axes)
+    shared_legend(figure)
+    return figure
+
+
+def _draw_levels(axes: Axes, steps: list[tuple[Drop, list[Found]]]) -> None:
+    axes.axhspan(
+        1.0 - WITHIN, 1.0 + WITHIN, color="0.9", linewidth=0.0, label="within 5 % of the new optimum"
+    )
+    for place, (case, found) in enumerate(steps):
+        level = np.mean([run.level for run in found], axis=0)
+        time = np.arange(len(level)) - case.age
+        axes.plot(time, level, color=colour(place), linewidth=1.8, label=case.way)
+        axes.plot([closed_form(case)], [1.0 + WITHIN], "v", color=colour(place), markersize=8.0)
+    axes.plot([], [], "v", color=REFERENCE, markersize=8.0, label="recovery by theory")
+    age = steps[0][0].age
+    axes.set_xlim(-0.5 * age, _SHOWN * age)
+    axes.set_ylim(0.9, 1.75)
+    axes.set_xlabel("time since the drop (control periods)")
+    axes.set_ylabel("sum of the averages over the new capacity")
+    axes.set_title("(a) What is remembered decides", loc="left", fontsize="medium")
+    number_axis(axes.xaxis)
+    number_axis(axes.yaxis)
+
+
+def _draw_times(axes: Axes, table: pd.DataFrame, age: float) -> None:
+    """Recovery over the age at the drop, by theory and simulated, on the diagonal where they agree."""
+    kinds = ((QUADRATIC, False, "o"), (QUADRATIC, True, "s"), (PAPER, False, "^"))
+    for costs, ramp, marker in kinds:
+        for what, filled in ((_LEVEL, True), (_SHARES, False)):
+            rows = _pick(table, what, costs, ramp=ramp)
+            for place, way in enumerate(WAYS):
+                row = rows.loc[way]
+                face = colour(place) if filled else "white"
+                axes.plot(
+                    [row["theory"] / age],
+                    [row["mean"] / age],
+                    marker,
+                    color=colour(place),
+                    markerfacecolor=face,
+                    markersize=5.0 if filled else 9.0,
+                    zorder=3 if filled else 2,
+                )
+        name = f"{costs}, {'ramp' if ramp else 'step'}"
+        axes.plot([], [], marker, color=REFERENCE, label=name)
+    axes.plot([], [], "o", color=REFERENCE, markerfacecolor="white", markersize=9.0, label="of the shares")
+    ends = [0.5, 12.0]
+    axes.plot(ends, ends, color=REFERENCE, linewidth=1.0, zorder=1)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlim(*ends)
+    axes.set_ylim(*ends)
+    axes.set_xlabel("recovery by theory over the age at the drop")
+    axes.set_ylabel("recovery simulated over the age at the drop")
+    axes.set_title("(b) Theory against runs", loc="left", fontsize="medium")
+    number_axis(axes.xaxis)
+    number_axis(axes.yaxis)
+
+
+def _draw_errors(axes: Axes, steps: list[tuple[Drop, list[Found]]]) -> None:
+    for place, (case, found) in enumerate(steps):
+        start = round(case.age / GRAIN)
+        alone = np.mean([run.error[start:] for run in found], axis=0)
+        together = error_of(case, np.mean([run.average[start:] for run in found], axis=0))
+        time = GRAIN * np.arange(len(alone))
+        axes.plot(time, 100 * alone, color=colour(place), linewidth=1.8)
+        axes.plot(time, 100 * together, color=colour(place), linewidth=1.2, linestyle="--")
+    axes.plot([], [], color=REFERENCE, linewidth=1.8, label="a single run")
+    axes.plot([], [], color=REFERENCE, linewidth=1.2, linestyle="--", label="averages over all runs")
+    axes.axhline(100 * WITHIN, color=REFERENCE, linewidth=1.0, linestyle=":")
+    axes.set_xlim(0.0, _SHOWN * steps[0][0].age)
+    axes.set_ylim(0.0, 70.0)
+    axes.set_xlabel("time since the drop (control periods)")
+    axes.set_ylabel("distance from the new optimum (%)")
+    axes.set_title("(c) A short memory never gets there: noise", loc="left", fontsize="medium")
+    number_axis(axes.xaxis)
+    number_axis(axes.yaxis)
+
+
+def _readable(table: pd.DataFrame) -> pd.DataFrame:
+    return pd.DataFrame(
+        [
+            {
+                "costs": row["costs"],
+                "averaging": row["way"],
+                "ramp": f"{row['ramp']:g}",
+                "measure": row["measure"],
+                "theory": "" if np.isnan(row["theory"]) else f"{row['theory']:.4g}",
+                "simulation": f"{row['mean']:.4g} ± {row['standard_error']:.2g}",
+            }
+            for row in table.to_dict("records")
+        ]
+    )
+
+
+def _numbers(
+    table: pd.DataFrame, what: str, costs: str = QUADRATIC, column: str = "mean", *, ramp: bool = False
+) -> dict[str, float]:
+    rows = _pick(table, what, costs, ramp=ramp)
+    return dict(zip(WAYS, rows[column].astype(float).tolist(), strict=True))
+
+
+def _listed(values: dict[str, float], digits: int = 0) -> str:
+    first, second, third = (f"{values[way]:.{digits}f}" for way in WAYS)
+    return f"{first}, {second} and {third}"
+
+
+def _findings(table: pd.DataFrame, age: float) -> list[str]:
+    level, steep = _numbers(table, _LEVEL), _numbers(table, _LEVEL, PAPER)
+    plain = _numbers(table, _LEVEL, column="plain_theory")
+    long = [plain[way] / level[way] - 1.0 for way in WAYS]
+    rows = table[table["measure"] == _LEVEL]
+    off = float((rows["mean"] / rows["theory"] - 1.0).abs().max())
+    scatter, expected = _numbers(table, _SCATTER), _numbers(table, _SCATTER, column="theory")
+    bent = _numbers(table, _SCATTER, PAPER)["forgetting"]
+    damped = _numbers(table, _SCATTER, PAPER, "theory")["forgetting"]
+    left = {way: 100 * value for way, value in _numbers(table, "error left in one run").items()}
+    return [
+        (
+            f"Quadratic costs, drop at age {age:g}: the sum of the averages is within 5 % of the new "
+            f"capacity after {_listed(level)} periods (cumulative, window, forgetting). Theory is within "
+            f"{100 * off:.1f} % of this, of ramps and of the paper's memory, given what is used by "
+            "prediction; as if all of the capacity were used it is "
+            f"{100 * min(long):.0f} to {100 * max(long):.0f} % too long."
+        ),
+        (
+            f"Shares of quadratic costs recover in {_listed(_numbers(table, _SHARES))} periods, those of "
+            f"the paper's memory in {_listed(_numbers(table, _SHARES, PAPER))}, its sum in {_listed(steep)}: "
+            "the optimum is not only scaled there."
+        ),
+        (
+            f"The price: at the drop an agent's average scatters by "
+            f"{_listed({way: 100 * value for way, value in scatter.items()}, 1)} % (theory "
+            f"{_listed({way: 100 * value for way, value in expected.items()}, 1)}), and when the sum has "
+            f"recovered a single run is {_listed(left)} % from the optimum. Steeper costs damp the scatter: "
+            f"{100 * bent:.1f} % (theory {100 * damped:.1f}) for the paper's memory with forgetting."
+        ),
+    ]
+
+
+main = command("capacity_drop", study, "How fast do averages follow when 40 % of a capacity is lost?")

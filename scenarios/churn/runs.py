@@ -1,0 +1,285 @@
+"""Runs in which cameras come and go: one after the other, or a quarter of them together."""
+
+import warnings
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from aimd_des import streams
+from aimd_des.agents import Fleet
+from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
+from aimd_des.channel import BroadcastChannel
+from aimd_des.checks import FloatArray
+from aimd_des.control_unit import Crossing
+from aimd_des.interventions import Absence, Crash, Intervention, Join
+from aimd_des.latency import Constant
+from aimd_des.recording import Recording
+from aimd_des.results import Result
+from aimd_des.simulation import Simulation
+from scenarios.common.systems import memory_alone
+
+__all__ = [
+    "ALPHA",
+    "AWAY",
+    "CAPACITY",
+    "FORGOT",
+    "GROUP",
+    "KEPT",
+    "LATENCY",
+    "PRESENT",
+    "PROBLEM",
+    "WAYS",
+    "N",
+    "Seen",
+    "Size",
+    "Together",
+    "leave_together",
+    "measure",
+    "schedule",
+    "together_event",
+]
+
+PROBLEM = memory_alone()
+N, ALPHA, CAPACITY = PROBLEM.n_agents, float(PROBLEM.increase[0, 0]), float(PROBLEM.capacity[0])
+LATENCY = HOLD_OFF = 0.5
+#: A camera stays for a time of mean T and is away for one of half of that: two thirds are present.
+PRESENT, AWAY = 2 / 3, 0.5
+#: Who leaves together.
+GROUP = tuple(range(0, N, 4))
+# Looks at the total after that.
+_LOOKS, _SPAN = 0.05, 30.0
+
+
+class _Way(NamedTuple):
+    returns: type[Absence] | type[Crash]
+    averaging: Averaging
+
+
+#: Cameras keep their averages, over all of the time for which they were there.
+KEPT = "all of the past"
+WAYS = {
+    KEPT: _Way(Absence, Cumulative()),
+    "window, 200": _Way(Absence, Window(200.0)),
+    "forgetting, 100": _Way(Absence, Forgetting(100.0)),
+    "all since a crash": _Way(Crash, Cumulative()),
+}
+FORGOT: dict[str, type[Absence] | type[Crash]] = {"average kept": Absence, "average forgotten": Crash}
+
+
+class Size(NamedTuple):
+    """How much is run.
+
+    Attributes
+    ----------
+    stays : tuple of float
+        Mean stays, in units of time; the last one is infinite.
+    replications : int
+        Of each of them.
+    start, until : float
+        From when and until when they are measured.
+    groups : int
+        Replications with a quarter that leaves together.
+    leave, back, end, every : float
+        When it leaves, when it is back, the end, and how often allocations are kept.
+    """
+
+    stays: tuple[float, ...]
+    replications: int
+    start: float
+    until: float
+    groups: int
+    leave: float = 400.0
+    back: float = 500.0
+    end: float = 800.0
+    every: float = 5.0
+
+    @property
+    def times(self) -> FloatArray:
+        """When allocations are kept."""
+        return np.asarray(np.arange(self.leave - 50.0, self.end + 0.5 * self.every, self.every))
+
+
+class Seen(NamedTuple):
+    """What is seen of one run.
+
+    Attributes
+    ----------
+    signals : float
+        Per unit of time, after the start.
+    utilisation : float
+        Mean total demand over the capacity, after the start.
+    peak : float
+        Highest total demand over the capacity.
+    above : float
+        Share of the time above the capacity.
+    tracking : float
+        Relative error of the averages of those present against their optimum, in the mean over time.
+    average : ndarray, shape (n, 1)
+        At the end, in units of the resource.
+    """
+
+    signals: float
+    utilisation: float
+    peak: float
+    above: float
+    tracking: float
+    average: FloatArray
+
+
+class Together(NamedTuple):
+    """What is seen of a run in which a quarter leaves together.
+
+    Attributes
+    ----------
+    demand, average : ndarray, shape (q, n)
+        Of all cameras, in units of the resource.
+    again : float
+        Time until the total is where it was, or at the capacity.
+    released : float
+        What was released over the growth of those who stay, which is the time that it should take.
+    """
+
+    demand: FloatArray
+    average: FloatArray
+    again: float
+    released: float
+
+
+def schedule(
+    stay: float, until: float, returns: type[Absence] | type[Crash], seed: int
+) -> list[Intervention]:
+    """Draw who is there when, declared before the run.
+
+    Draw k of camera i has the address (k, i): runs of the same seed share it, whatever their mean stay.
+    Continuous agents have no clocks, so that the stream of the clocks is free for this.
+
+    Parameters
+    ----------
+    stay : float
+        Mean time for which a camera is there, in units of time; infinite for no churn.
+    until : float
+        The end of the run.
+    returns : type
+        `Absence` or `Crash`: whether it comes back with its average or has forgotten.
+    seed : int
+        Of the run.
+
+    Returns
+    -------
+    list of Intervention
+        One for each stay of a camera away; the state at time 0 is that of the long run.
+    """
+    key = streams.key(seed, streams.Purpose.CLOCK)
+    here = streams.uniforms(key, 0, 0, N) < PRESENT
+    found: list[Intervention] = []
+    if np.isinf(stay):
+        away = np.flatnonzero(~here).tolist()
+        return [Absence(away, 0.0)] if away else []
+    time, number = np.zeros(N), 0
+    while (time < until).any():
+        number += 1
+        lasts = np.where(here, stay, AWAY * stay) * -np.log1p(-streams.uniforms(key, 0, number, N))
+        for i in np.flatnonzero(~here & (time < until)).tolist():
+            end = float(time[i] + lasts[i])
+            found.append(returns(i, float(time[i]), end) if number > 1 else Join(i, end))
+        time, here = time + lasts, ~here
+    return found
+
+
+def measure(way: str, stay: float, size: Size, seed: int) -> Seen:
+    """Run once.
+
+    Parameters
+    ----------
+    way : str
+        How cameras average and return.
+    stay : float
+        Mean time for which a camera is there.
+    size : Size
+        From when and until when.
+    seed : int
+        Of the run.
+
+    Returns
+    -------
+    Seen
+        Of the run, after its start.
+    """
+    returns, averaging = WAYS[way]
+    looks = np.arange(size.start, size.until + 1.0, 25.0)
+    recording = Recording(demand=0.25, allocations=looks)
+    result = _run(averaging, schedule(stay, size.until, returns, seed), recording, size.until, seed)
+    seen, sent = result.observations, result.signals_sent
+    late = seen.demand_times >= size.start
+    return Seen(
+        signals=float((sent.time >= size.start).sum() / (size.until - size.start)),
+        utilisation=float(seen.total_demand[late, 0].mean() / CAPACITY),
+        peak=float(seen.overshoot.peak[0]),
+        above=float(seen.overshoot.time[0]),
+        tracking=float(result.tracking["relative_error"].mean()),
+        average=result.average_at_end,
+    )
+
+
+def _run(
+    averaging: Averaging, interventions: Sequence[Intervention], recording: Recording, until: float, seed: int
+) -> Result:
+    with warnings.catch_warnings():
+        # A response probability above 1 is certainty: rare here, and part of what is measured.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return Simulation(
+            PROBLEM,
+            dynamics="continuous",
+            control_unit=Crossing(HOLD_OFF),
+            channel=BroadcastChannel(latency=Constant(LATENCY)),
+            agents=Fleet,
+            averaging=averaging,
+            interventions=interventions,
+            seed=seed,
+            recording=recording,
+        ).run(until)
+
+
+def leave_together(name: str, size: Size, seed: int) -> Together:
+    """Let a quarter of the cameras leave and come back.
+
+    Parameters
+    ----------
+    name : str
+        Whether they have forgotten their averages.
+    size : Size
+        When.
+    seed : int
+        Of the run.
+
+    Returns
+    -------
+    Together
+        Of the run.
+    """
+    before, after = size.leave - 1e-6, size.leave + np.arange(round(_SPAN / _LOOKS) + 1) * _LOOKS
+    recording = Recording(demand=np.append(before, after), allocations=size.times, overshoot=False)
+    seen = _run(Cumulative(), [together_event(name, size)], recording, size.end, seed).observations
+    total = seen.total_demand[: len(after) + 1, 0]
+    again = np.argmax(total[1:] >= min(total[0], CAPACITY))
+    released = (total[0] - total[1]) / (ALPHA * (N - len(GROUP)))
+    return Together(seen.demand[:, 0], seen.average[:, 0], float(again * _LOOKS), float(released))
+
+
+def together_event(name: str, size: Size) -> Absence | Crash:
+    """Declare that the group leaves and comes back.
+
+    Parameters
+    ----------
+    name : str
+        Whether it has forgotten its averages.
+    size : Size
+        When.
+
+    Returns
+    -------
+    Absence or Crash
+        For all of the group.
+    """
+    return FORGOT[name](list(GROUP), size.leave, size.back)

@@ -1,0 +1,1 @@
+"""What the studies share: their command, their runs, their theory and their figures."""

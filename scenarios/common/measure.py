@@ -1,0 +1,264 @@
+"""One run of the paper's system, or one like it, and what is measured after its start has died away."""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from aimd_des import metrics
+from aimd_des.agents import Fleet
+from aimd_des.channel import BroadcastChannel
+from aimd_des.checks import FloatArray
+from aimd_des.clock import Clocks
+from aimd_des.control_unit import Crossing, Sampled
+from aimd_des.discrete import run_discrete
+from aimd_des.latency import Constant
+from aimd_des.loss import Bernoulli
+from aimd_des.optimum import solve_optimum
+from aimd_des.problem import Problem
+from aimd_des.recording import Recording
+from aimd_des.results import Result
+from aimd_des.simulation import Simulation
+from aimd_des.system import System
+from aimd_des.theory import reweighted_optimum
+from aimd_des.transport import ProcessGenerator
+from scenarios.common.replicate import replicate, summarise
+
+__all__ = ["Measures", "Run", "distance", "measure", "measure_all"]
+
+_COLUMNS = ("signals", "utilisation", "misallocation", "peak", "saturated")
+
+# A signal that comes so soon after another can find it still in the latch of a slow clock.
+_SOON = 1.5
+
+# Looks at total demand a period where clocks are apart: it changes between the control unit's looks.
+_LOOKS_PER_PERIOD = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What is run.
+
+    Attributes
+    ----------
+    problem : Problem
+        What is shared.
+    until, start : float
+        The end, and the time from which signals, utilisation and peaks are measured.
+    dynamics : {"discrete", "continuous"}
+        Which agents.
+    control_unit : Sampled or Crossing
+        What senses.
+    latency : float
+        Common to all copies.
+    loss : float or array_like, shape (n,)
+        Probability of loss.
+    clocks : Clocks, optional
+        Of discrete agents, in phase unless given.
+    """
+
+    problem: Problem
+    until: float
+    start: float
+    dynamics: Literal["discrete", "continuous"] = "discrete"
+    control_unit: Sampled | Crossing = field(default_factory=Sampled)
+    latency: float = 0.0
+    loss: float | FloatArray = 0.0
+    clocks: Clocks | None = None
+
+
+class Measures(NamedTuple):
+    """What is measured of one run; arrays have shape (m,) but where it is said.
+
+    Attributes
+    ----------
+    signals : ndarray
+        Signals per unit of time, after the start.
+    utilisation : ndarray
+        Time average of total demand over the capacity, after the start.
+    misallocation : ndarray
+        Of the averages at the end, which are those over the whole run.
+    peak, typical_peak : ndarray
+        Highest total demand after the start, and the median of all its local peaks, over the
+        capacity; typical peaks are NaN for discrete agents.
+    saturated : ndarray
+        Share of the responses that had a probability above 1.
+    repeated : ndarray
+        Share of the signals that come within one and a half units of time of the one before.
+    average : ndarray, shape (n, m)
+        Averages at the end, in units of the resources.
+    """
+
+    signals: FloatArray
+    utilisation: FloatArray
+    misallocation: FloatArray
+    peak: FloatArray
+    typical_peak: FloatArray
+    saturated: FloatArray
+    repeated: FloatArray
+    average: FloatArray
+
+
+class _Peaks:
+    """Follows total demand of continuous agents, and keeps what it was before each fall."""
+
+    def __init__(self, start: float) -> None:
+        self.start = start
+        self.tops: list[list[float]] = []
+
+    def __call__(self, system: System) -> ProcessGenerator:
+        self._slope = system.law.increase.sum(axis=1).tolist()
+        self._total, self._time = [0.0] * len(self._slope), [0.0] * len(self._slope)
+        self.tops = [[] for _ in self._slope]
+        system.on_response.append(self._changed)
+        yield from ()
+
+    def _changed(self, time: float, resource: int, change: float) -> None:
+        if time > self._time[resource]:
+            self._total[resource] += self._slope[resource] * (time - self._time[resource])
+            self._time[resource] = time
+            if time >= self.start:
+                self.tops[resource].append(self._total[resource])
+        self._total[resource] += change
+
+
+def distance(problem: Problem, average: FloatArray, weights: npt.ArrayLike | None = None) -> FloatArray:
+    """Compute how far averages are from an optimum for the capacities that they use.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was shared.
+    average : ndarray, shape (n, m)
+        In units of the resources.
+    weights : array_like, shape (n,) or (n, m), optional
+        Of the costs; the plain optimum unless given.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        Sum of absolute deviations over the sum.
+    """
+    used = average.sum(axis=0)
+    best = (
+        solve_optimum(problem, capacity=used)
+        if weights is None
+        else reweighted_optimum(problem, weights, capacity=used)
+    )
+    return metrics.relative_error(average, best.allocation)
+
+
+def measure(run: Run, seed: int) -> Measures:
+    """Run and measure.
+
+    Parameters
+    ----------
+    run : Run
+        What to run.
+    seed : int
+        Of the run.
+
+    Returns
+    -------
+    Measures
+        Responses with a probability above 1 are counted there instead of warned of.
+    """
+    peaks = _Peaks(run.start)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
+        result = _run(run, seed, peaks)
+    return _measure(run, result, peaks)
+
+
+def _run(run: Run, seed: int, peaks: _Peaks) -> Result:
+    discrete, apart = run.dynamics == "discrete", run.clocks is not None
+    step = 1.0 / _LOOKS_PER_PERIOD if apart else 1.0
+    count = int((run.until - run.start) / step) if discrete else 1
+    looks = [run.start + step * look for look in range(count)]
+    recording = Recording(demand=looks, overshoot=False)
+    plain = discrete and not apart and not np.any(run.loss) and run.control_unit == Sampled()
+    if plain and run.latency <= 1.0:  # the same run to the last bit, in a fraction of the time
+        lag = int(run.latency > 0.0)
+        return run_discrete(run.problem, steps=int(run.until), seed=seed, lag=lag, recording=recording)
+    channel = BroadcastChannel(latency=Constant(run.latency), loss=Bernoulli(run.loss))
+    return Simulation(
+        run.problem,
+        dynamics=run.dynamics,
+        control_unit=run.control_unit,
+        channel=channel,
+        agents=Fleet,
+        clocks=run.clocks,
+        seed=seed,
+        recording=recording,
+        processes=() if discrete else (peaks,),
+    ).run(run.until)
+
+
+def _measure(run: Run, result: Result, peaks: _Peaks) -> Measures:
+    problem, seen, sent = run.problem, result.observations, result.signals_sent
+    m, span = problem.n_resources, run.until - run.start
+    counted = np.bincount(sent.resource[sent.time >= run.start], minlength=m)
+    used = seen.total_average[-1] * run.until - seen.total_average[0] * run.start
+    if run.dynamics == "discrete":
+        peak, typical = seen.total_demand.max(axis=0), np.full(m, np.nan)
+    else:
+        tops = [np.array(row) if row else np.full(1, np.nan) for row in peaks.tops]
+        peak = np.array([row.max() for row in tops])
+        typical = np.array([np.median(row) for row in tops])
+    responses = result.account.responses.sum(axis=1)
+    average = result.average_at_end
+    return Measures(
+        signals=counted / span,
+        utilisation=used / span / problem.capacity,
+        misallocation=distance(problem, average),
+        peak=peak / problem.capacity,
+        typical_peak=typical / problem.capacity,
+        saturated=result.account.saturated.sum(axis=1) / np.maximum(responses, 1),
+        repeated=np.array([_repeated(sent.time[sent.resource == j]) for j in range(m)]),
+        average=average,
+    )
+
+
+def _repeated(times: FloatArray) -> float:
+    return float((np.diff(times) < _SOON).mean()) if len(times) > 1 else 0.0
+
+
+def measure_all(
+    cases: Sequence[tuple[Mapping[str, Any], Run]],
+    replications: int,
+    seed: int,
+    *,
+    workers: int | None = None,
+) -> tuple[pd.DataFrame, list[list[Measures]]]:
+    """Run several cases with the same seeds.
+
+    Parameters
+    ----------
+    cases : sequence of (mapping, Run)
+        Labels, and what to run.
+    replications, seed : int
+        How many, and the seed of the first.
+    workers : int, optional
+        Processes; all processors unless given.
+
+    Returns
+    -------
+    table : DataFrame
+        Columns: the labels, resource, measure (signals, utilisation, misallocation, peak,
+        saturated), mean, standard_error, replications.
+    outcomes : list of list of Measures
+        For each case a replication after the other.
+    """
+    outcomes = replicate([partial(measure, run) for _, run in cases], replications, seed, workers=workers)
+    rows = [
+        {**labels, "resource": name, **{column: float(getattr(found, column)[j]) for column in _COLUMNS}}
+        for (labels, run), runs in zip(cases, outcomes, strict=True)
+        for j, name in enumerate(run.problem.resource_names)
+        for found in runs
+    ]
+    return summarise(rows, [*cases[0][0], "resource"]), outcomes

@@ -1,0 +1,190 @@
+"""The study: what is run, and what is made of it."""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import click
+import pandas as pd
+
+from aimd_des import theory
+from aimd_des.optimum import solve_optimum
+from aimd_des.study import Study as StudyOfRuns
+from aimd_des.study import read_study, run_study, summarise
+from models.smart_cameras import smart_cameras
+from scenarios.common.command import Study, command
+from scenarios.delay_loss.figure import MAPS, draw
+
+__all__ = ["main", "study"]
+
+_FILE = Path(__file__).parent.with_suffix(".toml")
+_AXES = ["dynamics", "latency", "loss"]
+_MEASURES = [shown.measure for shown in MAPS]
+# Above this share of the opportunities the control unit signals at practically every one.
+_RUN_AWAY = 0.99
+# The quick size: replications, units of time, latencies and losses.
+_QUICK = (2, 300.0, [0.0, 2.0, 10.0], [0.0, 0.4, 0.8])
+
+
+def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Study:
+    """Run the paper's system over latency and loss, continuous and discrete.
+
+    Parameters
+    ----------
+    quick : bool
+        Whether to run the small size.
+    seed : int
+        Of the study.
+    runs : Path, optional
+        The folder of the runs; those that are there are not run again.  A temporary one unless given.
+
+    Returns
+    -------
+    Study
+        A pure function of the size and the seed.
+    """
+    described = _described(quick, seed)
+    # A thread will do for a second's work: a process would take longer to start.
+    with _folder(runs) as folder, ThreadPoolExecutor(1) as thread:
+        frame = run_study(described, folder, thread if quick else None, 1 if quick else None).runs
+    table = _table(frame)
+    critical = _critical()
+    table["theory"] = [critical[row["dynamics"], row["resource"]] for row in table.to_dict("records")]
+    return Study(
+        "delay_loss",
+        {"seed": seed, "replications": described.replications, "until": described.scenario["until"]},
+        table,
+        _shown(table),
+        _findings(table),
+        {
+            f"delay_loss_{name}": draw(_means(table, name), _lines(critical, name), name)
+            for name in dict.fromkeys(table["resource"].astype(str))
+        },
+    )
+
+
+def _described(quick: bool, seed: int) -> StudyOfRuns:
+    """Read the study from its file; the quick size has fewer points and shorter runs."""
+    full = read_study(_FILE).model_copy(update={"seed": seed})
+    if not quick:
+        return full
+    replications, until, latencies, losses = _QUICK
+    dynamics, latency, loss = full.axes
+    axes = [
+        dynamics,
+        latency.model_copy(update={"linspace": None, "values": latencies}),
+        loss.model_copy(update={"linspace": None, "values": losses}),
+    ]
+    scenario = {**full.scenario, "until": until}
+    return full.model_copy(update={"replications": replications, "axes": axes, "scenario": scenario})
+
+
+@contextmanager
+def _folder(runs: Path | None) -> Iterator[Path]:
+    """Give the folder of the runs, or one that is gone afterwards."""
+    if runs is not None:
+        yield runs
+        return
+    with TemporaryDirectory(prefix="delay_loss.") as temporary:
+        yield Path(temporary) / "runs"
+
+
+def _table(frame: pd.DataFrame) -> pd.DataFrame:
+    """Make means and standard errors of the measures that are shown, in the units of the maps."""
+    shown = frame.assign(
+        signals=frame["signals"] / frame["until"],
+        saturated=100.0 * frame["saturated"] / frame["responses"].clip(lower=1),
+        misallocation=100.0 * frame["misallocation"],
+        overshoot_mean=100.0 * frame["overshoot_mean"],
+    )
+    return summarise(shown, [*_AXES, "resource"], _MEASURES)
+
+
+def _critical() -> dict[tuple[str, str], float]:
+    """Compute the loss that is survived, for each dynamics and resource of the first draw of the costs."""
+    problem = smart_cameras(0)
+    alpha, beta, gamma = (
+        [getattr(resource, name) for resource in problem.resources]
+        for name in ("increase", "decrease", "normalization")
+    )
+    rho = theory.signal_rate(alpha, beta, gamma, solve_optimum(problem).multipliers)
+    return {
+        (dynamics, name): float(loss)
+        for dynamics in ("continuous", "discrete")
+        for name, loss in zip(
+            problem.resource_names, theory.critical_loss(rho, dynamics, refractory=1.0), strict=True
+        )
+    }
+
+
+def _lines(critical: dict[tuple[str, str], float], resource: str) -> dict[str, float]:
+    return {dynamics: loss for (dynamics, name), loss in critical.items() if name == resource}
+
+
+def _means(table: pd.DataFrame, resource: str) -> pd.DataFrame:
+    rows = table[table["resource"] == resource]
+    return rows.pivot_table("mean", _AXES, "measure").reset_index()
+
+
+def _shown(table: pd.DataFrame) -> pd.DataFrame:
+    """Print the corners and the middle of the maps."""
+    ends = [sorted(table[axis].unique()) for axis in ("latency", "loss")]
+    picked = [{values[0], values[len(values) // 2], values[-1]} for values in ends]
+    rows = table[table["latency"].isin(picked[0]) & table["loss"].isin(picked[1])]
+    wide = rows.pivot_table("mean", [*_AXES, "resource"], "measure", observed=True).reset_index()
+    return pd.DataFrame(
+        {
+            **{name: [str(value) for value in wide[name]] for name in ("dynamics", "resource")},
+            **{name: [f"{value:g}" for value in wide[name]] for name in ("latency", "loss")},
+            **{shown.label: [f"{value:.3g}" for value in wide[shown.measure]] for shown in MAPS},
+        }
+    )
+
+
+def _findings(table: pd.DataFrame) -> list[str]:
+    wide = table.pivot_table("mean", [*_AXES, "resource", "theory"], "measure", observed=True).reset_index()
+    held = wide["loss"] < wide["theory"]
+    away = wide["signals"] > _RUN_AWAY
+    clear = (wide["loss"] - wide["theory"]).abs() > 0.05  # half a step of the losses
+    agree = int((held != away)[clear].sum())
+    lossless = wide[wide["loss"] == 0.0]
+    early, late = (lossless[lossless["latency"] == end] for end in (0.0, wide["latency"].max()))
+    return [
+        (
+            "The capacity is held where theory says, whatever the latency, at "
+            f"{agree} of the {int(clear.sum())} points that are not within 0.05 of the critical loss "
+            f"({', '.join(f'{name} {_span(wide, name)}' for name in ('continuous', 'discrete'))})."
+        ),
+        (
+            f"Held, mean demand is {_range(wide[held], 'utilisation')} of the capacity and the misallocation "
+            f"{_range(wide[held], 'misallocation')} %; beyond, {_range(wide[~held], 'utilisation')} and "
+            f"{_range(wide[~held], 'misallocation')} %."
+        ),
+        (
+            f"Without loss, latency {wide['latency'].max():g} lifts the mean excess from "
+            f"{_range(early, 'overshoot_mean')} to {_range(late, 'overshoot_mean')} % of the capacity, and "
+            f"leaves {_range(late, 'signals')} signals per period for {_range(early, 'signals')}."
+        ),
+        (
+            f"Responses are cut off at probability 1 in {_range(wide[held], 'saturated')} % of all where "
+            f"demand is held, and in {_range(wide[~held], 'saturated')} % beyond."
+        ),
+    ]
+
+
+def _range(rows: pd.DataFrame, column: str) -> str:
+    return f"{rows[column].min():.2f} to {rows[column].max():.2f}"
+
+
+def _span(rows: pd.DataFrame, dynamics: str) -> str:
+    return _range(rows[rows["dynamics"] == dynamics], "theory")
+
+
+_RUNS = click.Option(
+    ["--runs"],
+    type=click.Path(path_type=Path),
+    help="Folder of the runs; what is missing there is run.  [default: a temporary one]",
+)
+main = command("delay_loss", study, "What do latency and loss do together?", [_RUNS])

@@ -1,0 +1,269 @@
+"""The study: what is run, and what is made of it."""
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from aimd_des.plots import colour, shared_legend
+from aimd_des.plots.style import REFERENCE, frame, number_axis
+from scenarios.common.command import Study, command
+from scenarios.common.replicate import mean_and_error, replicate
+from scenarios.outage.runs import (
+    AFTER,
+    ALL,
+    BEFORE,
+    COARSE,
+    FAILOVER,
+    FAULTS,
+    GRAIN,
+    HALF,
+    HOLD_OFF,
+    OTHER,
+    PACE,
+    PART,
+    Found,
+    Outage,
+    expected,
+    measure,
+)
+
+__all__ = ["main", "study"]
+
+# What the figure shows in detail.
+_SHOWN_DURATION, _SHOWN_LATENCY = 20.0, 0.5
+# Over how many of the last periods it is measured how halves end.
+_LATE = 30
+
+
+def _gap(run: Found, case: Outage) -> float:
+    """Share of the gap between the halves that is left a time x / alpha after healing."""
+    heal = round((BEFORE + case.duration + case.latency) / (GRAIN * COARSE))
+    gaps = run.holdings[:, 0] - run.holdings[:, 1]
+    return float(gaps[heal + round(PACE)] / gaps[heal])
+
+
+def _rows(case: Outage, found: list[Found]) -> list[dict[str, Any]]:
+    runaway, back = expected(case)
+    everybody = case.fault != PART
+    fall = 0.5 * runaway * (back - case.latency)
+    measured = {
+        "run-away": ([run.runaway for run in found], runaway),
+        "room below the bound": ([case.bound - run.runaway for run in found], np.nan),
+        "time to come back": ([run.back for run in found], back),
+        "overload": (
+            [run.excess for run in found],
+            0.5 * runaway**2 * PACE + fall if everybody else np.nan,
+        ),
+        "extra of the even half": ([float(run.extra[HALF].mean()) for run in found], np.nan),
+        "extra of the odd half": ([float(run.extra[OTHER].mean()) for run in found], np.nan),
+    }
+    if not everybody and case.duration >= _SHOWN_DURATION:
+        measured["gap left after x / alpha"] = ([_gap(run, case) for run in found], float(np.exp(-1.0)))
+        for side, name in enumerate(("even", "odd")):
+            ends = [float(run.holdings[-_LATE:, side].mean()) for run in found]
+            measured[f"{name} half at the end"] = (ends, np.nan)
+    labels = {"fault": case.fault, "latency": case.latency, "duration": case.duration}
+    rows = []
+    for name, (values, wanted) in measured.items():
+        mean, error = mean_and_error(values)
+        numbers = {"mean": float(mean), "standard_error": float(error), "least": min(values)}
+        rows.append({**labels, "measure": name, **numbers, "theory": wanted, "replications": len(found)})
+    return rows
+
+
+def study(quick: bool = False, seed: int = 0) -> Study:
+    """Silence memory of the paper's system for up to 40 periods, in three ways and behind three latencies.
+
+    Parameters
+    ----------
+    quick : bool
+        Whether to run the small size.
+    seed : int
+        Of the first replication.
+
+    Returns
+    -------
+    Study
+        A pure function of the arguments.
+    """
+    replications, settled = (2, 60.0) if quick else (16, 200.0)
+    durations = (5.0, 20.0) if quick else (2.0, 5.0, 10.0, 20.0, 40.0)
+    latencies = (0.5,) if quick else (0.0, 0.5, 1.0)
+    cases = [
+        Outage(fault, duration, latency, settled)
+        for fault in FAULTS
+        for latency in latencies
+        for duration in durations
+    ]
+    jobs = [partial(measure, case) for case in cases]
+    outcomes = replicate(jobs, replications, seed, workers=1 if quick else None)
+    pairs = list(zip(cases, outcomes, strict=True))
+    table = pd.DataFrame([row for case, found in pairs for row in _rows(case, found)])
+    shown = {case.fault: found for case, found in pairs if case[1:3] == (_SHOWN_DURATION, _SHOWN_LATENCY)}
+    return Study(
+        "outage",
+        {"seed": seed, "replications": replications, "settled": settled, "hold-off": HOLD_OFF},
+        table,
+        _readable(table),
+        _findings(table),
+        {"outage": _figure(table, shown)},
+    )
+
+
+def _pick(table: pd.DataFrame, fault: str, what: str, latency: float | None = None) -> pd.DataFrame:
+    wanted = (table["fault"] == fault) & (table["measure"] == what)
+    return table[wanted if latency is None else wanted & (table["latency"] == latency)]
+
+
+def _figure(table: pd.DataFrame, shown: dict[str, list[Found]]) -> Figure:
+    figure = Figure(figsize=(13.0, 4.6), layout="constrained")
+    left, middle, right = figure.subplots(1, 3)
+    _draw_totals(left, shown)
+    _draw_runaways(middle, table)
+    _draw_halves(right, shown[PART])
+    for axes in (left, middle, right):
+        number_axis(axes.xaxis)
+        number_axis(axes.yaxis)
+        frame(axes)
+    shared_legend(figure)
+    return figure
+
+
+def _draw_totals(axes: Axes, shown: dict[str, list[Found]]) -> None:
+    axes.axvspan(0.0, _SHOWN_DURATION, color="0.93", linewidth=0.0)
+    for place, (fault, found) in enumerate(shown.items()):
+        total = np.mean([run.total for run in found], axis=0)
+        time = GRAIN * np.arange(len(total)) - BEFORE
+        style = "--" if fault == FAILOVER else "-"
+        axes.plot(time, total, style, color=colour(place), linewidth=1.8, label=fault)
+    end = _SHOWN_DURATION + _SHOWN_LATENCY
+    axes.plot([0.0, end], [1.0, 1.0 + end / PACE], color=REFERENCE, linewidth=1.2, linestyle=":")
+    axes.annotate(
+        "bound", (12.0, 1.0 + 12.0 / PACE), (2.0, 1.75), color=REFERENCE, arrowprops={"arrowstyle": "-"}
+    )
+    axes.text(
+        0.5 * _SHOWN_DURATION,
+        0.03,
+        "outage",
+        ha="center",
+        color=REFERENCE,
+        transform=axes.get_xaxis_transform(),
+    )
+    axes.set_xlim(-BEFORE, 50.0)
+    axes.set_xlabel("time since the outage began (periods)")
+    axes.set_ylabel("total demand over capacity")
+    axes.set_title("(a) Up with everybody's growth, down at once", loc="left", fontsize="medium")
+
+
+def _draw_runaways(axes: Axes, table: pd.DataFrame) -> None:
+    for place, fault in enumerate(FAULTS):
+        rows = _pick(table, fault, "run-away", _SHOWN_LATENCY)
+        axes.errorbar(
+            rows["duration"],
+            100 * rows["mean"],
+            200 * rows["standard_error"],
+            fmt="os^"[place],
+            color=colour(place),
+            markersize=8.0 - 2.0 * (place == 1),
+            capsize=2.5,
+        )
+        axes.plot(rows["duration"], 100 * rows["theory"], color=colour(place), linewidth=1.2)
+    ends = np.array([0.0, 41.0])
+    axes.plot(
+        ends,
+        100 * (ends + _SHOWN_LATENCY) / PACE,
+        ":",
+        color=REFERENCE,
+        linewidth=1.2,
+        label="bound n alpha (duration + latency)",
+    )
+    axes.plot([], [], color=REFERENCE, linewidth=1.2, label="theory of the means")
+    axes.set_xlabel("duration of the outage (periods)")
+    axes.set_ylabel("run-away (% of the capacity)")
+    axes.set_title("(b) Run-away, half a saw tooth below its bound", loc="left", fontsize="medium")
+
+
+def _draw_halves(axes: Axes, found: list[Found]) -> None:
+    holdings = np.mean([run.holdings for run in found], axis=0)
+    time = GRAIN * COARSE * np.arange(len(holdings)) - BEFORE
+    axes.axvspan(0.0, _SHOWN_DURATION, color="0.93", linewidth=0.0)
+    for side, (name, place) in enumerate((("the half that is cut off", 3), ("the half that hears", 4))):
+        axes.plot(time, holdings[:, side], color=colour(place), linewidth=1.8, label=name)
+    heal = round((BEFORE + _SHOWN_DURATION + _SHOWN_LATENCY + 1.0) / (GRAIN * COARSE))
+    middle, since = holdings[-40:].mean(), time[heal:] - time[heal]
+    gap = 0.5 * (holdings[heal, 0] - holdings[heal, 1]) * np.exp(-since / PACE)
+    for sign in (1.0, -1.0):
+        axes.plot(time[heal:], middle + sign * gap, color=REFERENCE, linewidth=1.0, linestyle="--")
+    axes.plot(
+        [], [], color=REFERENCE, linewidth=1.0, linestyle="--", label="gap that closes at rate alpha / x"
+    )
+    axes.set_xlim(-BEFORE, _SHOWN_DURATION + AFTER)
+    axes.set_ylim(0.0, None)
+    axes.set_xlabel("time since the outage began (periods)")
+    axes.set_ylabel("demand over that at the optimum")
+    axes.set_title("(c) Half are cut off: who hears pays", loc="left", fontsize="medium")
+
+
+def _readable(table: pd.DataFrame) -> pd.DataFrame:
+    rows = table[table["measure"].isin(["run-away", "time to come back", "overload"])]
+    return pd.DataFrame(
+        [
+            {
+                "fault": row["fault"],
+                "latency": f"{row['latency']:g}",
+                "duration": f"{row['duration']:g}",
+                "measure": row["measure"],
+                "theory": "" if np.isnan(row["theory"]) else f"{row['theory']:.3f}",
+                "simulation": f"{row['mean']:.3f} ± {row['standard_error']:.3f}",
+            }
+            for row in rows.to_dict("records")
+        ]
+    )
+
+
+def _findings(table: pd.DataFrame) -> list[str]:
+    everybody = table[table["fault"] != PART]
+    away = everybody[everybody["measure"] == "run-away"]
+    gap = 100 * (away["mean"] - away["theory"]).abs().max()
+    room = 100 * table.loc[table["measure"] == "room below the bound", "least"].min()
+    last, back, over = (
+        _pick(table, ALL, what, _SHOWN_LATENCY).set_index("duration").loc[_SHOWN_DURATION]
+        for what in ("run-away", "time to come back", "overload")
+    )
+    names = ("extra of the even", "extra of the odd", "even", "odd")
+    deaf, hearing, deaf_end, hearing_end = (
+        _pick(table, PART, f"{name} half{' at the end' * (' ' not in name)}", _SHOWN_LATENCY)
+        .set_index("duration")["mean"]
+        .loc[_SHOWN_DURATION]
+        for name in names
+    )
+    part = _pick(table, PART, "run-away", _SHOWN_LATENCY).set_index("duration")["mean"]
+    left = _pick(table, PART, "gap left after x / alpha", _SHOWN_LATENCY).iloc[0]
+    return [
+        (
+            f"{'No run exceeds' if room >= 0.0 else 'Runs exceed'} n alpha (duration + latency), with the "
+            f"hold-off added for a channel that heals; the nearest stays {room:.2f} % of the capacity below. "
+            f"The mean run-away is half a saw tooth less, to within {gap:.1f} points: "
+            f"{100 * last['mean']:.0f} % of the capacity after {_SHOWN_DURATION:g} periods of silence."
+        ),
+        (
+            f"It is back {back['mean']:.1f} periods after those {_SHOWN_DURATION:g} (theory "
+            f"{back['theory']:.1f}), as every hold-off brings a signal. The demand in excess of the capacity "
+            f"adds up to {over['mean']:.1f} periods of all of it (theory {over['theory']:.1f})."
+        ),
+        (
+            f"Half of the agents cut off for {_SHOWN_DURATION:g} periods run away by "
+            f"{100 * part[_SHOWN_DURATION]:.0f} % only, as the others give way: those get {-hearing:.1f} "
+            f"periods of their share less than without the outage, and the half that is cut off {deaf:.1f} "
+            f"more. A time x / alpha = {PACE:.0f} periods after healing {left['mean']:.2f} of the gap is "
+            f"left ({left['theory']:.2f} at the rate alpha / x alone), and in the last {_LATE} periods the "
+            f"halves hold {deaf_end:.2f} and {hearing_end:.2f} of their optimum: averages remember."
+        ),
+    ]
+
+
+main = command("outage", study, "How far does total demand run away in an outage, and who pays for it?")

@@ -1,0 +1,135 @@
+"""The paper's numbers beside ours: the table of `scenarios.paper`."""
+
+from collections.abc import Hashable
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from models.smart_cameras import INCREASES
+
+if TYPE_CHECKING:
+    from scenarios.paper.study import PaperStudy
+
+__all__ = ["CAPACITY_EVENTS", "ERROR_BOUND", "PAPER_STEPS", "caption", "grid", "table"]
+
+#: What the paper reports: capacity events in 30,000 steps, and a bound for the relative error.
+CAPACITY_EVENTS = {"memory": 11_427, "disk": 11_988, "bandwidth": 8_355}
+PAPER_STEPS = 30_000
+ERROR_BOUND = 0.05
+
+# Column of the measures, its name in words, the factor and the format in which it is written.
+_MEASURES = (
+    ("signals", "capacity events", 1, "{:,.0f}"),
+    ("relative_error", "relative error, %", 100, "{:.2f}"),
+    ("unused", "unused capacity, %", 100, "{:.2f}"),
+    ("misallocation", "misallocation, %", 100, "{:.2f}"),
+    ("overshoot_peak", "peak / capacity", 1, "{:.3f}"),
+    ("cost_ratio", "cost ratio", 1, "{:.3f}"),
+)
+
+
+def table(study: "PaperStudy") -> pd.DataFrame:
+    """Put the paper's numbers beside ours.
+
+    Parameters
+    ----------
+    study : PaperStudy
+        What was found.
+
+    Returns
+    -------
+    DataFrame
+        Columns: increase, lag, measure, resource, paper (its capacity events scaled to the steps
+        of the study), this_run (the first draw), mean, std (over the draws).
+    """
+    rows = []
+    for (increase, lag), case in study.measures.groupby(["increase", "lag"], sort=False):
+        for column, *_ in _MEASURES:
+            for resource in _rows_of(column):
+                # The cost ratio is of all resources together and stands in the row of each.
+                place = "memory" if resource == "all" else resource
+                drawn = case.loc[case["resource"] == place, column]
+                rows.append(
+                    {
+                        "increase": increase,
+                        "lag": lag,
+                        "measure": column,
+                        "resource": resource,
+                        "paper": _paper(column, resource, study.steps),
+                        "this_run": drawn.iloc[0],
+                        "mean": drawn.mean(),
+                        "std": drawn.std(),
+                    }
+                )
+    return pd.DataFrame(rows)
+
+
+def _rows_of(column: str) -> list[str]:
+    return ["all"] if column == "cost_ratio" else list(CAPACITY_EVENTS)
+
+
+def _paper(column: str, resource: str, steps: int) -> str:
+    """Say what the paper reports."""
+    if column == "signals":
+        return f"{CAPACITY_EVENTS[resource] * steps / PAPER_STEPS:.0f}"
+    return {"relative_error": f"below {ERROR_BOUND:g}", "cost_ratio": "close to 1"}.get(column, "")
+
+
+def grid(study: "PaperStudy") -> tuple[list[str], list[list[str]]]:
+    """Lay out the table for readers, both lags side by side.
+
+    Parameters
+    ----------
+    study : PaperStudy
+        What was found.
+
+    Returns
+    -------
+    header, rows : list of str, list of list of str
+        The last row is disk with the increase as printed.
+    """
+    header = ["measure", "resource", "paper", "run, lag 1", "draws, lag 1", "run, lag 0", "draws, lag 0"]
+    numbers = {
+        (row["increase"], row["lag"], row["measure"], row["resource"]): row
+        for row in table(study).to_dict("records")
+    }
+    rows = []
+    for column, words, factor, form in _MEASURES:
+        for resource in _rows_of(column):
+            pair = [numbers["as_run", lag, column, resource] for lag in (1, 0)]
+            cells = [cell for row in pair for cell in _cells(row, factor, form)]
+            rows.append([words, resource, _for_readers(pair[0]["paper"]), *cells])
+    printed = numbers["as_printed", 1, "signals", "disk"]
+    words = f"events, alpha {INCREASES['as_printed'][1]:g}"
+    rows.append([words, "disk", _for_readers(printed["paper"]), *_cells(printed, 1, "{:,.0f}"), "", ""])
+    return header, rows
+
+
+def _for_readers(paper: str) -> str:
+    if paper.isdigit():
+        return f"{int(paper):,}"
+    return paper.replace(f"{ERROR_BOUND:g}", f"{100 * ERROR_BOUND:g}")
+
+
+def _cells(row: dict[Hashable, Any], factor: int, form: str) -> list[str]:
+    this, mean, std = (form.format(factor * row[column]) for column in ("this_run", "mean", "std"))
+    return [this, f"{mean} ± {std}"]
+
+
+def caption(study: "PaperStudy") -> str:
+    """Say what the table shows.
+
+    Parameters
+    ----------
+    study : PaperStudy
+        What was found.
+
+    Returns
+    -------
+    str
+        A heading.
+    """
+    return (
+        f"60 cameras, {study.steps:,} steps: the run with seed {study.seed}, "
+        f"and mean ± standard deviation over {study.draws} draws of the costs"
+    )

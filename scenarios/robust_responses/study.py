@@ -1,0 +1,232 @@
+"""The study: what is run, and what is made of it."""
+
+import dataclasses
+import warnings
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from aimd_des import theory
+from aimd_des.agents import Fleet
+from aimd_des.channel import BroadcastChannel
+from aimd_des.checks import FloatArray
+from aimd_des.compensation import EstimatedLoss, KnownLoss
+from aimd_des.control_unit import Crossing, Sampled
+from aimd_des.problem import Problem
+from aimd_des.recording import Recording
+from aimd_des.simulation import Simulation
+from models.smart_cameras import smart_cameras
+from scenarios.common.command import Study, command
+from scenarios.common.measure import distance
+from scenarios.common.replicate import jackknife, replicate, summarise
+from scenarios.common.systems import memory_alone, spread
+from scenarios.robust_responses.figure import draw
+from scenarios.robust_responses.text import findings, shown
+from scenarios.robust_responses.theory import MEMORY, critical, estimate, held, misallocation, rate
+
+__all__ = ["main", "study"]
+
+# A Gamma so small that no response saturates, however much an agent makes good for.
+_GENTLE = 1 / 360
+_LOSS = spread(0.0, 0.5)
+_SHARED = {"continuous": smart_cameras(0, normalization=_GENTLE), "discrete": memory_alone(60, _GENTLE)}
+_LOOSE = 8.0
+_TIGHT = 1.25  # below 1 / rho
+_UNITS = {
+    "fixed 0.25": Crossing(0.25),
+    "fixed 1": Crossing(1.0),
+    f"0.25 to {_TIGHT:g}": Crossing(0.25, longest=_TIGHT),
+    f"0.25 to {_LOOSE:g}": Crossing(0.25, longest=_LOOSE),
+}
+_MEASURES = {"signals": "signals", "bits": "bits", "used": "utilisation", "above": "overshoot_time"}
+
+
+class _Case(NamedTuple):
+    labels: dict[str, Any]
+    problem: Problem
+    until: float
+    parts: dict[str, Any]
+
+
+class _Threshold(NamedTuple):
+    value: float
+    used_plain: float
+    used_safe: float
+
+
+def study(quick: bool = False, seed: int = 0) -> Study:
+    """Run compensation of loss, thresholds below 1, and hold-offs that adapt.
+
+    Parameters
+    ----------
+    quick : bool
+        Whether to run the small size.
+    seed : int
+        Of the first replication.
+
+    Returns
+    -------
+    Study
+        A pure function of the arguments.
+    """
+    replications, long, short = (2, 500.0, 200.0) if quick else (4, 20_000.0, 5000.0)
+    workers = 1 if quick else None
+    waits = [
+        (hold_off, latency) for hold_off in ((0.5,) if quick else (0.5, 1.0)) for latency in _delays(quick)
+    ]
+    jobs = [partial(_threshold, *wait) for wait in waits]
+    found = replicate(jobs, 1, seed, workers=workers)
+    safe = {wait: outcome[0] for wait, outcome in zip(waits, found, strict=True)}
+    cases = [*_answers(quick, long), *_thresholds(safe, short), *_hold_offs(quick, short)]
+    outcomes = replicate([partial(_measure, case) for case in cases], replications, seed, workers=workers)
+    table = _table(cases, outcomes)
+    table["theory"] = [_expected(row, table, safe) for row in table.to_dict("records")]
+    return Study(
+        "robust_responses",
+        {"seed": seed, "replications": replications, "until, losses": long, "until, delays": short},
+        table,
+        shown(table),
+        findings(table, tuple(_UNITS)),
+        {"robust_responses": draw(table, {name: critical(_UNITS[name].refractory) for name in _UNITS})},
+    )
+
+
+def _delays(quick: bool) -> tuple[float, ...]:
+    return (0.25,) if quick else (0.0, 0.25, 0.5, 1.0, 1.5, 2.0)
+
+
+def _labels(panel: str, setting: str, at: float, threshold: float = 1.0) -> dict[str, Any]:
+    return {"panel": panel, "setting": setting, "at": at, "threshold": threshold}
+
+
+def _answers(quick: bool, until: float) -> list[_Case]:
+    """Set up losses that differ: agents that do nothing, know, or estimate with so many bits (`at`)."""
+    ways: dict[str, Any] = {"nothing": None, "known": KnownLoss(_LOSS)}
+    ways |= {f"{bits} bits": EstimatedLoss(bits) for bits in ((3, 8) if quick else (2, 3, 4, 5, 8))}
+    cases = []
+    for dynamics, problem in _SHARED.items():
+        clock = dynamics == "discrete"
+        parts = {
+            "dynamics": dynamics,
+            "control_unit": Sampled() if clock else Crossing(0.1),
+            "channel": BroadcastChannel(latency=float(clock), loss=_LOSS),
+        }
+        for name, way in ways.items():
+            labels = _labels(f"loss, {dynamics}", name, 0.0 if way is None else float(way.bits))
+            cases.append(_Case(labels, problem, until, {**parts, "compensation": way}))
+    return cases
+
+
+def _thresholds(safe: dict[tuple[float, float], _Threshold], until: float) -> list[_Case]:
+    cases = []
+    for (hold_off, latency), found in safe.items():
+        for name, threshold in (("threshold 1", 1.0), ("safe threshold", found.value)):
+            labels = _labels("threshold", f"{name}, hold-off {hold_off:g}", latency, threshold)
+            cases.append(_Case(labels, _lowered(threshold), until, _continuous(Crossing(hold_off), latency)))
+    return cases
+
+
+def _hold_offs(quick: bool, until: float) -> list[_Case]:
+    latencies = (8.0,) if quick else (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 12.0, 16.0)
+    losses = (0.7,) if quick else (0.0, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
+    cases = []
+    for name, unit in _UNITS.items():
+        for latency in latencies:
+            labels = _labels("latency", name, latency)
+            cases.append(_Case(labels, MEMORY, until, _continuous(unit, latency)))
+        for loss in losses:
+            labels = _labels("loss", name, loss)
+            cases.append(_Case(labels, MEMORY, until, _continuous(unit, 0.0, loss)))
+    return cases
+
+
+def _continuous(unit: Crossing, latency: float, loss: float = 0.0) -> dict[str, Any]:
+    channel = BroadcastChannel(latency=latency, loss=loss)
+    return {"dynamics": "continuous", "control_unit": unit, "channel": channel}
+
+
+def _lowered(threshold: float) -> Problem:
+    memory = dataclasses.replace(MEMORY.resources[0], threshold=threshold)
+    return Problem([memory], MEMORY.costs, agent_names=MEMORY.agent_names)
+
+
+def _measure(case: _Case, seed: int) -> tuple[pd.DataFrame, FloatArray]:
+    """Run; responses with a probability above 1 are counted in the summary instead of warned of."""
+    simulation = Simulation(
+        case.problem, agents=Fleet, seed=seed, recording=Recording(demand=[case.until]), **case.parts
+    )
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
+        result = simulation.run(case.until)
+    return result.summary(), result.average_at_end
+
+
+def _table(cases: Sequence[_Case], outcomes: list[list[tuple[pd.DataFrame, FloatArray]]]) -> pd.DataFrame:
+    rows, pooled = [], []
+    for case, runs in zip(cases, outcomes, strict=True):
+        compensated = case.labels["panel"] in ("loss, continuous", "loss, discrete")
+        for summary, _ in runs:
+            for name, seen in summary.iterrows():
+                numbers = {measure: float(seen[column]) for measure, column in _MEASURES.items()}
+                for measure in ("signals", "bits"):
+                    numbers[measure] /= case.until
+                if compensated:
+                    numbers |= {"misallocation": seen["misallocation"], "saturated": float(seen["saturated"])}
+                rows.append({**case.labels, "resource": name, **numbers})
+        if compensated:
+            value, error = jackknife([average for _, average in runs], partial(distance, case.problem))
+            for j, name in enumerate(case.problem.resource_names):
+                found = {"mean": value[j], "standard_error": error[j], "replications": len(runs)}
+                pooled.append(
+                    {**case.labels, "resource": name, "measure": "misallocation of the mean", **found}
+                )
+    single = summarise(rows, ["panel", "setting", "at", "threshold", "resource"]).dropna(subset="mean")
+    return pd.concat([single, pd.DataFrame(pooled)], ignore_index=True)
+
+
+def _threshold(hold_off: float, latency: float, _seed: int) -> _Threshold:
+    given: dict[str, Any] = {"latency": latency, "refractory": hold_off}
+    safe = float(theory.safe_threshold(MEMORY, "continuous", **given)[0])
+    used = [float(theory.predict(_lowered(t), "continuous", **given).utilisation[0]) for t in (1.0, safe)]
+    return _Threshold(safe, *used)
+
+
+def _compensated(row: dict[Any, Any], signals: float) -> float:
+    """Predict the misallocation that is left; on the clock the share of steps with a signal is measured."""
+    dynamics = row["panel"].removeprefix("loss, ")
+    problem = _SHARED[dynamics]
+    believed = {"nothing": np.zeros(len(_LOSS)), "known": _LOSS}.get(row["setting"])
+    if believed is None:
+        believed = np.array([estimate(p, int(row["at"])) for p in _LOSS.tolist()])
+    found = misallocation(problem, _LOSS, believed, signals if dynamics == "discrete" else 0.0)
+    return float(found[problem.resource_names.index(row["resource"])])
+
+
+def _expected(row: dict[Any, Any], table: pd.DataFrame, safe: dict[tuple[float, float], _Threshold]) -> float:
+    """Predict one number of the table; NaN where there is no formula."""
+    panel, setting, at, measure = row["panel"], row["setting"], row["at"], row["measure"]
+    same = (table["panel"] == panel) & (table["setting"] == setting) & (table["at"] == at)
+    signals = float(table.loc[same & (table["measure"] == "signals"), "mean"].iloc[0])
+    if panel.startswith("loss, "):
+        return _compensated(row, signals) if measure == "misallocation of the mean" else np.nan
+    if panel == "threshold":
+        found = safe[float(setting.split()[-1]), at]
+        aim = {"used": found.used_safe, "above": 0.01} if "safe" in setting else {"used": found.used_plain}
+        return aim.get(measure, np.nan)
+    if measure not in ("bits", "used"):
+        return np.nan
+    unit, latency, loss = _UNITS[setting], at * (panel == "latency"), at * (panel == "loss")
+    if unit.longest is None or latency == 0.0:  # without latency nothing makes a hold-off longer
+        return held(unit.refractory, latency, loss)[int(measure == "used")]
+    # Where signals no longer suffice, their number as measured says where demand comes to rest.
+    return held(1.0 / signals, latency, 0.0)[1] if measure == "used" and signals < 0.5 * rate() else np.nan
+
+
+main = command(
+    "robust_responses",
+    study,
+    "What helps against loss and delay: answering more, a lower threshold, an adaptive hold-off?",
+)

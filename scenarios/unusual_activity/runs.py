@@ -1,0 +1,293 @@
+"""Runs in which some cameras see something unusual, and what theory has to say about them."""
+
+import warnings
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from aimd_des import theory
+from aimd_des.agents import Fleet
+from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
+from aimd_des.checks import FloatArray
+from aimd_des.control_unit import Crossing
+from aimd_des.costs import weighted_costs
+from aimd_des.interventions import UnusualActivity
+from aimd_des.optimum import solve_optimum
+from aimd_des.problem import Problem
+from aimd_des.recording import Recording
+from aimd_des.simulation import Simulation
+from scenarios.common.fluid import flow
+from scenarios.common.systems import memory_alone
+
+__all__ = [
+    "AVERAGINGS",
+    "WEIGHT",
+    "Seen",
+    "Size",
+    "expected_scatter",
+    "fluid",
+    "groups",
+    "kin",
+    "measure",
+    "reached",
+    "shares",
+]
+
+_PROBLEM = memory_alone()
+WEIGHT, _HOLD_OFF = 0.2, 0.5
+# Elasticities of costs that are as steep as each other; they are integers but for mixtures.
+_ALIKE = 1e-6
+AVERAGINGS: dict[str, Averaging] = {
+    "all of the past": Cumulative(),
+    "forgetting, 100": Forgetting(100.0),
+    "forgetting, 300": Forgetting(300.0),
+    "forgetting, 30": Forgetting(30.0),
+    "window, 200": Window(200.0),
+}
+
+
+class Size(NamedTuple):
+    """How much is run.
+
+    Attributes
+    ----------
+    replications : int
+        Runs of each case.
+    begin, end, until, every : float
+        When the event begins and is over, the end of a run, and how often allocations are kept.
+    """
+
+    replications: int
+    begin: float
+    end: float
+    until: float
+    every: float
+
+    @property
+    def times(self) -> FloatArray:
+        """When allocations are kept."""
+        return np.asarray(np.arange(self.begin - 100.0, self.until + 0.5 * self.every, self.every))
+
+
+class Seen(NamedTuple):
+    """What is seen of one run.
+
+    Attributes
+    ----------
+    demand, average : ndarray, shape (q,)
+        Of the cameras with the event, in the mean over them, in units of the resource.
+    before : ndarray, shape (n,)
+        Averages of all cameras as the event begins.
+    """
+
+    demand: FloatArray
+    average: FloatArray
+    before: FloatArray
+
+
+@lru_cache
+def _elasticity() -> FloatArray:
+    x = solve_optimum(_PROBLEM).allocation
+    curvature, slope = _PROBLEM.costs.hessian(x)[:, 0, 0], _PROBLEM.costs.gradient(x)[:, 0]
+    return np.asarray(x[:, 0] * curvature / slope)
+
+
+@lru_cache
+def groups() -> dict[str, tuple[int, ...]]:
+    """Choose who sees the event: cameras of medium share, with quadratic and with the steepest costs.
+
+    Returns
+    -------
+    dict of str to tuple of int
+        By their costs; the last group is three cameras with quadratic costs.
+    """
+    x, steep = solve_optimum(_PROBLEM).allocation[:, 0], _elasticity()
+    order = np.argsort(x, kind="stable")
+    square = [int(i) for i in order if steep[i] < 1.0 + _ALIKE]
+    sixth = [int(i) for i in order if steep[i] > 5.0 - _ALIKE]
+    middle = len(square) // 2
+    return {
+        "quadratic costs": (square[middle],),
+        "costs of power 6": (sixth[len(sixth) // 2],),
+        "three cameras": tuple(square[middle - 1 : middle + 2]),
+    }
+
+
+def _event(cameras: Sequence[int], size: Size) -> UnusualActivity:
+    return UnusualActivity(list(cameras), size.begin, size.end, WEIGHT)
+
+
+def measure(cameras: tuple[int, ...], averaging: str, size: Size, seed: int) -> Seen:
+    """Run once.
+
+    Parameters
+    ----------
+    cameras : tuple of int
+        Who sees the event.
+    averaging : str
+        How all cameras average.
+    size : Size
+        When, and until when.
+    seed : int
+        Of the run.
+
+    Returns
+    -------
+    Seen
+        Of these cameras, at the times of the size.
+    """
+    with warnings.catch_warnings():
+        # A response probability above 1 is certainty: rare here, and part of what is measured.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        result = Simulation(
+            _PROBLEM,
+            dynamics="continuous",
+            control_unit=Crossing(_HOLD_OFF),
+            agents=Fleet,
+            averaging=AVERAGINGS[averaging],
+            interventions=[_event(cameras, size)],
+            seed=seed,
+            recording=Recording(demand="end", allocations=size.times, overshoot=False),
+        ).run(size.until)
+    seen, own = result.observations, list(cameras)
+    start = int(np.searchsorted(seen.allocation_times, size.begin))
+    return Seen(
+        seen.demand[:, 0, own].mean(axis=1), seen.average[:, 0, own].mean(axis=1), seen.average[start, 0]
+    )
+
+
+@lru_cache
+def _expected() -> theory.Prediction:
+    return theory.predict(_PROBLEM, "continuous")
+
+
+def _level() -> float:
+    return float(_expected().utilisation[0] * _PROBLEM.capacity[0])
+
+
+@lru_cache
+def shares(cameras: tuple[int, ...]) -> tuple[float, float]:
+    """Compute the mean of these cameras in the optimum for what is used, before and during the event.
+
+    Parameters
+    ----------
+    cameras : tuple of int
+        Who.
+
+    Returns
+    -------
+    tuple of two floats
+        In units of the resource.
+    """
+    weights = np.ones(_PROBLEM.n_agents)
+    weights[list(cameras)] = WEIGHT
+    new = Problem(_PROBLEM.resources, weighted_costs(_PROBLEM.costs, weights))
+    old, later = (solve_optimum(p, capacity=np.array([_level()])).allocation for p in (_PROBLEM, new))
+    return float(old[list(cameras), 0].mean()), float(later[list(cameras), 0].mean())
+
+
+@lru_cache
+def fluid(cameras: tuple[int, ...], averaging: str, size: Size) -> tuple[FloatArray, FloatArray]:
+    """Compute demand and average of these cameras in the fluid, in the mean over them.
+
+    Parameters
+    ----------
+    cameras : tuple of int
+        Who.
+    averaging : str
+        How all cameras average.
+    size : Size
+        When.
+
+    Returns
+    -------
+    demand, average : ndarray, shape (q,)
+        At the times of the size, in units of the resource.
+    """
+    path = flow(_PROBLEM, _level(), size.until, AVERAGINGS[averaging], [_event(cameras, size)], step=0.5)
+    at = np.searchsorted(path.time, size.times)
+    own = list(cameras)
+    return path.demand[at][:, own].mean(axis=1), path.average[at][:, own].mean(axis=1)
+
+
+def kin(cameras: tuple[int, ...]) -> list[int]:
+    """List all cameras with costs as steep as these, so that there are enough to measure scatter.
+
+    Parameters
+    ----------
+    cameras : tuple of int
+        Who.
+
+    Returns
+    -------
+    list of int
+        These and others.
+    """
+    steep = _elasticity()
+    return [int(i) for i in np.flatnonzero(np.abs(steep - steep[cameras[0]]) < _ALIKE)]
+
+
+def expected_scatter(alike: list[int], name: str, size: Size) -> float:
+    """Predict the scatter of averages just before the event.
+
+    Parameters
+    ----------
+    alike : list of int
+        Cameras with costs that are as steep as each other.
+    name : str
+        How all cameras average.
+    size : Size
+        When.
+
+    Returns
+    -------
+    float
+        Coefficient of variation, as the root of a mean of squares; NaN where there is no formula, which is
+        for steep costs with an average that does not forget.
+    """
+    averaging, expected, steep = AVERAGINGS[name], _expected(), _elasticity()[alike]
+    memory: dict[str, Any] = {"window": size.begin}
+    young = 1.0
+    if isinstance(averaging, Forgetting):
+        memory = {"time_constant": averaging.time_constant}
+        # In a run that is not much older than its memory, fewer moments share all the weight.
+        old = np.exp(-steep.mean() * size.begin / averaging.time_constant)
+        young = float(np.sqrt((1.0 + old) / (1.0 - old)))
+    elif isinstance(averaging, Window):
+        memory = {"window": averaging.length * (1.0 - 0.5 / averaging.parts)}
+    if "window" in memory and steep.max() > 1.0 + _ALIKE:
+        return np.nan
+    spread = theory.averaging_spread(
+        expected.allocation[alike, 0],
+        _PROBLEM.increase[alike, 0],
+        _PROBLEM.decrease[alike, 0],
+        probability=expected.probability[alike, 0],
+        elasticity=np.maximum(steep, 1.0) if "time_constant" in memory else 1.0,
+        **memory,
+    )
+    return float(young * np.sqrt(np.mean(spread**2)))
+
+
+def reached(times: FloatArray, progress: FloatArray, part: float) -> float:
+    """Find when so much of the way has been made for the first time.
+
+    Parameters
+    ----------
+    times, progress : ndarray, shape (q,)
+        When, and which part of the way has been made.
+    part : float
+        Which part.
+
+    Returns
+    -------
+    float
+        In units of time, interpolated; NaN if it never is.
+    """
+    above = np.flatnonzero(progress >= part)
+    if len(above) == 0 or above[0] == 0:
+        return np.nan if len(above) == 0 else float(times[0])
+    k = int(above[0])
+    slope = (progress[k] - progress[k - 1]) / (times[k] - times[k - 1])
+    return float(times[k - 1] + (part - progress[k - 1]) / slope)

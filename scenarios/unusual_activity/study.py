@@ -1,0 +1,285 @@
+"""The study: what is run, and what is made of it."""
+
+from collections.abc import Sequence
+from functools import partial
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from aimd_des.checks import FloatArray
+from aimd_des.plots import colour
+from aimd_des.plots.style import REFERENCE, frame, number_axis
+from scenarios.common.command import Study, command
+from scenarios.common.replicate import jackknife, mean_and_error, replicate
+from scenarios.unusual_activity.runs import (
+    AVERAGINGS,
+    WEIGHT,
+    Seen,
+    Size,
+    expected_scatter,
+    fluid,
+    groups,
+    kin,
+    measure,
+    reached,
+    shares,
+)
+
+__all__ = ["main", "study"]
+
+_LEFT_OUT = ("forgetting, 300", "forgetting, 30")
+# How long after the event begins the demand is looked at, and after its end what is left of the average.
+_SOON, _AFTERWARDS = (50.0, 100.0), 200.0
+# Where the axis of time ends in the figure.
+_NEVER = 320.0
+
+
+_Found = dict[tuple[str, str], list[Seen]]
+
+
+def study(quick: bool = False, seed: int = 0) -> Study:
+    """Scale the costs of a camera by 0.2 for a while, for several ways of averaging.
+
+    Parameters
+    ----------
+    quick : bool
+        Whether to run the small size.
+    seed : int
+        Of the first replication.
+
+    Returns
+    -------
+    Study
+        A pure function of the arguments.
+    """
+    size = Size(4, 150.0, 300.0, 520.0, 10.0) if quick else Size(60, 600.0, 1100.0, 1500.0, 5.0)
+    one, steep, three = groups()
+    names = [name for name in AVERAGINGS if not (quick and name in _LEFT_OUT)]
+    cases = [(group, name) for group in (one, steep) for name in names]
+    cases += [(three, name) for name in names[:2]]
+    jobs = [partial(measure, groups()[group], name, size) for group, name in cases]
+    outcomes = replicate(jobs, size.replications, seed, workers=1 if quick else None)
+    found = dict(zip(cases, outcomes, strict=True))
+    table = pd.DataFrame([row for case, runs in found.items() for row in _rows(*case, size, runs)])
+    return Study(
+        "unusual_activity",
+        {"seed": seed, **size._asdict(), "weight": WEIGHT},
+        table,
+        _shown(table),
+        _findings(table, size),
+        {"unusual_activity": _figure(found, table, size)},
+    )
+
+
+def _progress(cameras: tuple[int, ...], values: FloatArray) -> FloatArray:
+    """Compute how much of the way from the old to the new share has been made."""
+    old, new = shares(cameras)
+    return np.asarray((values - old) / (new - old))
+
+
+_MEASURES = ("demand soon", "average at the end", "half-way after", "90 % after", "left afterwards")
+
+
+def _numbers(cameras: tuple[int, ...], size: Size, both: FloatArray) -> FloatArray:
+    """Reduce demand and average, (2, q), to the measures."""
+    times, (demand, average) = size.times - size.begin, _progress(cameras, both)
+    during = (times >= 0.0) & (times <= size.end - size.begin)
+    soon = (times >= _SOON[0]) & (times <= _SOON[1])
+    ends, afterwards = np.searchsorted(times, [size.end - size.begin, size.end - size.begin + _AFTERWARDS])
+    half, most = (reached(times[during], average[during], part) for part in (0.5, 0.9))
+    return np.array([demand[soon].mean(), average[ends], half, most, average[afterwards]])
+
+
+def _rows(group: str, name: str, size: Size, runs: Sequence[Seen]) -> list[dict[str, Any]]:
+    cameras = groups()[group]
+    both = [np.array([run.demand, run.average]) for run in runs]
+    value, error = jackknife(both, partial(_numbers, cameras, size))
+    expected = _numbers(cameras, size, np.array(fluid(cameras, name, size)))
+    alike = kin(cameras)
+    moments = [np.array([run.before, run.before**2])[:, alike] for run in runs]
+    scatter, wrong = jackknife(moments, _scatter)
+    value, error = np.append(value, scatter), np.append(error, wrong)
+    expected = np.append(expected, expected_scatter(alike, name, size))
+    return [
+        {
+            "camera": group,
+            "averaging": name,
+            "measure": measure,
+            "mean": value[k],
+            "standard_error": error[k],
+            "replications": len(runs),
+            "theory": expected[k],
+        }
+        for k, measure in enumerate([*_MEASURES, "scatter before"])
+    ]
+
+
+def _scatter(moments: FloatArray) -> FloatArray:
+    """Compute the coefficient of variation of averages over replications, the root of a mean of squares."""
+    mean, square = moments
+    return np.asarray(np.sqrt(np.mean(square / mean**2 - 1.0)))
+
+
+def _figure(found: _Found, table: pd.DataFrame, size: Size) -> Figure:
+    figure = Figure(figsize=(13.5, 4.8), layout="constrained")
+    left, middle, right = figure.subplots(1, 3, gridspec_kw={"width_ratios": [1.15, 1.15, 1.0]})
+    one, steep, _ = groups()
+    _draw_course(left, found, one, size)
+    _draw_course(middle, found, steep, size)
+    left.set_title("(a) Quadratic costs: the average lags", loc="left", fontsize="medium")
+    middle.set_title("(b) Power 6: demand overdoes it, to pull the average", loc="left", fontsize="medium")
+    middle.legend(frameon=False, fontsize="small")
+    _draw_price(right, table)
+    return figure
+
+
+def _place(name: str) -> int:
+    return list(AVERAGINGS).index(name)
+
+
+def _draw_course(axes: Axes, found: _Found, group: str, size: Size) -> None:
+    cameras, times = groups()[group], size.times - size.begin
+    for name in list(AVERAGINGS)[:2]:
+        mean, error = mean_and_error([[run.demand, run.average] for run in found[group, name]])
+        expected, shade = fluid(cameras, name, size), colour(_place(name))
+        for k, width in ((0, 0.9), (1, 2.2)):
+            axes.fill_between(
+                times, mean[k] - 2 * error[k], mean[k] + 2 * error[k], color=shade, alpha=0.2, linewidth=0
+            )
+            axes.plot(times, mean[k], color=shade, linewidth=width, alpha=0.9)
+            axes.plot(times, expected[k], color="black", linewidth=0.9, linestyle=":")
+    old, new = shares(cameras)
+    end = size.end - size.begin
+    axes.plot(
+        [times[0], 0.0, 0.0, end, end, times[-1]],
+        [old, old, new, new, old, old],
+        color=REFERENCE,
+        linewidth=1.2,
+        linestyle="--",
+        label="optimum",
+    )
+    for name in list(AVERAGINGS)[:2]:
+        axes.plot([], [], color=colour(_place(name)), linewidth=2.2, label=f"{name} (thin: demand)")
+    axes.plot([], [], color="black", linewidth=0.9, linestyle=":", label="theory (fluid)")
+    axes.set_xlabel("time since the event began (periods)")
+    axes.set_ylabel("memory of the camera (GB)")
+    axes.set_ylim(bottom=0.0)
+    number_axis(axes.xaxis)
+    number_axis(axes.yaxis)
+    frame(axes)
+
+
+def _row_of(table: pd.DataFrame, group: str, name: str, measured: str) -> dict[str, float]:
+    chosen = (table["camera"] == group) & (table["averaging"] == name) & (table["measure"] == measured)
+    found = table.loc[chosen, ["mean", "standard_error", "theory"]].iloc[0]
+    return {str(key): float(value) for key, value in found.items()}
+
+
+def _draw_price(axes: Axes, table: pd.DataFrame) -> None:
+    for group, name in product(list(groups())[:2], table["averaging"].unique()):
+        half, scatter = (_row_of(table, group, name, part) for part in ("half-way after", "scatter before"))
+        shade, marker = colour(_place(name)), "os"[list(groups()).index(group)]
+        if np.isnan(half["mean"]):
+            axes.plot(_NEVER, 100 * scatter["mean"], ">", color=shade, markersize=9.0, clip_on=False)
+            axes.annotate(
+                "not within the event",
+                (_NEVER, 100 * scatter["mean"]),
+                (-10, -13),
+                textcoords="offset points",
+                ha="right",
+                fontsize="small",
+            )
+            continue
+        axes.errorbar(
+            half["mean"],
+            100 * scatter["mean"],
+            200 * scatter["standard_error"],
+            2 * half["standard_error"],
+            fmt=marker,
+            color=shade,
+            markersize=6.5,
+            capsize=2.5,
+        )
+        axes.plot(half["theory"], 100 * scatter["theory"], "+", color="black", markersize=9.0, zorder=5)
+    for name in AVERAGINGS:
+        axes.plot([], [], "D", color=colour(_place(name)), label=name)
+    for group, marker in zip(list(groups())[:2], "os", strict=True):
+        axes.plot([], [], marker, color=REFERENCE, label=group)
+    axes.plot([], [], "+", color="black", markersize=9.0, label="theory")
+    axes.legend(frameon=False, fontsize="small")
+    axes.set_xlabel("half of the way made after (periods)")
+    axes.set_ylabel("scatter of the average before (%)")
+    axes.set_title("(c) The price of a short memory", loc="left", fontsize="medium")
+    axes.set_xlim(0.0, _NEVER)
+    axes.set_ylim(bottom=0.0)
+    number_axis(axes.xaxis)
+    number_axis(axes.yaxis)
+    frame(axes)
+
+
+def _shown(table: pd.DataFrame) -> pd.DataFrame:
+    return pd.DataFrame(
+        [
+            {
+                "camera": row["camera"],
+                "averaging": row["averaging"],
+                "measure": row["measure"],
+                "theory": _text(row["theory"]),
+                "simulation": f"{_text(row['mean'])} ± {_text(row['standard_error'])}",
+            }
+            for row in table.to_dict("records")
+            if not np.isnan(row["mean"])
+        ]
+    )
+
+
+def _text(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.3f}" if abs(value) < 10.0 else f"{value:.0f}"
+
+
+def _findings(table: pd.DataFrame, size: Size) -> list[str]:
+    (one, steep, three), (whole, short) = groups(), list(AVERAGINGS)[:2]
+
+    def say(group: str, name: str, measured: str, scale: float = 100.0, digits: int = 0) -> str:
+        row = _row_of(table, group, name, measured)
+        expected = "" if np.isnan(row["theory"]) else f" (theory {scale * row['theory']:.{digits}f})"
+        return f"{scale * row['mean']:.{digits}f}{expected}"
+
+    def half(group: str, name: str) -> str:
+        return say(group, name, "half-way after", 1.0)
+
+    (old, new), (_, shared) = shares(groups()[one]), shares(groups()[three])
+    names = table["averaging"].unique()
+    scatter = ", ".join(f"{say(one, name, 'scatter before', digits=1)} with {name}" for name in names)
+    soon = f"From period {_SOON[0]:g} to {_SOON[1]:g}"
+    course = (
+        f"The optimum of a camera with quadratic costs rises from {old:.2f} to {new:.2f} GB (of each of "
+        f"three: {shared:.2f}). {soon} its demand has made {say(one, whole, 'demand soon')} % of the way, "
+        "whatever the memory. The average over all of the past has made "
+        f"{say(one, whole, 'average at the end')} % after {size.end - size.begin:g} periods (of three: "
+        f"{say(three, whole, 'average at the end')} %); with {short} it is half-way after {half(one, short)}."
+    )
+    overdone = (
+        "With costs of power 6 demand answers to the average, and overdoes it. "
+        f"{soon} it has made {say(steep, whole, 'demand soon', 1.0, 1)} times the way; so the average over "
+        f"all of the past is half-way after {half(steep, whole)} periods, with {short} after "
+        f"{half(steep, short)}. {_AFTERWARDS:g} periods after the end it keeps "
+        f"{say(steep, whole, 'left afterwards')} % of the rise."
+    )
+    price = (
+        f"The price is scatter of the averages before, in %: with quadratic costs {scatter}; with costs of "
+        f"power 6 {say(steep, whole, 'scatter before', digits=1)} with {whole}, "
+        f"{say(steep, short, 'scatter before', digits=1)} with {short}."
+    )
+    return [course, overdone, price]
+
+
+main = command(
+    "unusual_activity",
+    study,
+    "A camera sees something unusual: how fast does it get more, and what does a short memory cost?",
+)
