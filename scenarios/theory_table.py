@@ -5,6 +5,8 @@ Signals, utilisation and averages of the paper's system are predicted to about 1
 signals.
 """  # noqa: D400 - a question
 
+from pathlib import Path
+
 import pandas as pd
 
 from scenarios._theory_classics import classics
@@ -13,7 +15,7 @@ from scenarios._theory_losses import compensated, critical, heterogeneous, runaw
 from scenarios._theory_page import PAGE
 from scenarios._theory_rows import Size, digest, frame, markdown
 from scenarios._theory_signals import signals_and_utilisation
-from scenarios.common.command import Study, command
+from scenarios.common.command import Finding, command
 from scenarios.common.replicate import replicate
 
 __all__ = ["FULL", "QUICK", "main", "study"]
@@ -25,7 +27,7 @@ QUICK = Size(2, until=60.0, start=20.0, steps=300, critical_until=40.0, halvings
 _EXPERIMENTS = (signals_and_utilisation, heterogeneous, compensated, critical, runaway, classics)
 
 
-def study(quick: bool = False, seed: int = 0) -> Study:
+def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Hold every closed form against simulation.
 
     Parameters
@@ -34,16 +36,18 @@ def study(quick: bool = False, seed: int = 0) -> Study:
         Whether to run the small size, at which claims need not hold.
     seed : int
         Of the first replication.
+    runs : Path, optional
+        The folder of the runs; those that are there are not run again.
 
     Returns
     -------
-    Study
+    Finding
         A pure function of the arguments.
     """
     size = QUICK if quick else FULL
     experiments = [make(size) for make in _EXPERIMENTS]
     jobs = [job for experiment in experiments for job in experiment.jobs]
-    outcomes = iter(replicate(jobs, size.replications, seed, workers=1 if quick else None))
+    outcomes = iter(replicate(jobs, size.replications, seed, workers=1 if quick else None, out=runs))
     rows = [
         row
         for experiment in experiments
@@ -60,7 +64,7 @@ def study(quick: bool = False, seed: int = 0) -> Study:
         table=markdown(table),
         **_lengths(size),
     )
-    return Study(
+    return Finding(
         "theory_table",
         settings,
         table,

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +21,11 @@ from aimd_des import checks
 from aimd_des.errors import InputError
 from aimd_des.output import Place, check_folder, new_folder
 
-__all__ = ["Study", "command", "write"]
-
 _DPI = 200
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class Finding:
     """What a study found.
 
     Attributes
@@ -45,6 +44,8 @@ class Study:
         By the name of their file.
     pages : dict of str to str
         Texts to write beside, by the name of their file.
+    title : str
+        Of what is printed; name and settings unless given.
     """
 
     name: str
@@ -54,41 +55,30 @@ class Study:
     findings: list[str]
     figures: dict[str, Figure] = field(default_factory=dict)
     pages: dict[str, str] = field(default_factory=dict)
+    title: str = ""
 
 
-def write(study: Study, place: Place) -> None:
-    """Write figures, table and provenance, all or nothing.
-
-    Parameters
-    ----------
-    study : Study
-        What was found.
-    place : Place
-        Where to, as `check_folder` has found it.
-
-    Raises
-    ------
-    InputError
-        If something has come to that place meanwhile; it says where the results are.
-    """
+def write(found: Finding, out: Path, *, overwrite: bool = False) -> None:
+    """Write figures, table and provenance into a folder, all or nothing; one of its own may be replaced."""
+    check_folder(out, overwrite=overwrite, mark=f"{found.name}.json")
     provenance = {
-        "scenario": study.name,
-        **study.settings,
-        "findings": study.findings,
+        "scenario": found.name,
+        **found.settings,
+        "findings": found.findings,
         "versions": {
             "aimd_des": aimd_des.__version__,
             "python": platform.python_version(),
             **{library: version(library) for library in ("numpy", "scipy", "numba", "simpy", "matplotlib")},
         },
     }
-    with new_folder(place) as folder:
-        for name, figure in study.figures.items():
-            figure.savefig(folder / f"{name}.png", dpi=_DPI)
-        for name, page in study.pages.items():
-            (folder / name).write_text(page, encoding="utf-8")
-        study.table.to_csv(folder / "table.csv", index=False)
+    with new_folder(out) as place:
+        for name, figure in found.figures.items():
+            figure.savefig(place / f"{name}.png", dpi=_DPI)
+        for name, page in found.pages.items():
+            (place / name).write_text(page, encoding="utf-8")
+        found.table.to_csv(place / "table.csv", index=False)
         record = json.dumps(provenance, indent=2, ensure_ascii=False)
-        (folder / f"{study.name}.json").write_text(record + "\n", encoding="utf-8")
+        (place / f"{found.name}.json").write_text(record + "\n", encoding="utf-8")
 
 
 class _Refusal(click.ClickException):
@@ -97,39 +87,27 @@ class _Refusal(click.ClickException):
     exit_code = 2
 
 
+#: What those studies say that are still to be moved.
+Study = Finding
+
+
 def command(
-    name: str, run: Callable[..., Study], question: str, more: Sequence[click.Option] = ()
+    name: str, study: Callable[..., Finding], question: str, _more: Sequence[click.Option] = ()
 ) -> click.Command:
-    """Make the command of a study.
+    """Make the command of a study: a function of whether it is quick, its seed and the folder of its runs."""
 
-    Parameters
-    ----------
-    name : str
-        Of the scenario.
-    run : callable
-        Takes whether to be quick, the seed, and what further options give.
-    question : str
-        For the help.
-    more : sequence of click.Option
-        Options that only this study has.
-
-    Returns
-    -------
-    click.Command
-        With the options that all studies have.
-    """
-
-    def call(quick: bool, seed: int, out: Path, overwrite: bool, **given: Any) -> None:
+    def call(quick: bool, seed: int, out: Path, overwrite: bool, runs: Path | None) -> None:
         console = Console(width=None if sys.stdout.isatty() else 118, highlight=False)
         try:
             seed = checks.integer("seed", seed, low=0)
             place = check_folder(out, overwrite=overwrite, mark=f"{name}.json")
             with console.status(question):
-                study = run(quick, seed, **given)
-            write(study, place)
+                given = {"runs": runs} if "runs" in signature(study).parameters else {}
+                found = study(quick, seed, **given)
+            write(found, out, overwrite=overwrite)
         except InputError as refusal:
             raise _Refusal(str(refusal)) from None
-        _show(study, console)
+        _show(found, console)
         console.print(f"Results in {out}")
 
     options = [
@@ -143,20 +121,24 @@ def command(
             help="Folder for figure and table, new or empty.",
         ),
         click.Option(["--overwrite"], is_flag=True, help="Replace a folder that this scenario wrote."),
-        *more,
+        click.Option(
+            ["--runs"],
+            type=click.Path(path_type=Path),
+            help="Folder of the runs; what is missing there is run.  [default: runs are not kept]",
+        ),
     ]
     settings = {"help_option_names": ["-h", "--help"]}
     return click.Command(name, callback=call, params=list(options), help=question, context_settings=settings)
 
 
-def _show(study: Study, console: Console) -> None:
-    size = ", ".join(f"{key} {value}" for key, value in study.settings.items())
-    shown = Table(title=f"{study.name}: {size}")
-    for column in study.shown.columns:
-        words = study.shown[column].str.contains("[a-z]{2}").any()
+def _show(found: Finding, console: Console) -> None:
+    size = ", ".join(f"{key} {value}" for key, value in found.settings.items())
+    shown = Table(title=found.title or f"{found.name}: {size}")
+    for column in found.shown.columns:
+        words = found.shown[column].str.contains("[a-z]{2}").any()
         shown.add_column(str(column), justify="left" if words else "right")
-    for row in study.shown.itertuples(index=False):
+    for row in found.shown.itertuples(index=False):
         shown.add_row(*map(str, row))
     console.print(shown)
-    for finding in study.findings:
+    for finding in found.findings:
         console.print(f"• {finding}")

@@ -4,6 +4,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -17,19 +18,17 @@ from aimd_des.checks import FloatArray
 from aimd_des.clock import Clocks
 from aimd_des.control_unit import Crossing, Sampled
 from aimd_des.discrete import run_discrete
-from aimd_des.latency import Constant
-from aimd_des.loss import Bernoulli
+from aimd_des.interventions import CapacityStep
 from aimd_des.optimum import solve_optimum
 from aimd_des.problem import Problem
 from aimd_des.recording import Recording
 from aimd_des.results import Result
 from aimd_des.simulation import Simulation
+from aimd_des.study import replicate
 from aimd_des.system import System
 from aimd_des.theory import reweighted_optimum
 from aimd_des.transport import ProcessGenerator
-from scenarios.common.replicate import replicate, summarise
-
-__all__ = ["Measures", "Run", "distance", "measure", "measure_all"]
+from scenarios.common.tables import summarise
 
 _COLUMNS = ("signals", "utilisation", "misallocation", "peak", "saturated")
 
@@ -128,21 +127,9 @@ class _Peaks:
 
 
 def distance(problem: Problem, average: FloatArray, weights: npt.ArrayLike | None = None) -> FloatArray:
-    """Compute how far averages are from an optimum for the capacities that they use.
+    """Compute how far averages (n, m) are from the optimum for what they use, of reweighted costs if asked.
 
-    Parameters
-    ----------
-    problem : Problem
-        What was shared.
-    average : ndarray, shape (n, m)
-        In units of the resources.
-    weights : array_like, shape (n,) or (n, m), optional
-        Of the costs; the plain optimum unless given.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        Sum of absolute deviations over the sum.
+    The sum of absolute deviations over the sum, (m,).
     """
     used = average.sum(axis=0)
     best = (
@@ -153,26 +140,48 @@ def distance(problem: Problem, average: FloatArray, weights: npt.ArrayLike | Non
     return metrics.relative_error(average, best.allocation)
 
 
-def measure(run: Run, seed: int) -> Measures:
-    """Run and measure.
-
-    Parameters
-    ----------
-    run : Run
-        What to run.
-    seed : int
-        Of the run.
-
-    Returns
-    -------
-    Measures
-        Responses with a probability above 1 are counted there instead of warned of.
-    """
-    peaks = _Peaks(run.start)
+def quietly(simulation: Simulation, until: float) -> Result:
+    """Run, and count responses with a probability above 1 instead of warning of them."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
-        result = _run(run, seed, peaks)
-    return _measure(run, result, peaks)
+        return simulation.run(until)
+
+
+def noted(problem: Problem, at: float) -> CapacityStep:
+    """Set the capacity of a single resource to what it is: totals are integrated exactly from there on."""
+    return CapacityStep(problem.resource_names[0], at, float(problem.capacity[0]))
+
+
+class Late(NamedTuple):
+    """What is measured of one resource from a note on, over the capacity; `average` (n, 1) in its unit."""
+
+    signals: float
+    utilisation: float
+    peak: float
+    time_above: float
+    excess: float
+    average: FloatArray
+
+
+def late(result: Result, start: float) -> Late:
+    """Measure a run with a note at its `start`, at which allocations are recorded."""
+    span, seen = result.until - start, result.observations
+    average = ((seen.average[-1] * result.until - seen.average[0] * start) / span).T
+    over = seen.stretches[-1].overshoot()
+    return Late(
+        signals=float((result.signals_sent.time >= start).sum() / span),
+        utilisation=float(average.sum() / result.problem.capacity[0]),
+        peak=float(over.peak[0]),
+        time_above=float(over.time[0]),
+        excess=float(over.mean[0]),
+        average=average,
+    )
+
+
+def measure(run: Run, seed: int) -> Measures:
+    """Run and measure."""
+    peaks = _Peaks(run.start)
+    return _measure(run, _run(run, seed, peaks), peaks)
 
 
 def _run(run: Run, seed: int, peaks: _Peaks) -> Result:
@@ -186,7 +195,7 @@ def _run(run: Run, seed: int, peaks: _Peaks) -> Result:
         lag = int(run.latency > 0.0)
         return run_discrete(run.problem, steps=int(run.until), seed=seed, lag=lag, recording=recording)
     channel = BroadcastChannel(latency=Constant(run.latency), loss=Bernoulli(run.loss))
-    return Simulation(
+    simulation = Simulation(
         run.problem,
         dynamics=run.dynamics,
         control_unit=run.control_unit,
@@ -196,7 +205,8 @@ def _run(run: Run, seed: int, peaks: _Peaks) -> Result:
         seed=seed,
         recording=recording,
         processes=() if discrete else (peaks,),
-    ).run(run.until)
+    )
+    return quietly(simulation, run.until)
 
 
 def _measure(run: Run, result: Result, peaks: _Peaks) -> Measures:
@@ -234,27 +244,14 @@ def measure_all(
     seed: int,
     *,
     workers: int | None = None,
+    out: Path | None = None,
 ) -> tuple[pd.DataFrame, list[list[Measures]]]:
-    """Run several cases with the same seeds.
+    """Run cases, labels and what to run, with the same seeds; workers and folder as of `replicate`.
 
-    Parameters
-    ----------
-    cases : sequence of (mapping, Run)
-        Labels, and what to run.
-    replications, seed : int
-        How many, and the seed of the first.
-    workers : int, optional
-        Processes; all processors unless given.
-
-    Returns
-    -------
-    table : DataFrame
-        Columns: the labels, resource, measure (signals, utilisation, misallocation, peak,
-        saturated), mean, standard_error, replications.
-    outcomes : list of list of Measures
-        For each case a replication after the other.
+    Gives a table, and for each case the measures of one replication after the other.
     """
-    outcomes = replicate([partial(measure, run) for _, run in cases], replications, seed, workers=workers)
+    jobs = [partial(measure, run) for _, run in cases]
+    outcomes = replicate(jobs, replications, seed, workers=workers, out=out)
     rows = [
         {**labels, "resource": name, **{column: float(getattr(found, column)[j]) for column in _COLUMNS}}
         for (labels, run), runs in zip(cases, outcomes, strict=True)

@@ -7,42 +7,14 @@ from aimd_des.costs import PolynomialCosts
 from aimd_des.problem import Problem
 from models.smart_cameras import smart_cameras
 
-__all__ = ["memory_alone", "spread"]
-
 
 def spread(low: float, high: float, n: int = 60) -> FloatArray:
-    """Spread values evenly over the agents, in an order that has nothing to do with their costs.
-
-    Parameters
-    ----------
-    low, high : float
-        The least and the largest.
-    n : int
-        How many agents.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In that order; its mean is halfway.
-    """
+    """Spread values evenly over n agents, in an order that has nothing to do with their costs, (n,)."""
     return np.random.default_rng(2018).permutation(np.linspace(low, high, n))
 
 
 def memory_alone(n: int = 60, normalization: float = 1 / 90) -> Problem:
-    """Take the memory of the paper's system by itself: the costs do not couple resources.
-
-    Parameters
-    ----------
-    n : int
-        Cameras.
-    normalization : float
-        Gamma.
-
-    Returns
-    -------
-    Problem
-        One resource.
-    """
+    """Take the memory of the paper's system of n cameras by itself: the costs do not couple resources."""
     full = smart_cameras(0, n_cameras=n, normalization=normalization)
     costs = full.costs
     assert isinstance(costs, PolynomialCosts)  # noqa: S101 - the model's costs are

@@ -1,0 +1,57 @@
+"""Figures of the studies: panels, points with their errors, lines of theory, and names for the legend."""
+
+from typing import Any
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from aimd_des.plots import colour
+from aimd_des.plots.style import REFERENCE, frame, number_axis
+
+__all__ = ["MARKS", "REFERENCE", "dress", "level", "named", "panels", "points", "theory"]
+
+MARKS = "os^Dv"
+
+
+def panels(rows: int, columns: int, size: tuple[float, float], **how: Any) -> tuple[Figure, list[Axes]]:
+    """Make a figure of so many panels, listed row by row; `size` in inches."""
+    figure = Figure(figsize=size, layout="constrained")
+    return figure, list(figure.subplots(rows, columns, squeeze=False, **how).flat)
+
+
+def points(
+    axes: Axes, x: Any, rows: pd.DataFrame, place: int, label: str = "", *, scale: float = 1.0, **look: Any
+) -> None:
+    """Draw the means of rows with ± 2 standard errors, in the colour and with the mark of a place."""
+    usual: dict[str, Any] = {"fmt": MARKS[place], "color": colour(place), "markersize": 5.5, "capsize": 2.5}
+    axes.errorbar(
+        x, scale * rows["mean"], 2.0 * scale * rows["standard_error"], label=label, **(usual | look)
+    )
+
+
+def theory(axes: Axes, x: Any, rows: pd.DataFrame, place: int, *, scale: float = 1.0) -> None:
+    """Draw what theory has for rows, in the colour of a place."""
+    axes.plot(x, scale * rows["theory"], color=colour(place), linewidth=1.5)
+
+
+def level(axes: Axes, value: float, style: str = ":") -> None:
+    """Draw a level that others are held against."""
+    axes.axhline(value, color=REFERENCE, linewidth=1.0, linestyle=style)
+
+
+def named(axes: Axes, label: str, style: str = "-", **look: Any) -> None:
+    """Put a kind of line or mark into the legend."""
+    usual: dict[str, Any] = {"color": REFERENCE, "linewidth": 1.5}
+    axes.plot([], [], style, label=label, **(usual | look))
+
+
+def dress(
+    axes: Axes, title: str = "", x: str = "", y: str = "", *, numbers: str = "xy", **limits: Any
+) -> None:
+    """Give axes their title, labels, scales and limits (as of `Axes.set`), and numbers along x, y or both."""
+    axes.set_title(title, loc="left", fontsize="medium")
+    axes.set(xlabel=x, ylabel=y, **limits)
+    for name in numbers:
+        number_axis(axes.xaxis if name == "x" else axes.yaxis)
+    frame(axes)

@@ -1,0 +1,76 @@
+"""Tables of the studies: a row for each point and measure, with mean, standard error and theory."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from aimd_des import study
+from aimd_des.checks import FloatArray
+
+
+def summarise(rows: Sequence[Mapping[str, Any]], labels: Sequence[str]) -> pd.DataFrame:
+    """Reduce rows of single replications, labels and numbers, to means: a measure after the other."""
+    frame = pd.DataFrame(rows)
+    measures = [name for name in frame.columns if name not in labels]
+    table = study.summarise(frame, labels, measures).drop(columns=["low", "high"])
+    place = table["measure"].astype(str).map(measures.index)
+    return table.iloc[np.argsort(place, kind="stable")].reset_index(drop=True)
+
+
+def estimate(
+    labels: Mapping[str, Any],
+    measure: str,
+    found: tuple[Any, Any],
+    replications: int,
+    theory: float = np.nan,
+) -> dict[str, Any]:
+    """Make a row of a table from a mean and its standard error, each a number or an array of one."""
+    mean, error = (float(np.ravel(part)[0]) for part in found)
+    numbers = {"mean": mean, "standard_error": error, "replications": replications, "theory": theory}
+    return {**labels, "measure": measure, **numbers}
+
+
+def pick(table: pd.DataFrame, **wanted: object) -> pd.DataFrame:
+    """Take the rows that have these labels; NaN is a label, too."""
+    chosen = np.ones(len(table), dtype=np.bool_)
+    for name, value in wanted.items():
+        column = table[name]
+        chosen &= (column.isna() if value != value else column == value).to_numpy()  # noqa: PLR0124 - NaN
+    rows: pd.DataFrame = table.loc[chosen]
+    return rows
+
+
+def numbers(table: pd.DataFrame, column: str = "mean", **wanted: object) -> FloatArray:
+    """Take a column of the rows that have these labels."""
+    return pick(table, **wanted)[column].to_numpy(dtype=np.float64)
+
+
+def number(table: pd.DataFrame, column: str = "mean", **wanted: object) -> float:
+    """Look up one number: of the first row that has these labels."""
+    return float(numbers(table, column, **wanted)[0])
+
+
+def said(table: pd.DataFrame, scale: float = 1.0, digits: int = 2, **wanted: object) -> str:
+    """Say a mean, and in brackets what theory has for it."""
+    row = pick(table, **wanted).iloc[0]
+    expected = "" if np.isnan(row["theory"]) else f" (theory {scale * row['theory']:.{digits}f})"
+    return f"{scale * row['mean']:.{digits}f}{expected}"
+
+
+def shown(table: pd.DataFrame, labels: Sequence[str], form: str = ".4f") -> pd.DataFrame:
+    """Write the rows that have a mean for readers: labels, theory, and mean ± standard error."""
+    rows = table[table["mean"].notna()]
+    text = pd.DataFrame({name.replace("_", " "): [_label(value) for value in rows[name]] for name in labels})
+    text["theory"] = ["" if np.isnan(value) else f"{value:{form}}" for value in rows["theory"]]
+    pairs = zip(rows["mean"], rows["standard_error"], strict=True)
+    return text.assign(
+        simulation=[f"{mean:{form}}" + ("" if np.isnan(e) else f" ± {e:{form}}") for mean, e in pairs]
+    )
+
+
+def _label(value: Any) -> str:
+    if isinstance(value, str):
+        return value.replace("_", " ")
+    return "" if np.isnan(value) else f"{value:g}"
