@@ -7,6 +7,7 @@ fast clock adds more often, and the averages settle where theory puts them.
 """  # noqa: D400 - a question
 
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,11 +20,12 @@ from aimd_des.checks import FloatArray
 from aimd_des.clock import Clocks
 from aimd_des.control_unit import Sampled
 from aimd_des.plots import colour, shared_legend
-from aimd_des.plots.style import REFERENCE, frame, number_axis
-from scenarios.common.command import Study, command
+from aimd_des.study import jackknife, paired_difference
+from scenarios.common import figures
+from scenarios.common.command import Finding, command
 from scenarios.common.measure import Measures, Run, distance, measure_all
-from scenarios.common.replicate import jackknife, numbers
 from scenarios.common.systems import memory_alone, spread
+from scenarios.common.tables import estimate, number, numbers, pick, shown
 
 __all__ = ["main", "study"]
 
@@ -71,7 +73,7 @@ _PANELS = (
 )
 
 
-def study(quick: bool = False, seed: int = 0) -> Study:
+def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run memory of the paper's system with different clocks and the same luck.
 
     Parameters
@@ -80,29 +82,31 @@ def study(quick: bool = False, seed: int = 0) -> Study:
         Whether to run the small size.
     seed : int
         Of the first replication.
+    runs : Path, optional
+        The folder of the runs; those that are there are not run again.
 
     Returns
     -------
-    Study
-        A pure function of the arguments.
+    Finding
+        A pure function of the size and the seed.
     """
     replications, until = (3, 150.0) if quick else (20, 1500.0)
     cases: list[tuple[dict[str, Any], Run]] = [
         ({"clocks": setting.name}, _run(setting, until)) for setting in _SETTINGS
     ]
-    table, outcomes = measure_all(cases, replications, seed, workers=1 if quick else None)
+    table, outcomes = measure_all(cases, replications, seed, workers=1 if quick else None, out=runs)
     table = table[table["measure"] != "saturated"].reset_index(drop=True)
     table["replication_std"] = table["standard_error"] * np.sqrt(replications)
-    table["effect"], table["effect_error"] = np.array(
-        [_effect(row["measure"], _place(row["clocks"]), outcomes) for row in table.to_dict("records")]
-    ).T
-    table = pd.concat([table, _pooled(outcomes)], ignore_index=True)
+    table[["effect", "effect_error"]] = [
+        _effect(row["measure"], _place(row["clocks"]), outcomes) for row in table.to_dict("records")
+    ]
+    table = pd.concat([table, pd.DataFrame(_pooled(outcomes))], ignore_index=True)
     table["theory"] = [
         _expected(row["measure"], _SETTINGS[place], outcomes[place])
         for row in table.to_dict("records")
         for place in [_place(row["clocks"])]
     ]
-    return Study(
+    return Finding(
         "clocks",
         {"seed": seed, "replications": replications, "until": until},
         table,
@@ -122,19 +126,18 @@ def _place(name: str) -> int:
 
 def _effect(measure: str, place: int, outcomes: list[list[Measures]]) -> tuple[float, float]:
     """Compare runs of the same seeds: mean difference from clocks in phase, and its standard error."""
-    here, there = (np.array([getattr(run, measure)[0] for run in outcomes[which]]) for which in (place, 0))
-    gap = here - there
-    return float(gap.mean()), float(gap.std(ddof=1) / np.sqrt(len(gap)))
+    here, there = ([getattr(run, measure)[0] for run in outcomes[which]] for which in (place, 0))
+    found = paired_difference(here, there)
+    return found.mean, found.standard_error
 
 
-def _pooled(outcomes: list[list[Measures]]) -> pd.DataFrame:
+def _pooled(outcomes: list[list[Measures]]) -> list[dict[str, Any]]:
     """Measure shares without the luck of single runs: by the mean of the averages over all runs."""
     rows = []
     for setting, runs in zip(_SETTINGS, outcomes, strict=True):
-        value, error = jackknife([run.average for run in runs], lambda average: distance(_PROBLEM, average))
-        labels = {"clocks": setting.name, "resource": "memory", "measure": _BIAS, "replications": len(runs)}
-        rows.append({**labels, "mean": value[0], "standard_error": error[0]})
-    return pd.DataFrame(rows)
+        found = jackknife([run.average for run in runs], partial(distance, _PROBLEM))
+        rows.append(estimate({"clocks": setting.name, "resource": "memory"}, _BIAS, found, len(runs)))
+    return rows
 
 
 def _expected(measure: str, setting: _Setting, runs: list[Measures]) -> float:
@@ -158,13 +161,10 @@ def _expected(measure: str, setting: _Setting, runs: list[Measures]) -> float:
 
 
 def _figure(table: pd.DataFrame) -> Figure:
-    figure = Figure(figsize=(14.0, 4.4), layout="constrained")
-    for place, (axes, (measure, factor, label, title)) in enumerate(
-        zip(figure.subplots(1, 4, sharey=True), _PANELS, strict=True)
-    ):
-        _draw(axes, table[table["measure"] == measure], factor, colour(place))
-        axes.set_xlabel(label)
-        axes.set_title(title, loc="left", fontsize="medium")
+    figure, panels = figures.panels(1, 4, (14.0, 4.4), sharey=True)
+    for place, (axes, (measure, factor, label, title)) in enumerate(zip(panels, _PANELS, strict=True)):
+        _draw(axes, pick(table, measure=measure), factor, colour(place))
+        figures.dress(axes, title, label, numbers="x")
     shared_legend(figure)
     return figure
 
@@ -172,43 +172,21 @@ def _figure(table: pd.DataFrame) -> Figure:
 def _draw(axes: Axes, rows: pd.DataFrame, factor: float, ink: str) -> None:
     height = -np.arange(len(rows))
     middle, noise = factor * rows.iloc[0]["mean"], factor * rows.iloc[0]["replication_std"]
-    error = rows["effect_error"].fillna(rows["standard_error"])
+    error = 2.0 * factor * rows["effect_error"].fillna(rows["standard_error"])
     if np.isfinite(noise):
-        axes.axvspan(
-            middle - noise, middle + noise, color="0.88", label="in phase: mean ± std of single runs"
-        )
-    axes.axvline(middle, color=REFERENCE, linewidth=1.0)
-    axes.errorbar(
-        factor * rows["mean"],
-        height,
-        xerr=2.0 * factor * error,
-        fmt="o",
-        color=ink,
-        markersize=6.0,
-        capsize=2.5,
-    )
-    theory_at = factor * rows["theory"]
-    axes.plot(theory_at, height, "|", color="black", markersize=15.0, markeredgewidth=1.8, label="theory")
+        words = "in phase: mean ± std of single runs"
+        axes.axvspan(middle - noise, middle + noise, color="0.88", label=words)
+    axes.axvline(middle, color=figures.REFERENCE, linewidth=1.0)
+    axes.errorbar(factor * rows["mean"], height, xerr=error, fmt="o", color=ink, markersize=6.0, capsize=2.5)
+    expected = factor * rows["theory"]
+    axes.plot(expected, height, "|", color="black", markersize=15.0, markeredgewidth=1.8, label="theory")
     axes.set_yticks(height, rows["clocks"])
-    number_axis(axes.xaxis)
-    frame(axes)
 
 
 def _shown(table: pd.DataFrame) -> pd.DataFrame:
-    return pd.DataFrame(
-        [
-            {
-                "clocks": row["clocks"],
-                "measure": row["measure"],
-                "simulation": f"{row['mean']:.4f} ± {row['standard_error']:.4f}",
-                "effect": ""
-                if np.isnan(row["effect"])
-                else f"{row['effect']:+.4f} ± {row['effect_error']:.4f}",
-                "theory": "" if np.isnan(row["theory"]) else f"{row['theory']:.4f}",
-            }
-            for row in table.to_dict("records")
-        ]
-    )
+    effects = table["effect"], table["effect_error"]
+    texts = ["" if np.isnan(e) else f"{e:+.4f} ± {error:.4f}" for e, error in zip(*effects, strict=True)]
+    return shown(table, ["clocks", "measure"]).assign(effect=texts)
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
@@ -217,9 +195,9 @@ def _findings(table: pd.DataFrame) -> list[str]:
         measure: max(apart, key=partial(_size, table, measure)) for measure in ("signals", "utilisation")
     }
     effect = {
-        measure: numbers(table, "effect", measure=measure, clocks=name)[0] for measure, name in shift.items()
+        measure: number(table, "effect", measure=measure, clocks=name) for measure, name in shift.items()
     }
-    noise = {measure: numbers(table, "replication_std", measure=measure)[0] for measure in shift}
+    noise = {measure: number(table, "replication_std", measure=measure) for measure in shift}
     peak, bias = (numbers(table, measure=measure) for measure in ("peak", _BIAS))
     widest = _place("drift ±20 %")
     still = [name for name in apart if not np.any(_effects(table, name))]
@@ -254,7 +232,7 @@ def _effects(table: pd.DataFrame, name: str) -> FloatArray:
 
 
 def _size(table: pd.DataFrame, measure: str, name: str) -> float:
-    return abs(float(numbers(table, "effect", measure=measure, clocks=name)[0]))
+    return abs(number(table, "effect", measure=measure, clocks=name))
 
 
 main = command(
