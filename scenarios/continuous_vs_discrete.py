@@ -6,6 +6,7 @@ the capacities, and pays with peaks of 5 to 12 % above them; ideal crossings nev
 Shares are about as right in all ways.
 """  # noqa: D400 - a question
 
+from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -15,13 +16,13 @@ from matplotlib.figure import Figure
 
 from aimd_des import theory
 from aimd_des.control_unit import Crossing, Sampled
-from aimd_des.plots import colour, shared_legend
-from aimd_des.plots.style import REFERENCE, frame, number_axis
+from aimd_des.plots import shared_legend
 from aimd_des.problem import Problem
 from models.smart_cameras import smart_cameras
-from scenarios.common.command import Study, command
+from scenarios.common import figures
+from scenarios.common.command import Finding, command
 from scenarios.common.measure import Run, measure_all
-from scenarios.common.replicate import numbers
+from scenarios.common.tables import numbers, pick, shown
 
 __all__ = ["main", "study"]
 
@@ -52,7 +53,7 @@ _PANELS = (
 )
 
 
-def study(quick: bool = False, seed: int = 0) -> Study:
+def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run the paper's system in five ways.
 
     Parameters
@@ -61,11 +62,13 @@ def study(quick: bool = False, seed: int = 0) -> Study:
         Whether to run the small size.
     seed : int
         Of the first replication.
+    runs : Path, optional
+        The folder of the runs; those that are there are not run again.
 
     Returns
     -------
-    Study
-        A pure function of the arguments.
+    Finding
+        A pure function of the size and the seed.
     """
     replications, until = (2, 240.0) if quick else (20, 1500.0)
     problem = smart_cameras(0)
@@ -73,18 +76,18 @@ def study(quick: bool = False, seed: int = 0) -> Study:
         ({"way": way.name}, Run(problem, until, until // 3, way.dynamics, way.unit, way.latency))
         for way in _WAYS
     ]
-    table, _ = measure_all(cases, replications, seed, workers=1 if quick else None)
+    table, _ = measure_all(cases, replications, seed, workers=1 if quick else None, out=runs)
     expected = {way.name: _expected(problem, way) for way in _WAYS}
     names = list(problem.resource_names)
     table["theory"] = [
         expected[row["way"]].get(row["measure"], np.full(3, np.nan))[names.index(row["resource"])]
         for row in table.to_dict("records")
     ]
-    return Study(
+    return Finding(
         "continuous_vs_discrete",
         {"seed": seed, "replications": replications, "until": until},
         table,
-        _shown(table),
+        shown(table[table["measure"] != "saturated"], ["way", "resource", "measure"]),
         _findings(table),
         {"continuous_vs_discrete": _figure(table, problem)},
     )
@@ -101,57 +104,27 @@ def _expected(problem: Problem, way: _Way) -> dict[str, Any]:
 
 
 def _figure(table: pd.DataFrame, problem: Problem) -> Figure:
-    figure = Figure(figsize=(13.5, 4.4), layout="constrained")
-    for axes, (measure, factor, label, title) in zip(figure.subplots(1, 4), _PANELS, strict=True):
-        _draw(axes, table[table["measure"] == measure], list(problem.resource_names), factor)
-        axes.set_ylabel(label)
-        axes.set_title(title, loc="left", fontsize="medium")
-        if measure in ("signals", "misallocation"):
-            axes.set_ylim(bottom=0.0)
-        else:
-            axes.axhline(100.0, color=REFERENCE, linewidth=1.0, linestyle=":")
+    figure, panels = figures.panels(1, 4, (13.5, 4.4))
+    for axes, (measure, factor, label, title) in zip(panels, _PANELS, strict=True):
+        _draw(axes, pick(table, measure=measure), list(problem.resource_names), factor)
+        from_zero: dict[str, Any] = {"ylim": (0.0, None)} if measure in ("signals", "misallocation") else {}
+        figures.dress(axes, title, y=label, numbers="y", **from_zero)
+        axes.grid(visible=False, axis="x")
+        if not from_zero:
+            figures.level(axes, 100.0)
     shared_legend(figure)
     return figure
 
 
 def _draw(axes: Axes, rows: pd.DataFrame, resources: list[str], factor: float) -> None:
     for place, way in enumerate(_WAYS):
-        mine = rows[rows["way"] == way.name]
+        mine = pick(rows, way=way.name)
         beside = np.arange(len(resources)) + 0.15 * (place - 2)
-        axes.hlines(
-            factor * mine["theory"], beside - 0.07, beside + 0.07, color="black", linewidth=1.4, zorder=3
-        )
-        axes.errorbar(
-            beside,
-            factor * mine["mean"],
-            2.0 * factor * mine["standard_error"],
-            fmt="osD^v"[place],
-            color=colour(place),
-            markersize=6.0,
-            capsize=2.5,
-            label=way.name,
-        )
-    axes.plot([], [], color="black", linewidth=1.4, label="theory")
+        expected = factor * mine["theory"]
+        axes.hlines(expected, beside - 0.07, beside + 0.07, color="black", linewidth=1.4, zorder=3)
+        figures.points(axes, beside, mine, place, way.name, scale=factor, fmt="osD^v"[place], markersize=6.0)
+    figures.named(axes, "theory", color="black")
     axes.set_xticks(range(len(resources)), resources)
-    number_axis(axes.yaxis)
-    frame(axes)
-    axes.grid(visible=False, axis="x")
-
-
-def _shown(table: pd.DataFrame) -> pd.DataFrame:
-    rows = table[table["measure"] != "saturated"]
-    return pd.DataFrame(
-        [
-            {
-                "way": row["way"],
-                "resource": row["resource"],
-                "measure": row["measure"],
-                "theory": "" if np.isnan(row["theory"]) else f"{row['theory']:.4f}",
-                "simulation": f"{row['mean']:.4f} ± {row['standard_error']:.4f}",
-            }
-            for row in rows.to_dict("records")
-        ]
-    )
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
