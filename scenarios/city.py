@@ -7,7 +7,8 @@ next; it does not in the allocations, since every camera has its own luck: their
 optimum depends on how long the cameras have been running, not on how many there are.
 """  # noqa: D400 - a question
 
-import warnings
+from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,12 +24,15 @@ from aimd_des.control_unit import Crossing
 from aimd_des.latency import Exponential
 from aimd_des.optimum import solve_optimum
 from aimd_des.plots import colour, shared_legend
-from aimd_des.plots.style import REFERENCE, frame, number_axis
 from aimd_des.recording import Recording
 from aimd_des.results import Result
 from aimd_des.simulation import Simulation
+from aimd_des.study import replicate
 from models import smart_cameras
-from scenarios.common.command import Study, command
+from scenarios.common import figures
+from scenarios.common.command import Finding, command
+from scenarios.common.measure import quietly
+from scenarios.common.tables import pick
 
 __all__ = ["main", "study"]
 
@@ -47,7 +51,7 @@ class _City(NamedTuple):
     load: FloatArray
 
 
-def study(quick: bool = False, seed: int = 0) -> Study:
+def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run the paper's system with more and more cameras, behind a slow and lossy channel.
 
     Parameters
@@ -56,18 +60,22 @@ def study(quick: bool = False, seed: int = 0) -> Study:
         Whether to run the small size.
     seed : int
         Of all runs.
+    runs : Path, optional
+        The folder of the runs; those that are there are not run again.
 
     Returns
     -------
-    Study
-        A pure function of the arguments.
+    Finding
+        A pure function of the size and the seed.
     """
     sizes, until = ((60, 2000), 150.0) if quick else ((60, 600, 6000, 100_000), 1000.0)
-    cities = {cameras: _city(cameras, until, seed) for cameras in sizes}
+    jobs = [partial(_city, cameras, until) for cameras in sizes]
+    outcomes = replicate(jobs, 1, seed, workers=1, out=runs)
+    cities = {cameras: city for cameras, (city,) in zip(sizes, outcomes, strict=True)}
     table = pd.DataFrame([row for city in cities.values() for row in city.rows])
     settings = {"seed": seed, "until": until, **_CHANNEL, "hold_off": _HOLD_OFF}
-    figures = {"city": _figure(cities, table)}
-    return Study("city", settings, table, _shown(table), _findings(table), figures)
+    drawn = {"city": _figure(cities, table)}
+    return Finding("city", settings, table, _shown(table), _findings(table), drawn)
 
 
 def _city(cameras: int, until: float, seed: int) -> _City:
@@ -82,9 +90,7 @@ def _city(cameras: int, until: float, seed: int) -> _City:
         seed=seed,
         recording=Recording(demand=looks, overshoot=False),
     )
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
-        result = simulation.run(until)
+    result = quietly(simulation, until)
     load = result.observations.total_demand / problem.capacity
     rows = [
         {"cameras": cameras, "resource": name, "measure": measure, "value": float(value)}
@@ -117,55 +123,36 @@ def _scatter(result: Result) -> FloatArray:
 
 
 def _figure(cities: dict[int, _City], table: pd.DataFrame) -> Figure:
-    figure = Figure(figsize=(13.0, 4.6), layout="constrained")
-    left, middle, right = figure.subplots(1, 3)
+    figure, (left, middle, right) = figures.panels(1, 3, (13.0, 4.6))
     names = list(dict.fromkeys(table["resource"]))
     for axes, cameras, letter in ((left, min(cities), "a"), (middle, max(cities), "b")):
         city = cities[cameras]
         for j, name in enumerate(names):
             axes.plot(city.time, 100 * city.load[:, j], color=colour(j), linewidth=1.2, label=name)
-        axes.axhline(100.0, color=REFERENCE, linewidth=1.0, linestyle=":")
-        axes.set_ylim(85.0, 102.0)
-        axes.set_xlabel("time (units of the hold-off)")
-        axes.set_ylabel("total demand (% of capacity)")
-        axes.set_title(f"({letter}) {cameras:,} cameras", loc="left", fontsize="medium")
-        number_axis(axes.yaxis)
-        frame(axes)
+        figures.level(axes, 100.0)
+        x, y, title = "time (units of the hold-off)", "total demand (% of capacity)", f"{cameras:,} cameras"
+        figures.dress(axes, f"({letter}) {title}", x, y, numbers="y", ylim=(85.0, 102.0))
     _draw_sizes(right, table, names)
     shared_legend(figure)
     return figure
 
 
 def _draw_sizes(axes: Axes, table: pd.DataFrame, names: list[str]) -> None:
-    for measure, marker, face in (("misallocation", "o", None), ("scatter", "s", "white")):
+    for measure, style, full in (("misallocation", "o-", True), ("scatter", "s--", False)):
         for j, name in enumerate(names):
-            rows = table[(table["measure"] == measure) & (table["resource"] == name)]
-            axes.plot(
-                rows["cameras"],
-                100 * rows["value"],
-                color=colour(j),
-                marker=marker,
-                markerfacecolor=colour(j) if face is None else face,
-                linewidth=1.2,
-                linestyle="-" if face is None else "--",
-            )
-    axes.plot([], [], "o-", color=REFERENCE, label="distance from the optimum")
-    axes.plot(
-        [], [], "s--", color=REFERENCE, markerfacecolor="white", label="scatter of the times between signals"
-    )
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+            rows, face = pick(table, measure=measure, resource=name), colour(j) if full else "white"
+            x, y = rows["cameras"], 100 * rows["value"]
+            axes.plot(x, y, style, color=colour(j), markerfacecolor=face, linewidth=1.2)
+    figures.named(axes, "distance from the optimum", "o-")
+    figures.named(axes, "scatter of the times between signals", "s--", markerfacecolor="white")
+    across, up = "number of cameras", "distance, and scatter over the mean (%)"
+    figures.dress(axes, "(c) What chance leaves", across, up, numbers="", xscale="log", yscale="log")
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter("")
-    axes.set_xlabel("number of cameras")
-    axes.set_ylabel("distance, and scatter over the mean (%)")
-    axes.set_title("(c) What chance leaves", loc="left", fontsize="medium")
-    frame(axes)
 
 
-def _pick(table: pd.DataFrame, cameras: int, measure: str) -> pd.Series:
-    rows = table[(table["cameras"] == cameras) & (table["measure"] == measure)]
-    return rows.set_index("resource")["value"]
+def _values(table: pd.DataFrame, cameras: int, measure: str) -> pd.Series:
+    return pick(table, cameras=cameras, measure=measure).set_index("resource")["value"]
 
 
 def _shown(table: pd.DataFrame) -> pd.DataFrame:
@@ -187,7 +174,7 @@ def _shown(table: pd.DataFrame) -> pd.DataFrame:
 
 def _findings(table: pd.DataFrame) -> list[str]:
     few, many = int(table["cameras"].min()), int(table["cameras"].max())
-    before, after = ({name: _pick(table, size, name) for name in _MEASURES} for size in (few, many))
+    before, after = ({name: _values(table, size, name) for name in _MEASURES} for size in (few, many))
     signals = 100 * (after["signals"] / before["signals"] - 1.0).abs().max()
     used = 100 * (after["utilisation"] - before["utilisation"]).abs().max()
     gaps, luck = (
