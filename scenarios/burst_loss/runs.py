@@ -1,6 +1,5 @@
 """One run with bursts of loss, on each link for itself or on all together, and what is measured of it."""
 
-import warnings
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -14,15 +13,12 @@ from aimd_des.agents import Fleet
 from aimd_des.channel import BroadcastChannel, Channel
 from aimd_des.checks import FloatArray
 from aimd_des.control_unit import Crossing
-from aimd_des.interventions import CapacityStep
-from aimd_des.loss import Bernoulli, CommonMode, GilbertElliott
 from aimd_des.optimum import solve_optimum
 from aimd_des.problem import Problem
 from aimd_des.recording import Recording
 from aimd_des.results import Result
 from aimd_des.simulation import Simulation
-
-__all__ = ["Bursts", "Outcome", "measure", "run_one", "smallest"]
+from scenarios.common.measure import late, noted, quietly
 
 # Of the total, for what is rounding and no excess.
 _ROUNDING = 1e-9
@@ -55,13 +51,7 @@ class Bursts:
     start: float
 
     def channel(self) -> Channel:
-        """Make the channel.
-
-        Returns
-        -------
-        Channel
-            Links that are one are a single edge, from which a relay reaches everybody.
-        """
+        """Make the channel: links that are one are a single edge, from which a relay reaches everybody."""
         if self.burst == 0.0:
             model = CommonMode(self.loss) if self.common else Bernoulli(self.loss)
             return BroadcastChannel(loss=model)
@@ -106,89 +96,40 @@ class Outcome(NamedTuple):
 
 
 def run_one(run: Bursts, seed: int, looks: FloatArray) -> Result:
-    """Run, with total demand recorded at `looks`.
-
-    Parameters
-    ----------
-    run : Bursts
-        What to run.
-    seed : int
-        Of the run.
-    looks : ndarray, shape (q,)
-        Ascending times.
-
-    Returns
-    -------
-    Result
-        With a second piece that begins at the start of what is measured.
-    """
-    resource = run.problem.resources[0]
-    return Simulation(
+    """Run, with total demand recorded at `looks`, and a note at the start of what is measured."""
+    simulation = Simulation(
         run.problem,
         dynamics="continuous",
         control_unit=Crossing(run.hold_off),
         channel=run.channel(),
         agents=Fleet,
-        # Nothing changes; but a piece begins here, over which total demand is integrated exactly.
-        interventions=[CapacityStep(resource.name, run.start, resource.capacity)],
+        interventions=[noted(run.problem, run.start)],
         seed=seed,
         recording=Recording(demand=looks, allocations=[run.start]),
-    ).run(run.until)
+    )
+    return quietly(simulation, run.until)
 
 
 def measure(run: Bursts, seed: int) -> Outcome:
-    """Run and measure.
-
-    Parameters
-    ----------
-    run : Bursts
-        What to run.
-    seed : int
-        Of the run.
-
-    Returns
-    -------
-    Outcome
-        Responses with a probability above 1, as there are beyond what can be held, are not warned of.
-    """
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
-        result = run_one(run, seed, np.arange(run.start, run.until, run.hold_off))
-    span, seen = run.until - run.start, result.observations
-    average = ((seen.average[-1] * run.until - seen.average[0] * run.start) / span).T
-    over = seen.stretches[-1].overshoot()
+    """Run and measure; beyond what can be held responses are cut off at probability 1."""
+    result = run_one(run, seed, np.arange(run.start, run.until, run.hold_off))
+    found = late(result, run.start)
     times = result.signals_sent.time
     times = times[times >= run.start]
     # A signal that did not suffice is repeated a hold-off later: so long as it is, demand is above.
     again = np.append(False, np.diff(times) <= run.hold_off * (1.0 + 1e-9))
     begun = int((again[1:] & ~again[:-1]).sum())
-    level = seen.total_demand[:, 0] / run.problem.capacity[0] - 1.0
+    level = result.observations.total_demand[:, 0] / run.problem.capacity[0] - 1.0
     turns = (level[1:-1] > _ROUNDING) & (level[1:-1] > level[:-2]) & (level[1:-1] > level[2:])
     return Outcome(
-        signals=len(times) / span,
-        utilisation=float(average.sum() / run.problem.capacity[0]),
-        peak=float(over.peak[0]),
-        time_above=float(over.time[0]),
-        excess=float(over.mean[0]),
+        **found._asdict(),
         run_away_peak=float(level[1:-1][turns].mean()) if turns.any() else np.nan,
-        excursion=float(over.time[0] * span / begun) if begun else np.nan,
-        smallest=float(average[smallest(run.problem), 0].sum() / average.sum()),
-        average=average,
+        excursion=float(found.time_above * (run.until - run.start) / begun) if begun else np.nan,
+        smallest=float(found.average[smallest(run.problem), 0].sum() / found.average.sum()),
     )
 
 
 def smallest(problem: Problem) -> npt.NDArray[np.int64]:
-    """Name the third of the agents that the optimum gives least.
-
-    Parameters
-    ----------
-    problem : Problem
-        One resource.
-
-    Returns
-    -------
-    ndarray of int, shape (n // 3,)
-        Their indices.
-    """
+    """Name the third of the agents that the optimum gives least of the one resource."""
     order = np.argsort(solve_optimum(problem).allocation[:, 0])
     return order[: problem.n_agents // 3].astype(np.int64)

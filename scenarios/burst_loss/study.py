@@ -1,7 +1,8 @@
 """The study: what is run, and what is made of it."""
 
-import warnings
 from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -9,16 +10,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
-from aimd_des import theory
-from aimd_des.optimum import solve_optimum
 from aimd_des.plots import colour, shared_legend
-from aimd_des.plots.style import REFERENCE, frame, number_axis
+from aimd_des.study import jackknife, replicate
 from scenarios.burst_loss.runs import Bursts, Outcome, measure, run_one, smallest
 from scenarios.burst_loss.theory import level_shares, run_away
-from scenarios.common.command import Study, command
+from scenarios.common import figures
+from scenarios.common.command import Finding, command
 from scenarios.common.measure import distance
-from scenarios.common.replicate import jackknife, replicate, summarise
 from scenarios.common.systems import memory_alone
+from scenarios.common.tables import estimate, number, pick, shown, summarise
+from scenarios.common.theory import rate
 
 __all__ = ["main", "study"]
 
@@ -33,11 +34,13 @@ _SHOWN = 20.0
 # Of longer bursts there are few in a run.
 _MANY = 40.0
 _MEASURES = tuple(name for name in Outcome._fields if name != "average")
+_PLAIN = "from plain optimum"
+_PRINTED = ("signals", "peak", "time_above", "excess", "run_away_peak", "excursion", "smallest")
 # Where links without a burst are drawn on a logarithmic axis.
 _NONE = 0.04
 
 
-def study(quick: bool = False, seed: int = 0) -> Study:
+def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run memory of the paper's system with bursts of loss of many lengths, on each link and on all.
 
     Parameters
@@ -46,40 +49,42 @@ def study(quick: bool = False, seed: int = 0) -> Study:
         Whether to run the small size.
     seed : int
         Of the first replication.
+    runs : Path, optional
+        The folder of the runs; those that are there are not run again.
 
     Returns
     -------
-    Study
-        A pure function of the arguments.
+    Finding
+        A pure function of the size and the seed.
     """
     replications, until = (2, 400.0) if quick else (20, 6000.0)
     bursts = (0.0, 1.0, 20.0) if quick else _BURSTS
-    runs = [
+    cases = [
         Bursts(_PROBLEM, links == _LINKS[1], _LOSS, burst, _HOLD_OFF, until, until / 3)
         for links in _LINKS
         for burst in bursts
     ]
-    jobs = [partial(measure, run) for run in runs]
-    outcomes = replicate(jobs, replications, seed, workers=1 if quick else None)
-    table = pd.concat([_rows(run, found) for run, found in zip(runs, outcomes, strict=True)])
-    table = table.reset_index(drop=True)
-    return Study(
+    jobs = [partial(measure, case) for case in cases]
+    outcomes = replicate(jobs, replications, seed, workers=1 if quick else None, out=runs)
+    tables = [_rows(case, found) for case, found in zip(cases, outcomes, strict=True)]
+    table = pd.concat(tables, ignore_index=True)
+    printed = table["measure"].isin([*_PRINTED, _PLAIN])
+    return Finding(
         "burst_loss",
         {"seed": seed, "replications": replications, "until": until},
         table,
-        _shown(table),
+        shown(table[printed], ["links", "burst", "measure"]),
         _findings(table),
         {"burst_loss": _figure(table, seed)},
     )
 
 
 def _rows(run: Bursts, found: list[Outcome]) -> pd.DataFrame:
-    labels = {"links": _LINKS[int(run.common)], "burst": run.burst}
+    labels: dict[str, Any] = {"links": _LINKS[int(run.common)], "burst": run.burst}
     rows = [{**labels, **{name: getattr(one, name) for name in _MEASURES}} for one in found]
-    table, expected = summarise(rows, list(labels)), _expected(run)
-    value, error = jackknife([one.average for one in found], partial(distance, _PROBLEM))
-    shift = {"measure": "from plain optimum", "mean": value[0], "standard_error": error[0]}
-    table = pd.concat([table, pd.DataFrame([{**labels, **shift, "replications": len(found)}])])
+    shift = jackknife([one.average for one in found], partial(distance, _PROBLEM))
+    more = pd.DataFrame([estimate(labels, _PLAIN, shift, len(found))])
+    table, expected = pd.concat([summarise(rows, list(labels)), more.drop(columns="theory")]), _expected(run)
     table["theory"] = [expected.get(measure, np.nan) for measure in table["measure"]]
     return table
 
@@ -93,11 +98,7 @@ def _expected(run: Bursts) -> dict[str, float]:
         return {}
     small = allocation[smallest(_PROBLEM), 0].sum() / allocation.sum()
     away = float(distance(_PROBLEM, allocation)[0])
-    return {"signals": signals, "smallest": float(small), "from plain optimum": away}
-
-
-def _pick(table: pd.DataFrame, links: str, measure: str) -> pd.DataFrame:
-    return table[(table["links"] == links) & (table["measure"] == measure)]
+    return {"signals": signals, "smallest": float(small), _PLAIN: away}
 
 
 _PANELS = (
@@ -112,13 +113,10 @@ _PANELS = (
 
 
 def _figure(table: pd.DataFrame, seed: int) -> Figure:
-    figure = Figure(figsize=(13.0, 8.4), layout="constrained")
-    axes = figure.subplots(2, 2).ravel()
-    _draw_demand(axes[0], seed)
-    for panel, (name, label, title) in zip(axes[1:], _PANELS, strict=True):
-        _draw(panel, table, name)
-        panel.set_ylabel(label)
-        panel.set_title(title, loc="left", fontsize="medium")
+    figure, panels = figures.panels(2, 2, (13.0, 8.4))
+    _draw_demand(panels[0], seed)
+    for axes, (name, label, title) in zip(panels[1:], _PANELS, strict=True):
+        _draw(axes, pick(table, measure=name), name, title, label)
     shared_legend(figure)
     return figure
 
@@ -127,45 +125,26 @@ def _draw_demand(axes: Axes, seed: int) -> None:
     """Draw total demand of one run each, with the same luck."""
     for place, links in enumerate(_LINKS):
         run = Bursts(_PROBLEM, links == _LINKS[1], _LOSS, _SHOWN, _HOLD_OFF, 1200.0, 200.0)
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
-            demand = run_one(run, seed, np.arange(200.0, 1200.0, 0.5)).demand
+        demand = run_one(run, seed, np.arange(200.0, 1200.0, 0.5)).demand
         axes.plot(demand["time"], demand["total"] / _PROBLEM.capacity[0], color=colour(place), linewidth=1.0)
-    axes.axhline(1.0, color=REFERENCE, linewidth=1.0, linestyle=":")
-    axes.set_xlabel("time (control periods)")
-    axes.set_ylabel("total demand over capacity")
-    axes.set_title(f"(a) One run with bursts of {_SHOWN:g} in the mean", loc="left", fontsize="medium")
-    number_axis(axes.xaxis)
-    frame(axes)
+    figures.level(axes, 1.0)
+    title = f"(a) One run with bursts of {_SHOWN:g} in the mean"
+    figures.dress(axes, title, "time (control periods)", "total demand over capacity", numbers="x")
 
 
-def _draw(axes: Axes, table: pd.DataFrame, measure: str) -> None:
+def _draw(axes: Axes, table: pd.DataFrame, measure: str, title: str, label: str) -> None:
     for place, links in enumerate(_LINKS):
-        rows = _pick(table, links, measure)
-        shown = np.maximum(rows["burst"], _NONE)
-        axes.plot(shown, rows["theory"], color=colour(place), linewidth=1.5)
-        axes.errorbar(
-            shown,
-            rows["mean"],
-            2.0 * rows["standard_error"],
-            fmt="os"[place],
-            color=colour(place),
-            markersize=5.5,
-            capsize=2.5,
-            label=links,
-        )
-    axes.plot([], [], color=REFERENCE, linewidth=1.5, label="theory")
+        rows = pick(table, links=links)
+        burst = np.maximum(rows["burst"], _NONE)
+        figures.theory(axes, burst, rows, place)
+        figures.points(axes, burst, rows, place, links)
+    figures.named(axes, "theory")
     axes.axvline(_longest(), color=colour(0), linewidth=1.0, linestyle="--")
-    axes.plot([], [], color=colour(0), linewidth=1.0, linestyle="--", label="longest burst that is held")
-    axes.set_xscale("log")
+    figures.named(axes, "longest burst that is held", "--", color=colour(0), linewidth=1.0)
+    limits: dict[str, Any] = {"peak": {"yscale": "log"}, "time_above": {"ylim": (-0.02, 1.0)}}
+    across = "mean length of a burst (control periods)"
+    figures.dress(axes, title, across, label, numbers="y", xscale="log", **limits.get(measure, {}))
     axes.set_xticks([_NONE, 0.1, 1.0, 10.0, 100.0], ["no bursts", "0.1", "1", "10", "100"])
-    axes.set_xlabel("mean length of a burst (control periods)")
-    if measure == "peak":
-        axes.set_yscale("log")
-    if measure == "time_above":
-        axes.set_ylim(-0.02, 1.0)
-    number_axis(axes.yaxis)
-    frame(axes)
 
 
 def _hopeless() -> float:
@@ -183,37 +162,19 @@ def _longest() -> float:
     return float(brentq(idle, 1.0, 0.95 * _hopeless(), xtol=0.01))
 
 
-def _shown(table: pd.DataFrame) -> pd.DataFrame:
-    wanted = ["signals", "peak", "time_above", "excess", "run_away_peak", "excursion", "smallest"]
-    rows = table[table["measure"].isin([*wanted, "from plain optimum"]) & table["mean"].notna()]
-    return pd.DataFrame(
-        [
-            {
-                "links": row["links"],
-                "burst": f"{row['burst']:g}",
-                "measure": row["measure"].replace("_", " "),
-                "theory": "" if np.isnan(row["theory"]) else f"{row['theory']:.4f}",
-                "simulation": f"{row['mean']:.4f} ± {row['standard_error']:.4f}",
-            }
-            for row in rows.to_dict("records")
-        ]
-    )
-
-
-def _at(table: pd.DataFrame, links: str, measure: str, burst: float, column: str = "mean") -> float:
-    rows = _pick(table, links, measure)
-    return float(rows.loc[rows["burst"] == burst, column].iloc[0])
-
-
 def _findings(table: pd.DataFrame) -> list[str]:
     own, common = _LINKS
+
+    def at(links: str, measure: str, burst: float, column: str = "mean") -> float:
+        return number(table, column, links=links, measure=measure, burst=burst)
+
     bursts = sorted(table["burst"].unique())
     held = [burst for burst in bursts if burst <= _SHOWN]
-    peak = max(_at(table, own, "peak", burst) for burst in held)
-    small = {burst: 100 * _at(table, own, "smallest", burst) for burst in (0.0, held[-1], bursts[-1])}
-    away = {links: 100 * _at(table, links, "from plain optimum", _SHOWN) for links in _LINKS}
+    peak = max(at(own, "peak", burst) for burst in held)
+    small = {burst: 100 * at(own, "smallest", burst) for burst in (0.0, held[-1], bursts[-1])}
+    away = {links: 100 * at(links, _PLAIN, _SHOWN) for links in _LINKS}
     turn, turn_theory, excursion = (
-        _at(table, common, *wanted)
+        at(common, *wanted)
         for wanted in (
             ("run_away_peak", _SHOWN),
             ("run_away_peak", _SHOWN, "theory"),
@@ -221,7 +182,7 @@ def _findings(table: pd.DataFrame) -> list[str]:
         )
     )
     gaps = [
-        abs(_at(table, common, "excess", burst) / _at(table, common, "excess", burst, "theory") - 1.0)
+        abs(at(common, "excess", burst) / at(common, "excess", burst, "theory") - 1.0)
         for burst in bursts
         if _LONG <= burst <= _MANY
     ]
@@ -231,7 +192,7 @@ def _findings(table: pd.DataFrame) -> list[str]:
             f"{100 * (peak - 1):.1f} % above the capacity. The twenty smallest hold {small[0.0]:.1f} % "
             "without, "
             f"{small[held[-1]]:.1f} % at {held[-1]:g} and {small[bursts[-1]]:.1f} % at {bursts[-1]:g}, with "
-            f"{100 * _at(table, own, 'time_above', bursts[-1]):.0f} % of the time above the capacity. Theory "
+            f"{100 * at(own, 'time_above', bursts[-1]):.0f} % of the time above the capacity. Theory "
             f"puts the longest burst that is held at {_longest():.0f}, and at {_hopeless():.0f} for any "
             "hold-off."
         ),
@@ -239,17 +200,17 @@ def _findings(table: pd.DataFrame) -> list[str]:
             f"All links together: bursts of {_SHOWN:g} end {turn:.2f} of the capacity above it in the mean "
             f"(theory {turn_theory:.2f}, n alpha B / C {_SHOWN / _LOSS / _hopeless():.2f}), an excursion "
             "lasts "
-            f"{excursion:.1f}, {100 * _at(table, common, 'time_above', _SHOWN):.0f} % of the time is above, "
-            f"and the highest peak is {_at(table, common, 'peak', _SHOWN):.1f} of the capacity."
+            f"{excursion:.1f}, {100 * at(common, 'time_above', _SHOWN):.0f} % of the time is above, "
+            f"and the highest peak is {at(common, 'peak', _SHOWN):.1f} of the capacity."
         ),
         (
             f"The mean excess is within {100 * max(gaps):.0f} % of theory for bursts from {_LONG:g} to "
-            f"{min(_MANY, bursts[-1]):g}; at {_SHOWN:g} it is {_at(table, common, 'excess', _SHOWN):.3f} of "
+            f"{min(_MANY, bursts[-1]):g}; at {_SHOWN:g} it is {at(common, 'excess', _SHOWN):.3f} of "
             f"the capacity, and {_first_order(_SHOWN):.3f} by the formula of first order."
         ),
         (
             f"Shares at {_SHOWN:g} are {away[own]:.1f} % from the optimum with bursts of each link (theory "
-            f"{100 * _at(table, own, 'from plain optimum', _SHOWN, 'theory'):.1f}) and {away[common]:.1f} % "
+            f"{100 * at(own, 'from plain optimum', _SHOWN, 'theory'):.1f}) and {away[common]:.1f} % "
             "with bursts of all."
         ),
     ]
@@ -257,10 +218,8 @@ def _findings(table: pd.DataFrame) -> list[str]:
 
 def _first_order(burst: float) -> float:
     """Compute n alpha B p (1 - p) / (1 - p - rho r) over the capacity."""
-    mu = solve_optimum(_PROBLEM).multipliers
-    rho = theory.signal_rate(_PROBLEM.increase[0], _PROBLEM.decrease[0], _PROBLEM.normalization, mu)[0]
     lift = _PROBLEM.increase.sum() * burst / _PROBLEM.capacity[0]
-    return float(lift * _LOSS * (1.0 - _LOSS) / (1.0 - _LOSS - rho * _HOLD_OFF))
+    return float(lift * _LOSS * (1.0 - _LOSS) / (1.0 - _LOSS - rate(_PROBLEM) * _HOLD_OFF))
 
 
 main = command("burst_loss", study, "Does it matter whether losses come in bursts?")

@@ -26,8 +26,6 @@ from aimd_des.problem import Problem
 from aimd_des.theory import signal_rate
 from scenarios.burst_loss.runs import Bursts, smallest
 
-__all__ = ["level_shares", "run_away"]
-
 _POINTS = 4_000
 _ROUNDS = 50
 _RESTS = 1e-4
@@ -36,26 +34,10 @@ _TEETH = 3
 
 
 def level_shares(problem: Problem, loss: float, burst: float) -> tuple[FloatArray, float]:
-    """Predict shares where each link has bursts of its own, of what a saw below the capacity uses.
+    """Predict shares (n, 1), and signals per unit of time, where each link has bursts of its own.
 
-    Parameters
-    ----------
-    problem : Problem
-        One resource.
-    loss, burst : float
-        p and B.
-
-    Returns
-    -------
-    allocation : ndarray, shape (n, 1)
-        In units of the resource.
-    signals : float
-        Per unit of time.  Both are NaN where links that are bad hold more than the capacity.
-
-    Notes
-    -----
-    To the next order, signals find agents with half a tooth more than their mean: that counts as a smaller
-    p alpha B.
+    Of what a saw below the capacity uses; both are NaN where links that are bad hold more than that.  To
+    the next order, signals find agents with half a tooth more than their mean: a smaller p alpha B.
     """
     increase, capacity = problem.increase[:, 0], float(problem.capacity[0])
     if loss * burst * increase.sum() >= capacity:
@@ -86,22 +68,11 @@ def _unused(problem: Problem, lump: FloatArray, used: float, log_mu: float) -> f
 
 
 def run_away(run: Bursts) -> dict[str, float]:
-    """Predict what total demand does where all links have their bursts together.
+    """Predict what total demand does where all links have their bursts together, long against the hold-off.
 
-    Parameters
-    ----------
-    run : Bursts
-        With bursts that are long against the hold-off.
-
-    Returns
-    -------
-    dict of str to float
-        By the names of `Outcome`; NaN where signals would not suffice.
-
-    Notes
-    -----
-    Iterates on the mean of demand, on which the share c that a signal takes depends.  A burst that finds
-    total demand held, evenly spread over a tooth, crosses the capacity with probability phi.
+    By the names of `Outcome`; nothing where signals would not suffice.  Iterates on the mean of demand, on
+    which the share c that a signal takes depends.  A burst that finds total demand held, evenly spread over
+    a tooth, crosses the capacity with probability phi.
     """
     problem, r = run.problem, run.hold_off
     capacity, keep = float(problem.capacity[0]), 1.0 - float(problem.decrease[0, 0])
