@@ -1,6 +1,5 @@
 """A mesh of cameras with losses on its edges, its channels, and what is measured of one run over it."""
 
-import warnings
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -12,12 +11,10 @@ from aimd_des.agents import Fleet
 from aimd_des.channel import BroadcastChannel, Channel
 from aimd_des.checks import FloatArray
 from aimd_des.control_unit import Crossing
-from aimd_des.interventions import CapacityStep
 from aimd_des.problem import Problem
 from aimd_des.recording import Recording
 from aimd_des.simulation import Simulation
-
-__all__ = ["FLOOD", "OWN", "RADIUS", "TREE", "Mesh", "Outcome", "Statistics", "measure", "mesh", "statistics"]
+from scenarios.common.measure import late, noted, quietly
 
 TREE, FLOOD, OWN = "shortest-path tree", "flooding", "own links, as lossy as the tree"
 
@@ -29,19 +26,9 @@ _NETWORK_SEED = 0
 
 
 def mesh(n_agents: int, longest_loss: float) -> Any:
-    """Scatter cameras over a square, with losses that grow with the square of an edge's length.
+    """Scatter cameras over a square around the control unit, node 0, in a graph of networkx.
 
-    Parameters
-    ----------
-    n_agents : int
-        n.
-    longest_loss : float
-        Probability of loss on an edge as long as the radius.
-
-    Returns
-    -------
-    networkx.Graph
-        With node 0 for the control unit, in the middle.
+    The loss on an edge grows with the square of its length, to `longest_loss` on one as long as the radius.
     """
     graph: Any = topology.random_geometric(
         n_agents, RADIUS, latency_per_distance=_LATENCY_PER_DISTANCE, seed=_NETWORK_SEED
@@ -52,18 +39,7 @@ def mesh(n_agents: int, longest_loss: float) -> Any:
 
 
 def branches(graph: Any) -> Any:
-    """Keep the edges of the tree of shortest paths.
-
-    Parameters
-    ----------
-    graph : networkx.Graph
-        As from `mesh`.
-
-    Returns
-    -------
-    networkx.Graph
-        With all nodes, in their order.
-    """
+    """Keep all nodes, and the edges of the tree of shortest paths."""
     paths = nx.single_source_dijkstra_path(graph, 0, weight="latency")
     tree = graph.copy()
     tree.remove_edges_from(list(graph.edges))
@@ -96,21 +72,9 @@ class Statistics(NamedTuple):
 
 
 def statistics(graph: Any, way: str, broadcasts: int) -> Statistics:
-    """Compute, or estimate, the statistics of a way to broadcast.
+    """Compute, or estimate from so many broadcasts, the statistics of `TREE` or `FLOOD`.
 
-    Parameters
-    ----------
-    graph : networkx.Graph
-        As from `mesh`.
-    way : str
-        `TREE` or `FLOOD`; own links are as the tree.
-    broadcasts : int
-        How many to draw.
-
-    Returns
-    -------
-    Statistics
-        A node sends to all its neighbours in what it forwards over, but not back to the control unit.
+    A node sends to all its neighbours in what it forwards over, but not back to the control unit.
     """
     used = graph if way == FLOOD else branches(graph)
     drawn = topology.flood(used).statistics(broadcasts, seed=0)
@@ -155,13 +119,7 @@ class Mesh:
     start: float
 
     def channel(self) -> Channel:
-        """Make the channel.
-
-        Returns
-        -------
-        Channel
-            Own links have the tree's probabilities and latencies, and share nothing.
-        """
+        """Make the channel; own links have the tree's probabilities and latencies, and share nothing."""
         graph = mesh(self.problem.n_agents, self.longest_loss)
         if self.way == FLOOD:
             return topology.flood(graph)
@@ -197,43 +155,18 @@ class Outcome(NamedTuple):
 
 
 def measure(run: Mesh, seed: int) -> Outcome:
-    """Run and measure.
-
-    Parameters
-    ----------
-    run : Mesh
-        What to run.
-    seed : int
-        Of the run.
-
-    Returns
-    -------
-    Outcome
-        Of this seed.
-    """
-    resource = run.problem.resources[0]
+    """Run and measure."""
     simulation = Simulation(
         run.problem,
         dynamics="continuous",
         control_unit=Crossing(run.hold_off),
         channel=run.channel(),
         agents=Fleet,
-        # Nothing changes; but a piece begins here, over which total demand is integrated exactly.
-        interventions=[CapacityStep(resource.name, run.start, resource.capacity)],
+        interventions=[noted(run.problem, run.start)],
         seed=seed,
         recording=Recording(demand="end", allocations=[run.start]),
     )
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
-        result = simulation.run(run.until)
-    span, seen, account = run.until - run.start, result.observations, result.account
-    average = ((seen.average[-1] * run.until - seen.average[0] * run.start) / span).T
-    over = seen.stretches[-1].overshoot()
-    return Outcome(
-        float((result.signals_sent.time >= run.start).sum() / span),
-        float(average.sum() / resource.capacity),
-        float(over.peak[0]),
-        float(over.time[0]),
-        average,
-        account.delivered[0] / (account.delivered[0] + account.lost[0]),
-    )
+    result = quietly(simulation, run.until)
+    found, account = late(result, run.start), result.account
+    delivery = account.delivered[0] / (account.delivered[0] + account.lost[0])
+    return Outcome(found.signals, found.utilisation, found.peak, found.time_above, found.average, delivery)

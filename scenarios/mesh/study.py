@@ -1,6 +1,7 @@
 """The study: what is run, and what is made of it."""
 
 from functools import lru_cache, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,12 @@ from aimd_des import theory
 from aimd_des.errors import InputError
 from aimd_des.optimum import solve_optimum
 from aimd_des.plots import colour, shared_legend
-from aimd_des.plots.style import REFERENCE, frame, number_axis
-from scenarios.common.command import Study, command
+from aimd_des.study import jackknife, mean_and_error, replicate
+from scenarios.common import figures
+from scenarios.common.command import Finding, command
 from scenarios.common.measure import distance
-from scenarios.common.replicate import jackknife, mean_and_error, replicate, summarise
 from scenarios.common.systems import memory_alone
+from scenarios.common.tables import estimate, number, pick, shown, summarise
 from scenarios.mesh.runs import (
     FLOOD,
     OWN,
@@ -43,7 +45,7 @@ _MEASURES = ("signals", "utilisation", "peak", "time_above")
 _PLAIN, _NEW = "from plain optimum", "from reweighted optimum"
 
 
-def study(quick: bool = False, seed: int = 0) -> Study:
+def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run memory of the paper's system over a mesh, along a tree and by flooding, with more and more loss.
 
     Parameters
@@ -52,27 +54,28 @@ def study(quick: bool = False, seed: int = 0) -> Study:
         Whether to run the small size.
     seed : int
         Of the first replication.
+    runs : Path, optional
+        The folder of the runs; those that are there are not run again.
 
     Returns
     -------
-    Study
-        A pure function of the arguments.
+    Finding
+        A pure function of the size and the seed.
     """
     replications, until = (2, 300.0) if quick else (20, 4000.0)
     losses = (0.0, _SHOWN) if quick else (0.0, 0.1, 0.2, _SHOWN, 0.4, 0.5)
-    runs = [Mesh(_PROBLEM, way, loss, _HOLD_OFF, until, until / 4) for way in _WAYS for loss in losses]
-    jobs = [partial(measure, run) for run in runs]
-    outcomes = replicate(jobs, replications, seed, workers=1 if quick else None)
-    parts = [_totals(run, found) for run, found in zip(runs, outcomes, strict=True)]
-    for run, found in zip(runs, outcomes, strict=True):
-        if run.longest_loss == _SHOWN and run.way != OWN:
-            parts.append(_each(run, found))
+    cases = [Mesh(_PROBLEM, way, loss, _HOLD_OFF, until, until / 4) for way in _WAYS for loss in losses]
+    jobs = [partial(measure, case) for case in cases]
+    outcomes = replicate(jobs, replications, seed, workers=1 if quick else None, out=runs)
+    pairs = list(zip(cases, outcomes, strict=True))
+    parts = [_totals(case, found) for case, found in pairs]
+    parts += [_each(case, found) for case, found in pairs if case.longest_loss == _SHOWN and case.way != OWN]
     table = pd.concat(parts, ignore_index=True)
-    return Study(
+    return Finding(
         "mesh",
         {"seed": seed, "replications": replications, "until": until},
         table,
-        _shown(table),
+        shown(table[table["agent"] < 0], ["way", "longest_loss", "measure"]),
         _findings(table),
         {"mesh": _figure(table)},
     )
@@ -92,14 +95,14 @@ def _statistics(way: str, loss: float) -> Statistics:
 def _totals(run: Mesh, found: list[Outcome]) -> pd.DataFrame:
     labels = {"way": run.way, "longest_loss": run.longest_loss, "agent": -1}
     rows = summarise([{**labels, **{m: getattr(one, m) for m in _MEASURES}} for one in found], list(labels))
-    known, averages, more = _known(run.way, run.longest_loss), [one.average for one in found], []
-    for name, weights in ((_PLAIN, None), (_NEW, known.delivery)):
-        value, error = jackknife(averages, partial(distance, _PROBLEM, weights=weights))
-        more.append({**labels, "measure": name, "mean": value[0], "standard_error": error[0]})
+    known, averages, count = _known(run.way, run.longest_loss), [one.average for one in found], len(found)
+    more = [
+        estimate(labels, name, jackknife(averages, partial(distance, _PROBLEM, weights=weights)), count)
+        for name, weights in ((_PLAIN, None), (_NEW, known.delivery))
+    ]
     fixed = {"mean delivery": known.delivery.mean(), "transmissions": known.transmissions}
-    more += [{**labels, "measure": name, "mean": value} for name, value in fixed.items()]
-    table = pd.concat([rows, pd.DataFrame(more).assign(replications=len(found))])
-    expected = _expected(run, known)
+    more += [estimate(labels, name, (value, np.nan), count) for name, value in fixed.items()]
+    table, expected = pd.concat([rows, pd.DataFrame(more).drop(columns="theory")]), _expected(run, known)
     table["theory"] = [expected.get(name, np.nan) for name in table["measure"]]
     return table
 
@@ -151,23 +154,15 @@ def _each(run: Mesh, found: list[Outcome]) -> pd.DataFrame:
     )
 
 
-def _pick(table: pd.DataFrame, way: str, measure: str) -> pd.DataFrame:
-    return table[(table["way"] == way) & (table["measure"] == measure)]
-
-
 def _figure(table: pd.DataFrame) -> Figure:
-    figure = Figure(figsize=(13.0, 9.0), layout="constrained")
-    (network, delivery), (shares, shift) = figure.subplots(2, 2)
+    figure, (network, delivery, shares, shift) = figures.panels(2, 2, (13.0, 9.0))
     _draw_network(figure, network)
     _draw_each(delivery, table, "latency", "delivery")
-    delivery.set_xlabel("mean latency (control periods)")
-    delivery.set_ylabel("share of signals that arrive")
-    delivery.set_title("(b) Far away less arrives; by flooding nearly all", loc="left", fontsize="medium")
+    title, heard = "(b) Far away less arrives; by flooding nearly all", "share of signals that arrive"
+    figures.dress(delivery, title, "mean latency (control periods)", heard)
     _draw_each(shares, table, "delivery", "share over optimal share")
-    shares.set_xlabel("share of signals that arrive")
-    shares.set_ylabel("share of memory over optimal share")
-    shares.set_title("(c) Who hears less takes more", loc="left", fontsize="medium")
-    shares.axhline(1.0, color=REFERENCE, linewidth=1.0, linestyle=":")
+    figures.level(shares, 1.0)
+    figures.dress(shares, "(c) Who hears less takes more", heard, "share of memory over optimal share")
     _draw_shift(shift, table)
     shared_legend(figure)
     return figure
@@ -200,69 +195,42 @@ def _draw_network(figure: Figure, axes: Axes) -> None:
     axes.set_yticks([])
     axes.spines[:].set_visible(False)
     axes.set_title("(a) The mesh; thin edges lose most (up to 30 %)", loc="left", fontsize="medium")
-    axes.plot([], [], color=colour(0), linewidth=2.5, label="edge of the tree")
-    axes.plot([], [], color="0.75", linewidth=2.0, label="other edge")
+    figures.named(axes, "edge of the tree", color=colour(0), linewidth=2.5)
+    figures.named(axes, "other edge", color="0.75", linewidth=2.0)
     figure.colorbar(drawn, ax=axes, shrink=0.85, label="share that arrives along the tree")
 
 
 def _draw_each(axes: Axes, table: pd.DataFrame, across: str, up: str) -> None:
     """Draw one point for each camera, and what theory has for it."""
     for place, way in enumerate((TREE, FLOOD)):
-        x, y = _pick(table, way, across), _pick(table, way, up)
-        axes.plot(x["mean"], y["mean"], "os"[place], color=colour(place), markersize=5.5, label=way)
+        x, y = (pick(table, way=way, measure=name) for name in (across, up))
+        axes.plot(x["mean"], y["mean"], figures.MARKS[place], color=colour(place), markersize=5.5, label=way)
         if way == TREE or up != "delivery":
             known = x["mean"] if way == FLOOD else x["theory"]
             axes.plot(known, y["theory"], "+", color="black", markersize=9.0, label="theory, for each camera")
-    number_axis(axes.xaxis)
-    number_axis(axes.yaxis)
-    frame(axes)
 
 
 def _draw_shift(axes: Axes, table: pd.DataFrame) -> None:
     for place, way in enumerate(_WAYS):
-        rows = _pick(table, way, _PLAIN)
-        x, bars = 100 * rows["longest_loss"], 200 * rows["standard_error"]
-        look: dict[str, Any] = {"fmt": "os^"[place], "color": colour(place), "capsize": 2.5, "label": way}
-        if way == OWN:
-            look |= {"markerfacecolor": "none", "markersize": 10.0}
-        else:
-            axes.plot(x, 100 * rows["theory"], color=colour(place), linewidth=1.5)
-        axes.errorbar(x, 100 * rows["mean"], bars, **look)
-    axes.plot([], [], color=REFERENCE, linewidth=1.5, label="theory: the reweighted optimum")
-    axes.set_xlabel("loss on the longest edges (%)")
-    axes.set_ylabel("distance of the averages from the optimum (%)")
-    axes.set_ylim(bottom=0.0)
-    axes.set_title("(d) Flooding brings the optimum back", loc="left", fontsize="medium")
-    number_axis(axes.xaxis)
-    number_axis(axes.yaxis)
-    frame(axes)
-
-
-def _shown(table: pd.DataFrame) -> pd.DataFrame:
-    rows = table[table["agent"] < 0]
-    return pd.DataFrame(
-        [
-            {
-                "way": row["way"],
-                "loss": f"{row['longest_loss']:g}",
-                "measure": row["measure"].replace("_", " "),
-                "theory": "" if np.isnan(row["theory"]) else f"{row['theory']:.4f}",
-                "simulation": f"{row['mean']:.4f}"
-                + ("" if np.isnan(row["standard_error"]) else f" ± {row['standard_error']:.4f}"),
-            }
-            for row in rows.to_dict("records")
-        ]
-    )
+        rows = pick(table, way=way, measure=_PLAIN)
+        x, hollow = 100 * rows["longest_loss"], {"markerfacecolor": "none", "markersize": 10.0}
+        figures.points(axes, x, rows, place, way, scale=100.0, **(hollow if way == OWN else {}))
+        if way != OWN:
+            figures.theory(axes, x, rows, place, scale=100.0)
+    figures.named(axes, "theory: the reweighted optimum")
+    across, up = "loss on the longest edges (%)", "distance of the averages from the optimum (%)"
+    figures.dress(axes, "(d) Flooding brings the optimum back", across, up, ylim=(0.0, None))
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
     def at(way: str, measure: str, column: str = "mean") -> float:
-        rows = _pick(table, way, measure)
-        return float(rows.loc[rows["longest_loss"] == _SHOWN, column].iloc[0])
+        return number(table, column, way=way, measure=measure, longest_loss=_SHOWN)
 
-    heard = {way: _pick(table, way, "delivery")["mean"] for way in (TREE, FLOOD)}
-    shares = {way: _pick(table, way, "share over optimal share")["mean"] for way in (TREE, FLOOD)}
-    errors = (_pick(table, TREE, "delivery")["mean"] - _pick(table, TREE, "delivery")["theory"]).abs()
+    heard = {way: pick(table, way=way, measure="delivery")["mean"] for way in (TREE, FLOOD)}
+    held = "share over optimal share"
+    shares = {way: pick(table, way=way, measure=held)["mean"] for way in (TREE, FLOOD)}
+    along = pick(table, way=TREE, measure="delivery")
+    errors = (along["mean"] - along["theory"]).abs()
     sent = {way: at(way, "transmissions") for way in (TREE, FLOOD)}
     return [
         *(
