@@ -19,23 +19,9 @@ from aimd_des.optimum import solve_optimum
 from aimd_des.problem import Problem
 from aimd_des.recording import Recording
 from aimd_des.simulation import Simulation
-from scenarios.common.replicate import jackknife, mean_and_error
+from aimd_des.study import jackknife, mean_and_error
 from scenarios.common.systems import memory_alone
-
-__all__ = [
-    "GRAIN",
-    "LEFT",
-    "PAPER",
-    "QUADRATIC",
-    "WAYS",
-    "WITHIN",
-    "Drop",
-    "Found",
-    "closed_form",
-    "error_of",
-    "measure",
-    "rows_of",
-]
+from scenarios.common.tables import estimate
 
 WITHIN = 0.05
 LEFT = 0.6  # of the capacity
@@ -236,13 +222,14 @@ def rows_of(case: Drop, found: list[Found]) -> list[dict[str, Any]]:
     doubt = scatter / np.sqrt(2.0 * (len(found) - 1) * at_drop.shape[1])
     labels = {"costs": case.costs, "way": case.way, "ramp": case.ramp}
     alone = _last_outside(_with_noise(case, mean_and_error(averages)[1]), case.age, GRAIN)
-    rows = [
-        ("recovery of the level", level[0], level[1], closed_form(case)),
-        ("recovery of the shares", shares[0][0], shares[1][0], alone),
-        ("scatter of an average", scatter, doubt, _spread(case)),
-        ("error left in one run", left[0], left[1], np.nan),
+    measured = {
+        "recovery of the level": (level, closed_form(case)),
+        "recovery of the shares": (shares, alone),
+        "scatter of an average": ((scatter, doubt), _spread(case)),
+        "error left in one run": (left, np.nan),
+    }
+    made = [
+        estimate(labels, name, value, len(found), expected) for name, (value, expected) in measured.items()
     ]
-    columns = ("measure", "mean", "standard_error", "theory")
-    made = [{**labels, **dict(zip(columns, (n, float(m), float(e), t), strict=True))} for n, m, e, t in rows]
     made[0]["plain_theory"] = closed_form(case, plain=True)
     return made

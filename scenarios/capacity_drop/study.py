@@ -1,6 +1,8 @@
 """The study: what is run, and what is made of it."""
 
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -8,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aimd_des.plots import colour, shared_legend
-from aimd_des.plots.style import REFERENCE, frame, number_axis
+from aimd_des.study import replicate
 from scenarios.capacity_drop.runs import (
     GRAIN,
     PAPER,
@@ -22,8 +24,9 @@ from scenarios.capacity_drop.runs import (
     measure,
     rows_of,
 )
-from scenarios.common.command import Study, command
-from scenarios.common.replicate import replicate
+from scenarios.common import figures
+from scenarios.common.command import Finding, command
+from scenarios.common.tables import shown
 
 __all__ = ["main", "study"]
 
@@ -32,7 +35,7 @@ _LEVEL, _SHARES, _SCATTER = "recovery of the level", "recovery of the shares", "
 _SHOWN = 1.6
 
 
-def study(quick: bool = False, seed: int = 0) -> Study:
+def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Take 40 % of the capacity away, at once and in a ramp, from agents with three ways of averaging.
 
     Parameters
@@ -41,24 +44,27 @@ def study(quick: bool = False, seed: int = 0) -> Study:
         Whether to run the small size.
     seed : int
         Of the first replication.
+    runs : Path, optional
+        The folder of the runs; those that are there are not run again.
 
     Returns
     -------
-    Study
-        A pure function of the arguments.
+    Finding
+        A pure function of the size and the seed.
     """
     replications, age, window = (2, 60.0, 80.0) if quick else (16, 600.0, 400.0)
     changes = [(QUADRATIC, 0.0), (QUADRATIC, window / 2), (PAPER, 0.0)]
     cases = [Drop(costs, way, ramp, age, window) for costs, ramp in changes for way in WAYS]
     jobs = [partial(measure, case) for case in cases]
-    outcomes = replicate(jobs, replications, seed, workers=1 if quick else None)
+    outcomes = replicate(jobs, replications, seed, workers=1 if quick else None, out=runs)
     pairs = list(zip(cases, outcomes, strict=True))
     table = pd.DataFrame([row for case, found in pairs for row in rows_of(case, found)])
-    return Study(
+    table = table[[name for name in table.columns if name != "replications"] + ["replications"]]
+    return Finding(
         "capacity_drop",
         {"seed": seed, "replications": replications, "age": age, "window": window},
-        table.assign(replications=replications),
-        _readable(table),
+        table,
+        shown(table, ["costs", "way", "ramp", "measure"], ".4g"),
         _findings(table, age),
         {"capacity_drop": _figure(table, pairs)},
     )
@@ -71,14 +77,11 @@ def _pick(table: pd.DataFrame, what: str, costs: str = QUADRATIC, *, ramp: bool 
 
 
 def _figure(table: pd.DataFrame, pairs: list[tuple[Drop, list[Found]]]) -> Figure:
-    figure = Figure(figsize=(13.0, 4.6), layout="constrained")
-    left, middle, right = figure.subplots(1, 3)
+    figure, (left, middle, right) = figures.panels(1, 3, (13.0, 4.6))
     steps = [(case, found) for case, found in pairs if case.costs == QUADRATIC and not case.ramp]
     _draw_levels(left, steps)
     _draw_times(middle, table, steps[0][0].age)
     _draw_errors(right, steps)
-    for axes in (left, middle, right):
-        frame(axes)
     shared_legend(figure)
     return figure
 
@@ -92,15 +95,10 @@ def _draw_levels(axes: Axes, steps: list[tuple[Drop, list[Found]]]) -> None:
         time = np.arange(len(level)) - case.age
         axes.plot(time, level, color=colour(place), linewidth=1.8, label=case.way)
         axes.plot([closed_form(case)], [1.0 + WITHIN], "v", color=colour(place), markersize=8.0)
-    axes.plot([], [], "v", color=REFERENCE, markersize=8.0, label="recovery by theory")
-    age = steps[0][0].age
-    axes.set_xlim(-0.5 * age, _SHOWN * age)
-    axes.set_ylim(0.9, 1.75)
-    axes.set_xlabel("time since the drop (control periods)")
-    axes.set_ylabel("sum of the averages over the new capacity")
-    axes.set_title("(a) What is remembered decides", loc="left", fontsize="medium")
-    number_axis(axes.xaxis)
-    number_axis(axes.yaxis)
+    figures.named(axes, "recovery by theory", "v", markersize=8.0)
+    age, x = steps[0][0].age, "time since the drop (control periods)"
+    y, limits = "sum of the averages over the new capacity", (-0.5 * age, _SHOWN * age)
+    figures.dress(axes, "(a) What is remembered decides", x, y, xlim=limits, ylim=(0.9, 1.75))
 
 
 def _draw_times(axes: Axes, table: pd.DataFrame, age: float) -> None:
@@ -108,33 +106,20 @@ def _draw_times(axes: Axes, table: pd.DataFrame, age: float) -> None:
     kinds = ((QUADRATIC, False, "o"), (QUADRATIC, True, "s"), (PAPER, False, "^"))
     for costs, ramp, marker in kinds:
         for what, filled in ((_LEVEL, True), (_SHARES, False)):
-            rows = _pick(table, what, costs, ramp=ramp)
+            rows, size = _pick(table, what, costs, ramp=ramp), 5.0 if filled else 9.0
             for place, way in enumerate(WAYS):
-                row = rows.loc[way]
-                face = colour(place) if filled else "white"
-                axes.plot(
-                    [row["theory"] / age],
-                    [row["mean"] / age],
-                    marker,
-                    color=colour(place),
-                    markerfacecolor=face,
-                    markersize=5.0 if filled else 9.0,
-                    zorder=3 if filled else 2,
-                )
-        name = f"{costs}, {'ramp' if ramp else 'step'}"
-        axes.plot([], [], marker, color=REFERENCE, label=name)
-    axes.plot([], [], "o", color=REFERENCE, markerfacecolor="white", markersize=9.0, label="of the shares")
-    ends = [0.5, 12.0]
-    axes.plot(ends, ends, color=REFERENCE, linewidth=1.0, zorder=1)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_xlim(*ends)
-    axes.set_ylim(*ends)
-    axes.set_xlabel("recovery by theory over the age at the drop")
-    axes.set_ylabel("recovery simulated over the age at the drop")
-    axes.set_title("(b) Theory against runs", loc="left", fontsize="medium")
-    number_axis(axes.xaxis)
-    number_axis(axes.yaxis)
+                x, y = (float(rows[name].to_numpy()[place]) / age for name in ("theory", "mean"))
+                face, order = colour(place) if filled else "white", 3 if filled else 2
+                look: dict[str, Any] = {"color": colour(place), "markerfacecolor": face, "zorder": order}
+                axes.plot([x], [y], marker, markersize=size, **look)
+        figures.named(axes, f"{costs}, {'ramp' if ramp else 'step'}", marker)
+    figures.named(axes, "of the shares", "o", markerfacecolor="white", markersize=9.0)
+    ends = (0.5, 12.0)
+    axes.plot(ends, ends, color=figures.REFERENCE, linewidth=1.0, zorder=1)
+    across, up = (f"recovery {how} over the age at the drop" for how in ("by theory", "simulated"))
+    figures.dress(
+        axes, "(b) Theory against runs", across, up, xscale="log", yscale="log", xlim=ends, ylim=ends
+    )
 
 
 def _draw_errors(axes: Axes, steps: list[tuple[Drop, list[Found]]]) -> None:
@@ -145,32 +130,12 @@ def _draw_errors(axes: Axes, steps: list[tuple[Drop, list[Found]]]) -> None:
         time = GRAIN * np.arange(len(alone))
         axes.plot(time, 100 * alone, color=colour(place), linewidth=1.8)
         axes.plot(time, 100 * together, color=colour(place), linewidth=1.2, linestyle="--")
-    axes.plot([], [], color=REFERENCE, linewidth=1.8, label="a single run")
-    axes.plot([], [], color=REFERENCE, linewidth=1.2, linestyle="--", label="averages over all runs")
-    axes.axhline(100 * WITHIN, color=REFERENCE, linewidth=1.0, linestyle=":")
-    axes.set_xlim(0.0, _SHOWN * steps[0][0].age)
-    axes.set_ylim(0.0, 70.0)
-    axes.set_xlabel("time since the drop (control periods)")
-    axes.set_ylabel("distance from the new optimum (%)")
-    axes.set_title("(c) A short memory never gets there: noise", loc="left", fontsize="medium")
-    number_axis(axes.xaxis)
-    number_axis(axes.yaxis)
-
-
-def _readable(table: pd.DataFrame) -> pd.DataFrame:
-    return pd.DataFrame(
-        [
-            {
-                "costs": row["costs"],
-                "averaging": row["way"],
-                "ramp": f"{row['ramp']:g}",
-                "measure": row["measure"],
-                "theory": "" if np.isnan(row["theory"]) else f"{row['theory']:.4g}",
-                "simulation": f"{row['mean']:.4g} ± {row['standard_error']:.2g}",
-            }
-            for row in table.to_dict("records")
-        ]
-    )
+    figures.named(axes, "a single run", linewidth=1.8)
+    figures.named(axes, "averages over all runs", "--", linewidth=1.2)
+    figures.level(axes, 100 * WITHIN)
+    x, y = "time since the drop (control periods)", "distance from the new optimum (%)"
+    limits, title = (0.0, _SHOWN * steps[0][0].age), "(c) A short memory never gets there: noise"
+    figures.dress(axes, title, x, y, xlim=limits, ylim=(0.0, 70.0))
 
 
 def _numbers(
