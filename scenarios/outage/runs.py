@@ -17,25 +17,6 @@ from aimd_des.results import Result
 from aimd_des.simulation import Simulation
 from scenarios.common.systems import memory_alone
 
-__all__ = [
-    "AFTER",
-    "ALL",
-    "BEFORE",
-    "COARSE",
-    "FAILOVER",
-    "FAULTS",
-    "GRAIN",
-    "HALF",
-    "HOLD_OFF",
-    "OTHER",
-    "PACE",
-    "PART",
-    "Found",
-    "Outage",
-    "expected",
-    "measure",
-]
-
 PROBLEM = memory_alone()
 N, CAPACITY = PROBLEM.n_agents, float(PROBLEM.capacity[0])
 GROWTH = float(PROBLEM.increase.sum())

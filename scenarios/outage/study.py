@@ -1,6 +1,7 @@
 """The study: what is run, and what is made of it."""
 
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aimd_des.plots import colour, shared_legend
-from aimd_des.plots.style import REFERENCE, frame, number_axis
-from scenarios.common.command import Study, command
-from scenarios.common.replicate import mean_and_error, replicate
+from aimd_des.study import mean_and_error, replicate
+from scenarios.common import figures
+from scenarios.common.command import Finding, command
+from scenarios.common.tables import pick, shown
 from scenarios.outage.runs import (
     AFTER,
     ALL,
@@ -75,7 +77,7 @@ def _rows(case: Outage, found: list[Found]) -> list[dict[str, Any]]:
     return rows
 
 
-def study(quick: bool = False, seed: int = 0) -> Study:
+def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Silence memory of the paper's system for up to 40 periods, in three ways and behind three latencies.
 
     Parameters
@@ -84,11 +86,13 @@ def study(quick: bool = False, seed: int = 0) -> Study:
         Whether to run the small size.
     seed : int
         Of the first replication.
+    runs : Path, optional
+        The folder of the runs; those that are there are not run again.
 
     Returns
     -------
-    Study
-        A pure function of the arguments.
+    Finding
+        A pure function of the size and the seed.
     """
     replications, settled = (2, 60.0) if quick else (16, 200.0)
     durations = (5.0, 20.0) if quick else (2.0, 5.0, 10.0, 20.0, 40.0)
@@ -100,91 +104,63 @@ def study(quick: bool = False, seed: int = 0) -> Study:
         for duration in durations
     ]
     jobs = [partial(measure, case) for case in cases]
-    outcomes = replicate(jobs, replications, seed, workers=1 if quick else None)
+    outcomes = replicate(jobs, replications, seed, workers=1 if quick else None, out=runs)
     pairs = list(zip(cases, outcomes, strict=True))
     table = pd.DataFrame([row for case, found in pairs for row in _rows(case, found)])
-    shown = {case.fault: found for case, found in pairs if case[1:3] == (_SHOWN_DURATION, _SHOWN_LATENCY)}
-    return Study(
+    watched = {case.fault: found for case, found in pairs if case[1:3] == (_SHOWN_DURATION, _SHOWN_LATENCY)}
+    return Finding(
         "outage",
         {"seed": seed, "replications": replications, "settled": settled, "hold-off": HOLD_OFF},
         table,
-        _readable(table),
+        shown(
+            table[table["measure"].isin(["run-away", "time to come back", "overload"])],
+            ["fault", "latency", "duration", "measure"],
+            ".3f",
+        ),
         _findings(table),
-        {"outage": _figure(table, shown)},
+        {"outage": _figure(table, watched)},
     )
 
 
-def _pick(table: pd.DataFrame, fault: str, what: str, latency: float | None = None) -> pd.DataFrame:
-    wanted = (table["fault"] == fault) & (table["measure"] == what)
-    return table[wanted if latency is None else wanted & (table["latency"] == latency)]
-
-
-def _figure(table: pd.DataFrame, shown: dict[str, list[Found]]) -> Figure:
-    figure = Figure(figsize=(13.0, 4.6), layout="constrained")
-    left, middle, right = figure.subplots(1, 3)
-    _draw_totals(left, shown)
-    _draw_runaways(middle, table)
-    _draw_halves(right, shown[PART])
-    for axes in (left, middle, right):
-        number_axis(axes.xaxis)
-        number_axis(axes.yaxis)
-        frame(axes)
+def _figure(table: pd.DataFrame, watched: dict[str, list[Found]]) -> Figure:
+    figure, (left, middle, right) = figures.panels(1, 3, (13.0, 4.6))
+    _draw_totals(left, watched)
+    _draw_runaways(middle, pick(table, measure="run-away", latency=_SHOWN_LATENCY))
+    _draw_halves(right, watched[PART])
     shared_legend(figure)
     return figure
 
 
-def _draw_totals(axes: Axes, shown: dict[str, list[Found]]) -> None:
+def _draw_totals(axes: Axes, watched: dict[str, list[Found]]) -> None:
     axes.axvspan(0.0, _SHOWN_DURATION, color="0.93", linewidth=0.0)
-    for place, (fault, found) in enumerate(shown.items()):
+    for place, (fault, found) in enumerate(watched.items()):
         total = np.mean([run.total for run in found], axis=0)
         time = GRAIN * np.arange(len(total)) - BEFORE
         style = "--" if fault == FAILOVER else "-"
         axes.plot(time, total, style, color=colour(place), linewidth=1.8, label=fault)
     end = _SHOWN_DURATION + _SHOWN_LATENCY
-    axes.plot([0.0, end], [1.0, 1.0 + end / PACE], color=REFERENCE, linewidth=1.2, linestyle=":")
-    axes.annotate(
-        "bound", (12.0, 1.0 + 12.0 / PACE), (2.0, 1.75), color=REFERENCE, arrowprops={"arrowstyle": "-"}
-    )
-    axes.text(
-        0.5 * _SHOWN_DURATION,
-        0.03,
-        "outage",
-        ha="center",
-        color=REFERENCE,
-        transform=axes.get_xaxis_transform(),
-    )
-    axes.set_xlim(-BEFORE, 50.0)
-    axes.set_xlabel("time since the outage began (periods)")
-    axes.set_ylabel("total demand over capacity")
-    axes.set_title("(a) Up with everybody's growth, down at once", loc="left", fontsize="medium")
+    ink = figures.REFERENCE
+    axes.plot([0.0, end], [1.0, 1.0 + end / PACE], color=ink, linewidth=1.2, linestyle=":")
+    line = {"arrowstyle": "-"}
+    axes.annotate("bound", (12.0, 1.0 + 12.0 / PACE), (2.0, 1.75), color=ink, arrowprops=line)
+    low = axes.get_xaxis_transform()
+    axes.text(0.5 * _SHOWN_DURATION, 0.03, "outage", ha="center", color=ink, transform=low)
+    x, y = "time since the outage began (periods)", "total demand over capacity"
+    figures.dress(axes, "(a) Up with everybody's growth, down at once", x, y, xlim=(-BEFORE, 50.0))
 
 
 def _draw_runaways(axes: Axes, table: pd.DataFrame) -> None:
     for place, fault in enumerate(FAULTS):
-        rows = _pick(table, fault, "run-away", _SHOWN_LATENCY)
-        axes.errorbar(
-            rows["duration"],
-            100 * rows["mean"],
-            200 * rows["standard_error"],
-            fmt="os^"[place],
-            color=colour(place),
-            markersize=8.0 - 2.0 * (place == 1),
-            capsize=2.5,
-        )
-        axes.plot(rows["duration"], 100 * rows["theory"], color=colour(place), linewidth=1.2)
+        rows, size = pick(table, fault=fault), 8.0 - 2.0 * (place == 1)
+        figures.points(axes, rows["duration"], rows, place, scale=100.0, markersize=size)
+        figures.theory(axes, rows["duration"], rows, place, scale=100.0)
     ends = np.array([0.0, 41.0])
-    axes.plot(
-        ends,
-        100 * (ends + _SHOWN_LATENCY) / PACE,
-        ":",
-        color=REFERENCE,
-        linewidth=1.2,
-        label="bound n alpha (duration + latency)",
-    )
-    axes.plot([], [], color=REFERENCE, linewidth=1.2, label="theory of the means")
-    axes.set_xlabel("duration of the outage (periods)")
-    axes.set_ylabel("run-away (% of the capacity)")
-    axes.set_title("(b) Run-away, half a saw tooth below its bound", loc="left", fontsize="medium")
+    bound = 100 * (ends + _SHOWN_LATENCY) / PACE
+    words = "bound n alpha (duration + latency)"
+    axes.plot(ends, bound, ":", color=figures.REFERENCE, linewidth=1.2, label=words)
+    figures.named(axes, "theory of the means")
+    x, y = "duration of the outage (periods)", "run-away (% of the capacity)"
+    figures.dress(axes, "(b) Run-away, half a saw tooth below its bound", x, y)
 
 
 def _draw_halves(axes: Axes, found: list[Found]) -> None:
@@ -197,32 +173,11 @@ def _draw_halves(axes: Axes, found: list[Found]) -> None:
     middle, since = holdings[-40:].mean(), time[heal:] - time[heal]
     gap = 0.5 * (holdings[heal, 0] - holdings[heal, 1]) * np.exp(-since / PACE)
     for sign in (1.0, -1.0):
-        axes.plot(time[heal:], middle + sign * gap, color=REFERENCE, linewidth=1.0, linestyle="--")
-    axes.plot(
-        [], [], color=REFERENCE, linewidth=1.0, linestyle="--", label="gap that closes at rate alpha / x"
-    )
-    axes.set_xlim(-BEFORE, _SHOWN_DURATION + AFTER)
-    axes.set_ylim(0.0, None)
-    axes.set_xlabel("time since the outage began (periods)")
-    axes.set_ylabel("demand over that at the optimum")
-    axes.set_title("(c) Half are cut off: who hears pays", loc="left", fontsize="medium")
-
-
-def _readable(table: pd.DataFrame) -> pd.DataFrame:
-    rows = table[table["measure"].isin(["run-away", "time to come back", "overload"])]
-    return pd.DataFrame(
-        [
-            {
-                "fault": row["fault"],
-                "latency": f"{row['latency']:g}",
-                "duration": f"{row['duration']:g}",
-                "measure": row["measure"],
-                "theory": "" if np.isnan(row["theory"]) else f"{row['theory']:.3f}",
-                "simulation": f"{row['mean']:.3f} ± {row['standard_error']:.3f}",
-            }
-            for row in rows.to_dict("records")
-        ]
-    )
+        axes.plot(time[heal:], middle + sign * gap, color=figures.REFERENCE, linewidth=1.0, linestyle="--")
+    figures.named(axes, "gap that closes at rate alpha / x", "--", linewidth=1.0)
+    x, y = "time since the outage began (periods)", "demand over that at the optimum"
+    limits: dict[str, Any] = {"xlim": (-BEFORE, _SHOWN_DURATION + AFTER), "ylim": (0.0, None)}
+    figures.dress(axes, "(c) Half are cut off: who hears pays", x, y, **limits)
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
@@ -230,19 +185,15 @@ def _findings(table: pd.DataFrame) -> list[str]:
     away = everybody[everybody["measure"] == "run-away"]
     gap = 100 * (away["mean"] - away["theory"]).abs().max()
     room = 100 * table.loc[table["measure"] == "room below the bound", "least"].min()
-    last, back, over = (
-        _pick(table, ALL, what, _SHOWN_LATENCY).set_index("duration").loc[_SHOWN_DURATION]
-        for what in ("run-away", "time to come back", "overload")
-    )
-    names = ("extra of the even", "extra of the odd", "even", "odd")
-    deaf, hearing, deaf_end, hearing_end = (
-        _pick(table, PART, f"{name} half{' at the end' * (' ' not in name)}", _SHOWN_LATENCY)
-        .set_index("duration")["mean"]
-        .loc[_SHOWN_DURATION]
-        for name in names
-    )
-    part = _pick(table, PART, "run-away", _SHOWN_LATENCY).set_index("duration")["mean"]
-    left = _pick(table, PART, "gap left after x / alpha", _SHOWN_LATENCY).iloc[0]
+
+    def at(fault: str, what: str) -> "pd.Series[float]":
+        rows = pick(table, fault=fault, measure=what, latency=_SHOWN_LATENCY, duration=_SHOWN_DURATION)
+        return rows.iloc[0][["mean", "theory"]].astype(float)
+
+    last, back, over = (at(ALL, what) for what in ("run-away", "time to come back", "overload"))
+    deaf, hearing = (at(PART, f"extra of the {name} half")["mean"] for name in ("even", "odd"))
+    deaf_end, hearing_end = (at(PART, f"{name} half at the end")["mean"] for name in ("even", "odd"))
+    part, left = at(PART, "run-away")["mean"], at(PART, "gap left after x / alpha")
     return [
         (
             f"{'No run exceeds' if room >= 0.0 else 'Runs exceed'} n alpha (duration + latency), with the "
@@ -257,7 +208,7 @@ def _findings(table: pd.DataFrame) -> list[str]:
         ),
         (
             f"Half of the agents cut off for {_SHOWN_DURATION:g} periods run away by "
-            f"{100 * part[_SHOWN_DURATION]:.0f} % only, as the others give way: those get {-hearing:.1f} "
+            f"{100 * part:.0f} % only, as the others give way: those get {-hearing:.1f} "
             f"periods of their share less than without the outage, and the half that is cut off {deaf:.1f} "
             f"more. A time x / alpha = {PACE:.0f} periods after healing {left['mean']:.2f} of the gap is "
             f"left ({left['theory']:.2f} at the rate alpha / x alone), and in the last {_LATE} periods the "
