@@ -107,7 +107,7 @@ def _draw_times(axes: Axes, table: pd.DataFrame, age: float) -> None:
     for costs, ramp, marker in kinds:
         for what, filled in ((_LEVEL, True), (_SHARES, False)):
             rows, size = _pick(table, what, costs, ramp=ramp), 5.0 if filled else 9.0
-            for place, way in enumerate(WAYS):
+            for place in range(len(WAYS)):
                 x, y = (float(rows[name].to_numpy()[place]) / age for name in ("theory", "mean"))
                 face, order = colour(place) if filled else "white", 3 if filled else 2
                 look: dict[str, Any] = {"color": colour(place), "markerfacecolor": face, "zorder": order}
