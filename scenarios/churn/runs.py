@@ -1,6 +1,5 @@
 """Runs in which cameras come and go: one after the other, or a quarter of them together."""
 
-import warnings
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -17,28 +16,8 @@ from aimd_des.latency import Constant
 from aimd_des.recording import Recording
 from aimd_des.results import Result
 from aimd_des.simulation import Simulation
+from scenarios.common.measure import quietly
 from scenarios.common.systems import memory_alone
-
-__all__ = [
-    "ALPHA",
-    "AWAY",
-    "CAPACITY",
-    "FORGOT",
-    "GROUP",
-    "KEPT",
-    "LATENCY",
-    "PRESENT",
-    "PROBLEM",
-    "WAYS",
-    "N",
-    "Seen",
-    "Size",
-    "Together",
-    "leave_together",
-    "measure",
-    "schedule",
-    "together_event",
-]
 
 PROBLEM = memory_alone()
 N, ALPHA, CAPACITY = PROBLEM.n_agents, float(PROBLEM.increase[0, 0]), float(PROBLEM.capacity[0])
@@ -188,24 +167,7 @@ def schedule(
 
 
 def measure(way: str, stay: float, size: Size, seed: int) -> Seen:
-    """Run once.
-
-    Parameters
-    ----------
-    way : str
-        How cameras average and return.
-    stay : float
-        Mean time for which a camera is there.
-    size : Size
-        From when and until when.
-    seed : int
-        Of the run.
-
-    Returns
-    -------
-    Seen
-        Of the run, after its start.
-    """
+    """Run with a way of averaging and returning, and a mean stay of a camera."""
     returns, averaging = WAYS[way]
     looks = np.arange(size.start, size.until + 1.0, 25.0)
     recording = Recording(demand=0.25, allocations=looks)
@@ -225,39 +187,22 @@ def measure(way: str, stay: float, size: Size, seed: int) -> Seen:
 def _run(
     averaging: Averaging, interventions: Sequence[Intervention], recording: Recording, until: float, seed: int
 ) -> Result:
-    with warnings.catch_warnings():
-        # A response probability above 1 is certainty: rare here, and part of what is measured.
-        warnings.simplefilter("ignore", RuntimeWarning)
-        return Simulation(
-            PROBLEM,
-            dynamics="continuous",
-            control_unit=Crossing(HOLD_OFF),
-            channel=BroadcastChannel(latency=Constant(LATENCY)),
-            agents=Fleet,
-            averaging=averaging,
-            interventions=interventions,
-            seed=seed,
-            recording=recording,
-        ).run(until)
+    simulation = Simulation(
+        PROBLEM,
+        dynamics="continuous",
+        control_unit=Crossing(HOLD_OFF),
+        channel=BroadcastChannel(latency=Constant(LATENCY)),
+        agents=Fleet,
+        averaging=averaging,
+        interventions=interventions,
+        seed=seed,
+        recording=recording,
+    )
+    return quietly(simulation, until)
 
 
 def leave_together(name: str, size: Size, seed: int) -> Together:
-    """Let a quarter of the cameras leave and come back.
-
-    Parameters
-    ----------
-    name : str
-        Whether they have forgotten their averages.
-    size : Size
-        When.
-    seed : int
-        Of the run.
-
-    Returns
-    -------
-    Together
-        Of the run.
-    """
+    """Let a quarter of the cameras leave and come back, with or without their averages."""
     before, after = size.leave - 1e-6, size.leave + np.arange(round(_SPAN / _LOOKS) + 1) * _LOOKS
     recording = Recording(demand=np.append(before, after), allocations=size.times, overshoot=False)
     seen = _run(Cumulative(), [together_event(name, size)], recording, size.end, seed).observations
@@ -268,18 +213,5 @@ def leave_together(name: str, size: Size, seed: int) -> Together:
 
 
 def together_event(name: str, size: Size) -> Absence | Crash:
-    """Declare that the group leaves and comes back.
-
-    Parameters
-    ----------
-    name : str
-        Whether it has forgotten its averages.
-    size : Size
-        When.
-
-    Returns
-    -------
-    Absence or Crash
-        For all of the group.
-    """
+    """Declare that all of the group leave and come back."""
     return FORGOT[name](list(GROUP), size.leave, size.back)

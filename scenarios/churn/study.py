@@ -1,6 +1,7 @@
 """The study: what is run, and what is made of it."""
 
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ import pandas as pd
 
 from aimd_des import theory
 from aimd_des.checks import FloatArray
+from aimd_des.study import jackknife, mean_and_error, replicate
 from scenarios.churn.figure import figure_of, still
 from scenarios.churn.runs import (
     ALPHA,
@@ -25,9 +27,9 @@ from scenarios.churn.runs import (
     measure,
 )
 from scenarios.churn.theory import CRITICAL_STAY, fluid, kinds, optimum, steady
-from scenarios.common.command import Study, command
+from scenarios.common.command import Finding, command
 from scenarios.common.measure import distance
-from scenarios.common.replicate import jackknife, mean_and_error, replicate, summarise
+from scenarios.common.tables import estimate, said, shown, summarise
 
 __all__ = ["main", "study"]
 
@@ -43,7 +45,7 @@ _WINDOW = (50.0, 100.0)
 _Runs = dict[tuple[str, float], list[Seen]]
 
 
-def study(quick: bool = False, seed: int = 0) -> Study:
+def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Let cameras come and go, ever faster, and let a quarter of them leave and come back together.
 
     Parameters
@@ -52,24 +54,27 @@ def study(quick: bool = False, seed: int = 0) -> Study:
         Whether to run the small size.
     seed : int
         Of the first replication.
+    runs : Path, optional
+        The folder of the runs; those that are there are not run again.
 
     Returns
     -------
-    Study
-        A pure function of the arguments.
+    Finding
+        A pure function of the size and the seed.
     """
-    size, workers = (_QUICK, 1) if quick else (_FULL, None)
+    size = _QUICK if quick else _FULL
+    how: dict[str, Any] = {"workers": 1 if quick else None, "out": runs}
     cases = [(way, stay) for stay in size.stays for way in WAYS]
     jobs = [partial(measure, way, stay, size) for way, stay in cases]
-    runs = dict(zip(cases, replicate(jobs, size.replications, seed, workers=workers), strict=True))
+    seen = dict(zip(cases, replicate(jobs, size.replications, seed, **how), strict=True))
     groups = [partial(leave_together, name, size) for name in FORGOT]
-    together = dict(zip(FORGOT, replicate(groups, size.groups, seed, workers=workers), strict=True))
-    table = pd.concat([_sweep(runs), _shares(runs, size), _returned(together, size)], ignore_index=True)
-    return Study(
+    together = dict(zip(FORGOT, replicate(groups, size.groups, seed, **how), strict=True))
+    table = pd.concat([_sweep(seen), _shares(seen, size), _returned(together, size)], ignore_index=True)
+    return Finding(
         "churn",
         {"seed": seed, "replications": size.replications, "until": size.until, "groups": size.groups},
         table,
-        _shown(table),
+        shown(table, ["way", "stay", "measure"], ".3f"),
         _findings(table),
         {"churn": figure_of(table, together, size)},
     )
@@ -101,30 +106,13 @@ def _shares(runs: _Runs, size: Size) -> pd.DataFrame:
         if stay > size.until / _STAYS:
             continue
         averages, share = [seen.average for seen in runs[KEPT, stay]], steady(stay).share[:, None]
-        plain, churned = (
-            jackknife(averages, partial(distance, PROBLEM)),
-            jackknife(averages, partial(_gap, share)),
-        )
-        rows += [
-            _row(KEPT, stay, "from plain optimum", plain, len(averages), float(distance(PROBLEM, share)[0])),
-            _row(KEPT, stay, "from churned optimum", churned, len(averages), 0.0),
-        ]
+        for name, apart, expected in (
+            ("from plain optimum", partial(distance, PROBLEM), float(distance(PROBLEM, share)[0])),
+            ("from churned optimum", partial(_gap, share), 0.0),
+        ):
+            labels = {"way": KEPT, "stay": stay}
+            rows.append(estimate(labels, name, jackknife(averages, apart), len(averages), expected))
     return pd.DataFrame(rows)
-
-
-def _row(
-    way: str, stay: float, name: str, found: tuple[FloatArray, FloatArray], count: int, expected: float
-) -> dict[str, Any]:
-    value, error = (float(np.ravel(part)[0]) for part in found)
-    return {
-        "way": way,
-        "stay": stay,
-        "measure": name,
-        "mean": value,
-        "standard_error": error,
-        "replications": count,
-        "theory": expected,
-    }
 
 
 def _gap(expected: FloatArray, average: FloatArray) -> FloatArray:
@@ -136,41 +124,23 @@ def _returned(together: dict[str, list[Together]], size: Size) -> pd.DataFrame:
     rows, since = [], size.times - size.back
     window = (since >= _WINDOW[0]) & (since <= _WINDOW[1])
     for name, found in together.items():
+        labels: dict[str, Any] = {"way": name, "stay": np.nan}
         for kind, agents in kinds().items():
             share = optimum()[agents].sum()
             held = [run.demand[window][:, agents].sum(axis=1).mean() / share for run in found]
-            flowing = fluid(name, size)[0][window][:, agents].sum(axis=1).mean() / share
-            rows.append(_row(name, np.nan, kind, mean_and_error(held), len(found), float(flowing)))
-        again, released = ([getattr(run, part) for run in found] for part in ("again", "released"))
-        rows.append(
-            _row(name, np.nan, "reused after", mean_and_error(again), len(found), float(np.mean(released)))
-        )
+            flowing = float(fluid(name, size)[0][window][:, agents].sum(axis=1).mean() / share)
+            rows.append(estimate(labels, kind, mean_and_error(held), len(found), flowing))
+        again = mean_and_error([run.again for run in found])
+        released = float(np.mean([run.released for run in found]))
+        rows.append(estimate(labels, "reused after", again, len(found), released))
     return pd.DataFrame(rows)
-
-
-def _shown(table: pd.DataFrame) -> pd.DataFrame:
-    return pd.DataFrame(
-        [
-            {
-                "way": row["way"],
-                "mean stay": "" if np.isnan(row["stay"]) else f"{row['stay']:g}",
-                "measure": row["measure"],
-                "theory": "" if np.isnan(row["theory"]) else f"{row['theory']:.3f}",
-                "simulation": f"{row['mean']:.3f} ± {row['standard_error']:.3f}",
-            }
-            for row in table.to_dict("records")
-        ]
-    )
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
     stays = sorted(stay for stay in table["stay"].unique() if np.isfinite(stay))
 
     def say(way: str, stay: float, name: str, scale: float = 1.0, digits: int = 2) -> str:
-        here = table["stay"].isna() if np.isnan(stay) else table["stay"] == stay
-        row = table[here & (table["way"] == way) & (table["measure"] == name)].iloc[0]
-        expected = "" if np.isnan(row["theory"]) else f" (theory {scale * row['theory']:.{digits}f})"
-        return f"{scale * row['mean']:.{digits}f}{expected}"
+        return said(table, scale, digits, way=way, stay=stay, measure=name)
 
     fast, middle = stays[0], stays[len(stays) // 2]
     tracking = ", ".join(

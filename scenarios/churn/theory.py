@@ -14,8 +14,6 @@ from aimd_des.problem import Problem
 from scenarios.churn.runs import ALPHA, CAPACITY, GROUP, LATENCY, PRESENT, PROBLEM, N, Size, together_event
 from scenarios.common.fluid import flow
 
-__all__ = ["CRITICAL_STAY", "Steady", "fluid", "kinds", "optimum", "steady"]
-
 #: Of those who are present on average: what they can grow to before they go is the capacity.
 CRITICAL_STAY = CAPACITY / (PRESENT * N * ALPHA)
 
@@ -53,16 +51,7 @@ def steady(stay: float) -> Steady:
     leave (Pollaczek and Khinchine).
 
     Neglects that the number of those present wanders, and that it takes a while to learn an average.
-
-    Parameters
-    ----------
-    stay : float
-        T, the mean time for which a camera is there; may be infinite.
-
-    Returns
-    -------
-    Steady
-        In the mean.
+    The stay is T, the mean time for which a camera is there, and may be infinite.
     """
     excess = partial(_excess, stay=stay)
     signals = float(np.exp(brentq(excess, np.log(_FEWEST), np.log(_MOST), xtol=1e-12)))
@@ -111,25 +100,13 @@ def _level() -> float:
 
 @lru_cache
 def optimum() -> FloatArray:
-    """Compute the optimum of all cameras for what is used without churn.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In units of the resource.
-    """
+    """Compute the optimum of all cameras for what is used without churn, (n,)."""
     return np.asarray(solve_optimum(PROBLEM, capacity=np.array([_level()])).allocation[:, 0])
 
 
 @lru_cache
 def kinds() -> dict[str, list[int]]:
-    """Sort cameras by who comes back, with which costs, and who has stayed.
-
-    Returns
-    -------
-    dict of str to list of int
-        Cameras by name of their kind.
-    """
+    """Sort cameras by who comes back, with which costs, and who has stayed."""
     x = solve_optimum(PROBLEM).allocation
     steep = (x[:, 0] * PROBLEM.costs.hessian(x)[:, 0, 0]) / PROBLEM.costs.gradient(x)[:, 0]
     return {
@@ -141,20 +118,7 @@ def kinds() -> dict[str, list[int]]:
 
 @lru_cache
 def fluid(name: str, size: Size) -> tuple[FloatArray, FloatArray]:
-    """Compute what the fluid does where a quarter leaves together.
-
-    Parameters
-    ----------
-    name : str
-        Whether it has forgotten its averages.
-    size : Size
-        When.
-
-    Returns
-    -------
-    demand, average : ndarray, shape (q, n)
-        At the times of the size, in units of the resource.
-    """
+    """Compute what the fluid does where a quarter leaves together: demand and averages, (q, n)."""
     path = flow(PROBLEM, _level(), size.end, interventions=[together_event(name, size)])
     # Observers look just after an intervention.
     at = np.minimum(np.searchsorted(path.time, size.times) + 1, len(path.time) - 1)
