@@ -1,6 +1,5 @@
 """Runs in which some cameras see something unusual, and what theory has to say about them."""
 
-import warnings
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -19,21 +18,8 @@ from aimd_des.problem import Problem
 from aimd_des.recording import Recording
 from aimd_des.simulation import Simulation
 from scenarios.common.fluid import flow
+from scenarios.common.measure import quietly
 from scenarios.common.systems import memory_alone
-
-__all__ = [
-    "AVERAGINGS",
-    "WEIGHT",
-    "Seen",
-    "Size",
-    "expected_scatter",
-    "fluid",
-    "groups",
-    "kin",
-    "measure",
-    "reached",
-    "shares",
-]
 
 _PROBLEM = memory_alone()
 WEIGHT, _HOLD_OFF = 0.2, 0.5
@@ -98,10 +84,7 @@ def _elasticity() -> FloatArray:
 def groups() -> dict[str, tuple[int, ...]]:
     """Choose who sees the event: cameras of medium share, with quadratic and with the steepest costs.
 
-    Returns
-    -------
-    dict of str to tuple of int
-        By their costs; the last group is three cameras with quadratic costs.
+    By their costs; the last group is three cameras with quadratic costs.
     """
     x, steep = solve_optimum(_PROBLEM).allocation[:, 0], _elasticity()
     order = np.argsort(x, kind="stable")
@@ -120,37 +103,18 @@ def _event(cameras: Sequence[int], size: Size) -> UnusualActivity:
 
 
 def measure(cameras: tuple[int, ...], averaging: str, size: Size, seed: int) -> Seen:
-    """Run once.
-
-    Parameters
-    ----------
-    cameras : tuple of int
-        Who sees the event.
-    averaging : str
-        How all cameras average.
-    size : Size
-        When, and until when.
-    seed : int
-        Of the run.
-
-    Returns
-    -------
-    Seen
-        Of these cameras, at the times of the size.
-    """
-    with warnings.catch_warnings():
-        # A response probability above 1 is certainty: rare here, and part of what is measured.
-        warnings.simplefilter("ignore", RuntimeWarning)
-        result = Simulation(
-            _PROBLEM,
-            dynamics="continuous",
-            control_unit=Crossing(_HOLD_OFF),
-            agents=Fleet,
-            averaging=AVERAGINGS[averaging],
-            interventions=[_event(cameras, size)],
-            seed=seed,
-            recording=Recording(demand="end", allocations=size.times, overshoot=False),
-        ).run(size.until)
+    """Run with an event at these cameras, all of which average in a way."""
+    simulation = Simulation(
+        _PROBLEM,
+        dynamics="continuous",
+        control_unit=Crossing(_HOLD_OFF),
+        agents=Fleet,
+        averaging=AVERAGINGS[averaging],
+        interventions=[_event(cameras, size)],
+        seed=seed,
+        recording=Recording(demand="end", allocations=size.times, overshoot=False),
+    )
+    result = quietly(simulation, size.until)
     seen, own = result.observations, list(cameras)
     start = int(np.searchsorted(seen.allocation_times, size.begin))
     return Seen(
@@ -169,18 +133,7 @@ def _level() -> float:
 
 @lru_cache
 def shares(cameras: tuple[int, ...]) -> tuple[float, float]:
-    """Compute the mean of these cameras in the optimum for what is used, before and during the event.
-
-    Parameters
-    ----------
-    cameras : tuple of int
-        Who.
-
-    Returns
-    -------
-    tuple of two floats
-        In units of the resource.
-    """
+    """Compute the mean of these cameras in the optimum for what is used, before and during the event."""
     weights = np.ones(_PROBLEM.n_agents)
     weights[list(cameras)] = WEIGHT
     new = Problem(_PROBLEM.resources, weighted_costs(_PROBLEM.costs, weights))
@@ -190,22 +143,7 @@ def shares(cameras: tuple[int, ...]) -> tuple[float, float]:
 
 @lru_cache
 def fluid(cameras: tuple[int, ...], averaging: str, size: Size) -> tuple[FloatArray, FloatArray]:
-    """Compute demand and average of these cameras in the fluid, in the mean over them.
-
-    Parameters
-    ----------
-    cameras : tuple of int
-        Who.
-    averaging : str
-        How all cameras average.
-    size : Size
-        When.
-
-    Returns
-    -------
-    demand, average : ndarray, shape (q,)
-        At the times of the size, in units of the resource.
-    """
+    """Compute demand and average, (q,), of these cameras in the fluid, in the mean over them."""
     path = flow(_PROBLEM, _level(), size.until, AVERAGINGS[averaging], [_event(cameras, size)], step=0.5)
     at = np.searchsorted(path.time, size.times)
     own = list(cameras)
@@ -213,39 +151,16 @@ def fluid(cameras: tuple[int, ...], averaging: str, size: Size) -> tuple[FloatAr
 
 
 def kin(cameras: tuple[int, ...]) -> list[int]:
-    """List all cameras with costs as steep as these, so that there are enough to measure scatter.
-
-    Parameters
-    ----------
-    cameras : tuple of int
-        Who.
-
-    Returns
-    -------
-    list of int
-        These and others.
-    """
+    """List all cameras with costs as steep as these, so that there are enough to measure scatter."""
     steep = _elasticity()
     return [int(i) for i in np.flatnonzero(np.abs(steep - steep[cameras[0]]) < _ALIKE)]
 
 
 def expected_scatter(alike: list[int], name: str, size: Size) -> float:
-    """Predict the scatter of averages just before the event.
+    """Predict the scatter of averages just before the event, for cameras with costs as steep as each other.
 
-    Parameters
-    ----------
-    alike : list of int
-        Cameras with costs that are as steep as each other.
-    name : str
-        How all cameras average.
-    size : Size
-        When.
-
-    Returns
-    -------
-    float
-        Coefficient of variation, as the root of a mean of squares; NaN where there is no formula, which is
-        for steep costs with an average that does not forget.
+    A coefficient of variation, as the root of a mean of squares; NaN where there is no formula, which is for
+    steep costs with an average that does not forget.
     """
     averaging, expected, steep = AVERAGINGS[name], _expected(), _elasticity()[alike]
     memory: dict[str, Any] = {"window": size.begin}
@@ -271,20 +186,7 @@ def expected_scatter(alike: list[int], name: str, size: Size) -> float:
 
 
 def reached(times: FloatArray, progress: FloatArray, part: float) -> float:
-    """Find when so much of the way has been made for the first time.
-
-    Parameters
-    ----------
-    times, progress : ndarray, shape (q,)
-        When, and which part of the way has been made.
-    part : float
-        Which part.
-
-    Returns
-    -------
-    float
-        In units of time, interpolated; NaN if it never is.
-    """
+    """Find when a part of the way has been made for the first time, interpolated; NaN if it never is."""
     above = np.flatnonzero(progress >= part)
     if len(above) == 0 or above[0] == 0:
         return np.nan if len(above) == 0 else float(times[0])

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from functools import partial
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,10 @@ from matplotlib.figure import Figure
 
 from aimd_des.checks import FloatArray
 from aimd_des.plots import colour
-from aimd_des.plots.style import REFERENCE, frame, number_axis
-from scenarios.common.command import Study, command
-from scenarios.common.replicate import jackknife, mean_and_error, replicate
+from aimd_des.study import jackknife, mean_and_error, replicate
+from scenarios.common import figures
+from scenarios.common.command import Finding, command
+from scenarios.common.tables import estimate, pick, said, shown
 from scenarios.unusual_activity.runs import (
     AVERAGINGS,
     WEIGHT,
@@ -41,7 +43,7 @@ _NEVER = 320.0
 _Found = dict[tuple[str, str], list[Seen]]
 
 
-def study(quick: bool = False, seed: int = 0) -> Study:
+def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Scale the costs of a camera by 0.2 for a while, for several ways of averaging.
 
     Parameters
@@ -50,11 +52,13 @@ def study(quick: bool = False, seed: int = 0) -> Study:
         Whether to run the small size.
     seed : int
         Of the first replication.
+    runs : Path, optional
+        The folder of the runs; those that are there are not run again.
 
     Returns
     -------
-    Study
-        A pure function of the arguments.
+    Finding
+        A pure function of the size and the seed.
     """
     size = Size(4, 150.0, 300.0, 520.0, 10.0) if quick else Size(60, 600.0, 1100.0, 1500.0, 5.0)
     one, steep, three = groups()
@@ -62,14 +66,14 @@ def study(quick: bool = False, seed: int = 0) -> Study:
     cases = [(group, name) for group in (one, steep) for name in names]
     cases += [(three, name) for name in names[:2]]
     jobs = [partial(measure, groups()[group], name, size) for group, name in cases]
-    outcomes = replicate(jobs, size.replications, seed, workers=1 if quick else None)
+    outcomes = replicate(jobs, size.replications, seed, workers=1 if quick else None, out=runs)
     found = dict(zip(cases, outcomes, strict=True))
     table = pd.DataFrame([row for case, runs in found.items() for row in _rows(*case, size, runs)])
-    return Study(
+    return Finding(
         "unusual_activity",
         {"seed": seed, **size._asdict(), "weight": WEIGHT},
         table,
-        _shown(table),
+        shown(table, ["camera", "averaging", "measure"], ".3g"),
         _findings(table, size),
         {"unusual_activity": _figure(found, table, size)},
     )
@@ -104,18 +108,9 @@ def _rows(group: str, name: str, size: Size, runs: Sequence[Seen]) -> list[dict[
     scatter, wrong = jackknife(moments, _scatter)
     value, error = np.append(value, scatter), np.append(error, wrong)
     expected = np.append(expected, expected_scatter(alike, name, size))
-    return [
-        {
-            "camera": group,
-            "averaging": name,
-            "measure": measure,
-            "mean": value[k],
-            "standard_error": error[k],
-            "replications": len(runs),
-            "theory": expected[k],
-        }
-        for k, measure in enumerate([*_MEASURES, "scatter before"])
-    ]
+    labels, names = {"camera": group, "averaging": name}, [*_MEASURES, "scatter before"]
+    found = zip(names, zip(value, error, strict=True), expected.tolist(), strict=True)
+    return [estimate(labels, measure, pair, len(runs), wanted) for measure, pair, wanted in found]
 
 
 def _scatter(moments: FloatArray) -> FloatArray:
@@ -125,13 +120,11 @@ def _scatter(moments: FloatArray) -> FloatArray:
 
 
 def _figure(found: _Found, table: pd.DataFrame, size: Size) -> Figure:
-    figure = Figure(figsize=(13.5, 4.8), layout="constrained")
-    left, middle, right = figure.subplots(1, 3, gridspec_kw={"width_ratios": [1.15, 1.15, 1.0]})
+    widths = {"width_ratios": [1.15, 1.15, 1.0]}
+    figure, (left, middle, right) = figures.panels(1, 3, (13.5, 4.8), gridspec_kw=widths)
     one, steep, _ = groups()
-    _draw_course(left, found, one, size)
-    _draw_course(middle, found, steep, size)
-    left.set_title("(a) Quadratic costs: the average lags", loc="left", fontsize="medium")
-    middle.set_title("(b) Power 6: demand overdoes it, to pull the average", loc="left", fontsize="medium")
+    _draw_course(left, found, one, size, "(a) Quadratic costs: the average lags")
+    _draw_course(middle, found, steep, size, "(b) Power 6: demand overdoes it, to pull the average")
     middle.legend(frameon=False, fontsize="small")
     _draw_price(right, table)
     return figure
@@ -141,42 +134,30 @@ def _place(name: str) -> int:
     return list(AVERAGINGS).index(name)
 
 
-def _draw_course(axes: Axes, found: _Found, group: str, size: Size) -> None:
+def _draw_course(axes: Axes, found: _Found, group: str, size: Size, title: str) -> None:
     cameras, times = groups()[group], size.times - size.begin
     for name in list(AVERAGINGS)[:2]:
         mean, error = mean_and_error([[run.demand, run.average] for run in found[group, name]])
         expected, shade = fluid(cameras, name, size), colour(_place(name))
         for k, width in ((0, 0.9), (1, 2.2)):
-            axes.fill_between(
-                times, mean[k] - 2 * error[k], mean[k] + 2 * error[k], color=shade, alpha=0.2, linewidth=0
-            )
+            low, high = mean[k] - 2 * error[k], mean[k] + 2 * error[k]
+            axes.fill_between(times, low, high, color=shade, alpha=0.2, linewidth=0)
             axes.plot(times, mean[k], color=shade, linewidth=width, alpha=0.9)
             axes.plot(times, expected[k], color="black", linewidth=0.9, linestyle=":")
     old, new = shares(cameras)
     end = size.end - size.begin
-    axes.plot(
-        [times[0], 0.0, 0.0, end, end, times[-1]],
-        [old, old, new, new, old, old],
-        color=REFERENCE,
-        linewidth=1.2,
-        linestyle="--",
-        label="optimum",
-    )
+    steps = [times[0], 0.0, 0.0, end, end, times[-1]], [old, old, new, new, old, old]
+    axes.plot(*steps, "--", color=figures.REFERENCE, linewidth=1.2, label="optimum")
     for name in list(AVERAGINGS)[:2]:
-        axes.plot([], [], color=colour(_place(name)), linewidth=2.2, label=f"{name} (thin: demand)")
-    axes.plot([], [], color="black", linewidth=0.9, linestyle=":", label="theory (fluid)")
-    axes.set_xlabel("time since the event began (periods)")
-    axes.set_ylabel("memory of the camera (GB)")
-    axes.set_ylim(bottom=0.0)
-    number_axis(axes.xaxis)
-    number_axis(axes.yaxis)
-    frame(axes)
+        figures.named(axes, f"{name} (thin: demand)", color=colour(_place(name)), linewidth=2.2)
+    figures.named(axes, "theory (fluid)", ":", color="black", linewidth=0.9)
+    x, y = "time since the event began (periods)", "memory of the camera (GB)"
+    figures.dress(axes, title, x, y, ylim=(0.0, None))
 
 
 def _row_of(table: pd.DataFrame, group: str, name: str, measured: str) -> dict[str, float]:
-    chosen = (table["camera"] == group) & (table["averaging"] == name) & (table["measure"] == measured)
-    found = table.loc[chosen, ["mean", "standard_error", "theory"]].iloc[0]
-    return {str(key): float(value) for key, value in found.items()}
+    found = pick(table, camera=group, averaging=name, measure=measured).iloc[0]
+    return {key: float(found[key]) for key in ("mean", "standard_error", "theory")}
 
 
 def _draw_price(axes: Axes, table: pd.DataFrame) -> None:
@@ -185,14 +166,9 @@ def _draw_price(axes: Axes, table: pd.DataFrame) -> None:
         shade, marker = colour(_place(name)), "os"[list(groups()).index(group)]
         if np.isnan(half["mean"]):
             axes.plot(_NEVER, 100 * scatter["mean"], ">", color=shade, markersize=9.0, clip_on=False)
-            axes.annotate(
-                "not within the event",
-                (_NEVER, 100 * scatter["mean"]),
-                (-10, -13),
-                textcoords="offset points",
-                ha="right",
-                fontsize="small",
-            )
+            place = (_NEVER, 100 * scatter["mean"])
+            away: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "fontsize": "small"}
+            axes.annotate("not within the event", place, (-10, -13), **away)
             continue
         axes.errorbar(
             half["mean"],
@@ -206,48 +182,20 @@ def _draw_price(axes: Axes, table: pd.DataFrame) -> None:
         )
         axes.plot(half["theory"], 100 * scatter["theory"], "+", color="black", markersize=9.0, zorder=5)
     for name in AVERAGINGS:
-        axes.plot([], [], "D", color=colour(_place(name)), label=name)
+        figures.named(axes, name, "D", color=colour(_place(name)))
     for group, marker in zip(list(groups())[:2], "os", strict=True):
-        axes.plot([], [], marker, color=REFERENCE, label=group)
-    axes.plot([], [], "+", color="black", markersize=9.0, label="theory")
+        figures.named(axes, group, marker)
+    figures.named(axes, "theory", "+", color="black", markersize=9.0)
     axes.legend(frameon=False, fontsize="small")
-    axes.set_xlabel("half of the way made after (periods)")
-    axes.set_ylabel("scatter of the average before (%)")
-    axes.set_title("(c) The price of a short memory", loc="left", fontsize="medium")
-    axes.set_xlim(0.0, _NEVER)
-    axes.set_ylim(bottom=0.0)
-    number_axis(axes.xaxis)
-    number_axis(axes.yaxis)
-    frame(axes)
-
-
-def _shown(table: pd.DataFrame) -> pd.DataFrame:
-    return pd.DataFrame(
-        [
-            {
-                "camera": row["camera"],
-                "averaging": row["averaging"],
-                "measure": row["measure"],
-                "theory": _text(row["theory"]),
-                "simulation": f"{_text(row['mean'])} ± {_text(row['standard_error'])}",
-            }
-            for row in table.to_dict("records")
-            if not np.isnan(row["mean"])
-        ]
-    )
-
-
-def _text(value: float) -> str:
-    return "" if np.isnan(value) else f"{value:.3f}" if abs(value) < 10.0 else f"{value:.0f}"
+    x, y = "half of the way made after (periods)", "scatter of the average before (%)"
+    figures.dress(axes, "(c) The price of a short memory", x, y, xlim=(0.0, _NEVER), ylim=(0.0, None))
 
 
 def _findings(table: pd.DataFrame, size: Size) -> list[str]:
     (one, steep, three), (whole, short) = groups(), list(AVERAGINGS)[:2]
 
     def say(group: str, name: str, measured: str, scale: float = 100.0, digits: int = 0) -> str:
-        row = _row_of(table, group, name, measured)
-        expected = "" if np.isnan(row["theory"]) else f" (theory {scale * row['theory']:.{digits}f})"
-        return f"{scale * row['mean']:.{digits}f}{expected}"
+        return said(table, scale, digits, camera=group, averaging=name, measure=measured)
 
     def half(group: str, name: str) -> str:
         return say(group, name, "half-way after", 1.0)
