@@ -9,7 +9,18 @@ from matplotlib.figure import Figure
 from aimd_des.plots import colour
 from aimd_des.plots.style import REFERENCE, frame, number_axis
 
-__all__ = ["MARKS", "REFERENCE", "dress", "level", "named", "panels", "points", "theory"]
+__all__ = [
+    "MARKS",
+    "REFERENCE",
+    "dress",
+    "frame",
+    "level",
+    "named",
+    "number_axis",
+    "panels",
+    "points",
+    "theory",
+]
 
 MARKS = "os^Dv"
 

@@ -26,8 +26,6 @@ from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
 from models.ev_charging import Vehicles, capacity_left, daily_base_load, ev_charging, vehicle_schedule
 
-__all__ = ["LOOKS", "LOSS", "SHARES", "SPAN", "TIMES", "Case", "Garage", "Night", "night", "run"]
-
 _DAY = 1440
 _CHARGERS, _HOUSES = (3.7, 7.4), 0.5  # kW in turn, and houses for each vehicle
 _HOLD_OFF, _LATENCY, _EXCEEDANCE, _MEMORY = 0.5, 0.5, 0.01, 120.0
@@ -84,18 +82,7 @@ class Garage:
         self.history = np.zeros((_DAY, len(vehicles)))
 
     def __call__(self, system: System) -> ProcessGenerator:
-        """Look at all vehicles every minute, as a process beside theirs.
-
-        Parameters
-        ----------
-        system : System
-            The run in progress.
-
-        Yields
-        ------
-        simpy.Event
-            The next minute.
-        """
+        """Look at all vehicles every minute, as a process beside theirs."""
         away, held = system.conditions.away, np.zeros(len(self.vehicles))
         minute = int(self.vehicles.arrival.min())
         while np.isnan(self.gone).any():
@@ -136,42 +123,14 @@ class Night(NamedTuple):
 
 
 def night(case: Case, n: int, step: int, seed: int) -> Night:
-    """Run a night from noon to noon.
-
-    Parameters
-    ----------
-    case : Case
-        What is run.
-    n, step : int
-        Vehicles, and minutes between two changes of the capacity.
-    seed : int
-        Of the vehicles, and of the run.
-
-    Returns
-    -------
-    Night
-        What was measured.
-    """
+    """Run a night from noon to noon: n vehicles, and so many minutes between two changes of the capacity."""
     result, garage = run(case, n, step, seed)
     expected = _expected(case, result, garage.vehicles)
     return _measured(result, garage, expected)
 
 
 def run(case: Case, n: int, step: int, seed: int) -> tuple[Result, Garage]:
-    """Run a night, for its result and the garage with the meters.
-
-    Parameters
-    ----------
-    case, n, step, seed
-        As for `night`.
-
-    Returns
-    -------
-    result : Result
-        Of the run.
-    garage : Garage
-        As it is in the end.
-    """
+    """Run a night as `night` does, for its result and the garage as it is in the end."""
     drawn = vehicle_schedule(seed, n)
     vehicles = replace(drawn, arrival=np.round(drawn.arrival), departure=np.round(drawn.departure))
     problem = ev_charging(seed, n, _CHARGERS, _HOUSES, probability=0.5)

@@ -1,17 +1,18 @@
 """The study: what is run, and what is made of it."""
 
 from functools import partial
+from pathlib import Path
 
-import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aimd_des.checks import FloatArray
 from aimd_des.plots import colour, shared_legend
-from aimd_des.plots.style import REFERENCE, frame, number_axis
-from scenarios.common.command import Study, command
-from scenarios.common.replicate import mean_and_error, numbers, replicate, summarise
+from aimd_des.study import mean_and_error, replicate
+from scenarios.common import figures
+from scenarios.common.command import Finding, command
+from scenarios.common.tables import number, numbers, shown, summarise
 from scenarios.ev_day.runs import LOOKS, LOSS, SHARES, SPAN, TIMES, Case, Night, night
 
 __all__ = ["main", "study"]
@@ -29,7 +30,7 @@ _ABOVE, _SIGNALS, _SPARE = "minutes above capacity", "signals, 22:00 to 1:00", "
 _ERROR, _USED = "error of averages", "used, 22:00 to 1:00"
 
 
-def study(quick: bool = False, seed: int = 0) -> Study:
+def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run nights with a perfect channel, a bad one, averages that forget, and a lower threshold.
 
     Parameters
@@ -38,21 +39,23 @@ def study(quick: bool = False, seed: int = 0) -> Study:
         Whether to run the small size.
     seed : int
         Of the first replication: of its vehicles and of its run.
+    runs : Path, optional
+        The folder of the runs; those that are there are not run again.
 
     Returns
     -------
-    Study
-        A pure function of the arguments.
+    Finding
+        A pure function of the size and the seed.
     """
     replications, n, step = (2, 6, 240) if quick else (12, 40, 15)
     jobs = [partial(night, case, n, step) for case in _CASES.values()]
-    nights = replicate(jobs, replications, seed, workers=1 if quick else None)
+    nights = replicate(jobs, replications, seed, workers=1 if quick else None, out=runs)
     table = _table(nights)
-    return Study(
+    return Finding(
         "ev_day",
         {"seed": seed, "replications": replications, "vehicles": n},
         table,
-        _shown(table),
+        shown(table, ["channel", "average", "measure"], ".3f"),
         _findings(table),
         {"ev_day": _figure(table, nights)},
     )
@@ -80,13 +83,6 @@ def _table(nights: list[list[Night]]) -> pd.DataFrame:
     return table[table["replications"] > 0].merge(predicted, "left", [*keys, "measure"])
 
 
-def _shown(table: pd.DataFrame) -> pd.DataFrame:
-    shown = table.rename(columns={"average": "average over"})[["channel", "average over", "measure"]]
-    shown["theory"] = ["" if np.isnan(value) else f"{value:.3f}" for value in table["theory"]]
-    pairs = zip(table["mean"], table["standard_error"], strict=True)
-    return shown.assign(simulation=[f"{mean:.3f} ± {error:.3f}" for mean, error in pairs])
-
-
 def _figure(table: pd.DataFrame, nights: list[list[Night]]) -> Figure:
     figure = Figure(figsize=(13.0, 5.4), layout="constrained")
     axes = figure.subplot_mosaic("abc;abc;abd;ebd", width_ratios=[1.2, 0.9, 1.1])
@@ -103,7 +99,7 @@ def _figure(table: pd.DataFrame, nights: list[list[Night]]) -> Figure:
     for name, title in titles.items():
         axes[name].set_title(f"({name}) {title}", loc="left", fontsize="medium")
     for each in axes.values():
-        frame(each)
+        figures.frame(each)
     shared_legend(figure)
     return figure
 
@@ -114,7 +110,7 @@ def _clock(axes: Axes, low: int, high: int, every: int) -> None:
     axes.set_xticks(ticks, [f"{(12 + tick // 60) % 24}:00" for tick in ticks])
     axes.set_xlabel("time of day")
     axes.set_ylim(0.0)
-    number_axis(axes.yaxis)
+    figures.number_axis(axes.yaxis)
 
 
 def _draw_day(power: Axes, present: Axes, lines: FloatArray) -> None:
@@ -122,7 +118,7 @@ def _draw_day(power: Axes, present: Axes, lines: FloatArray) -> None:
     power.fill_between(TIMES, uncontrolled, color="0.86", label="charging if nobody held back")
     power.plot(TIMES, total, color=colour(0), linewidth=1.3, label="charging")
     power.plot(TIMES, capacity, color=colour(1), linewidth=1.8, label="capacity left by the houses")
-    present.plot(TIMES, here, color=REFERENCE, drawstyle="steps-post")
+    present.plot(TIMES, here, color=figures.REFERENCE, drawstyle="steps-post")
     for axes, label in ((power, "power (kW)"), (present, "vehicles")):
         _clock(axes, 120, 1320, 240)
         axes.set_ylabel(label)
@@ -133,8 +129,8 @@ def _draw_day(power: Axes, present: Axes, lines: FloatArray) -> None:
 
 def _draw_progress(axes: Axes, progress: FloatArray) -> None:
     axes.plot(100 * SHARES, 100 * progress, color=colour(0), linewidth=0.6, alpha=0.7)
-    axes.plot([], [], color=colour(0), linewidth=0.8, alpha=0.7, label="one vehicle")
-    axes.plot([0, 100], [0, 100], "--", color=REFERENCE, linewidth=1.4, label="just in time")
+    figures.named(axes, "one vehicle", color=colour(0), linewidth=0.8, alpha=0.7)
+    axes.plot([0, 100], [0, 100], "--", color=figures.REFERENCE, linewidth=1.4, label="just in time")
     axes.set(xlabel="part of the stay that is over (%)", ylabel="energy delivered (% of the need)")
     axes.set(xlim=(0, 100), ylim=(0, 103))
 
@@ -145,8 +141,8 @@ def _draw_error(axes: Axes, table: pd.DataFrame, nights: list[list[Night]]) -> N
         shade, marker = colour(place + 1), " os"[place]
         axes.errorbar(LOOKS, mean, 2 * error, color=shade, marker=marker, markersize=4.0, label=name)
         luck = 100 * numbers(table, "theory", channel=_LOSSY, measure=_ERROR)[place - 1]
-        axes.plot(SPAN, [luck, luck], ":", color=REFERENCE, linewidth=1.8)
-    axes.plot([], [], ":", color=REFERENCE, linewidth=1.8, label="luck alone, by theory")
+        axes.plot(SPAN, [luck, luck], ":", color=figures.REFERENCE, linewidth=1.8)
+    figures.named(axes, "luck alone, by theory", ":", linewidth=1.8)
     axes.set_ylabel("distance of averages\nfrom the optimum (%)")
     _clock(axes, 360, 900, 120)
 
@@ -162,27 +158,27 @@ def _draw_above(axes: Axes, table: pd.DataFrame) -> None:
         axes.text(2.0, 0.28 - place, words, va="bottom", fontsize="small")
     axes.set_yticks([])
     axes.set(xlabel="minutes above the capacity", ylim=(-3.4, 0.8), xlim=(0.0, None))
-    number_axis(axes.xaxis)
+    figures.number_axis(axes.xaxis)
 
 
-def _value(table: pd.DataFrame, channel: str, measure: str, average: str = "") -> tuple[float, float]:
+def _value(table: pd.DataFrame, channel: str, measure: str, **average: str) -> tuple[float, float]:
     """Look up a mean and its error, of the average over all of the stay unless it is said."""
-    rows = table[(table["channel"] == channel) & (table["measure"] == measure)]
-    row = rows[rows["average"] == average] if average else rows
-    return float(row["mean"].iloc[0]), float(row["standard_error"].iloc[0])
+    wanted = {"channel": channel, "measure": measure, **average}
+    return number(table, **wanted), number(table, "standard_error", **wanted)
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
-    def mean(channel: str, measure: str, average: str = "") -> float:
-        return _value(table, channel, measure, average)[0]
+    def mean(channel: str, measure: str, **average: str) -> float:
+        return number(table, channel=channel, measure=measure, **average)
 
     def both(channel: str, measure: str, scale: float = 1.0) -> str:
         value, error = _value(table, channel, measure)
         return f"{scale * value:.1f} ± {abs(scale) * error:.1f}"
 
     ratio, rate = mean(_LOSSY, _SIGNALS) / mean(_PERFECT, _SIGNALS), 1.0 / (1.0 - LOSS)
-    allowed = numbers(table, "theory", channel=_LOWERED, measure=_ABOVE)[0]
+    allowed = number(table, "theory", channel=_LOWERED, measure=_ABOVE)
     luck = 100 * numbers(table, "theory", channel=_LOSSY, measure=_ERROR)
+    stay, forget = (100 * mean(_LOSSY, _ERROR, average=name) for name in (_STAY, _FORGET))
     return [
         (
             f"{100 * mean(_LOSSY, 'energy missing'):.1f} % of the energy needed is missing when vehicles "
@@ -208,8 +204,8 @@ def _findings(table: pd.DataFrame) -> list[str]:
         ),
         (
             f"With averages that forget, vehicles are full {both(_OTHER, _SPARE, 60.0)} minutes earlier. "
-            f"These averages are {100 * mean(_LOSSY, _ERROR, _FORGET):.1f} % from the optimum in force "
-            f"around midnight, and {100 * mean(_LOSSY, _ERROR, _STAY):.1f} % over all of the stay; luck "
+            f"These averages are {forget:.1f} % from the optimum in force "
+            f"around midnight, and {stay:.1f} % over all of the stay; luck "
             f"alone is {luck[1]:.1f} and {luck[0]:.1f} %."
         ),
     ]
