@@ -10,7 +10,8 @@ from aimd_des.compensation import Compensation, EstimatedLoss
 from scenarios.common.measure import distance
 from scenarios.common.replicate import jackknife, mean_and_error
 from scenarios.common.systems import memory_alone, spread
-from scenarios.robust_responses.theory import MEMORY, critical, estimate, misallocation, rate
+from scenarios.common.theory import critical, rate
+from scenarios.robust_responses.theory import MEMORY, believed_loss, misallocation
 from tests.conftest import quietly
 
 # Four replications: by Student's t with 3 degrees of freedom a mean is so far off once in 200.
@@ -50,7 +51,7 @@ def measured(unit: Crossing, until: float = 800.0, **channel: Any) -> tuple[Any,
 def test_a_hold_off_that_adapts_saves_signals_under_latency_if_it_is_bounded() -> None:
     (short, its_bits), (error, _) = measured(Crossing(0.25), latency=8.0)
     (bounded, bits), (own, bits_error) = measured(Crossing(0.25, longest=1.25), latency=8.0)
-    assert 1.25 < 1 / rate() < 2.0
+    assert 1.25 < 1 / rate(MEMORY) < 2.0
     assert bits + Z * bits_error < 0.65 * its_bits
     assert abs(bounded - 1.0) + Z * own < 0.1
     assert short + Z * error < 0.9
@@ -62,7 +63,7 @@ def test_a_hold_off_that_adapts_saves_signals_under_latency_if_it_is_bounded() -
 
 @pytest.mark.slow
 def test_a_hold_off_that_adapts_survives_as_much_loss_as_a_short_one() -> None:
-    assert critical(1.0) < 0.7 < critical(0.25)
+    assert critical(MEMORY, 1.0) < 0.7 < critical(MEMORY, 0.25)
     for longest in (1.25, 8.0):
         (held, _), (error, _) = measured(Crossing(0.25, longest=longest), loss=0.7)
         assert held + Z * error < 1.0
@@ -77,7 +78,7 @@ def test_numbers_that_wrap_around_leave_what_the_chain_says() -> None:
     for bits in (2, 3):
         found = runs(Crossing(0.1), BroadcastChannel(loss=LOSS), 3000.0, problem, EstimatedLoss(bits))
         value, error = jackknife([run.average_at_end for run in found], lambda mean: distance(problem, mean))
-        believed = np.array([estimate(p, bits) for p in LOSS.tolist()])
+        believed = np.array([believed_loss(p, bits) for p in LOSS.tolist()])
         expected = misallocation(problem, LOSS, believed, 0.0)
         assert abs(value[0] - expected[0]) < Z * error[0] + 0.002
         # Negative control: as if nobody were ever mistaken, or nobody made good for anything.
@@ -86,10 +87,10 @@ def test_numbers_that_wrap_around_leave_what_the_chain_says() -> None:
 
 
 def test_the_chain_by_hand() -> None:
-    assert estimate(0.3, 8) == 0.3
-    assert estimate(0.3, 5) == pytest.approx(0.3, abs=1e-6)
-    assert estimate(0.0, 2) == pytest.approx(0.0)
+    assert believed_loss(0.3, 8) == 0.3
+    assert believed_loss(0.3, 5) == pytest.approx(0.3, abs=1e-6)
+    assert believed_loss(0.0, 2) == pytest.approx(0.0)
     # Two bits, by the balance of the four states, 1 : p : p^2 : p^2.  Who hears the next number moves one
     # step on, who has lost one moves two; at p = 1/2 these are as many steps as signals heard.
-    assert estimate(0.5, 2) == pytest.approx(0.0, abs=1e-12)
-    assert estimate(1 / 3, 2) == pytest.approx(1 / 15, rel=1e-12)
+    assert believed_loss(0.5, 2) == pytest.approx(0.0, abs=1e-12)
+    assert believed_loss(1 / 3, 2) == pytest.approx(1 / 15, rel=1e-12)

@@ -1,6 +1,7 @@
 """The figure of `robust_responses`: in each column what is won above, and what it costs below."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -8,28 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aimd_des.plots import colour
-from aimd_des.plots.style import REFERENCE, frame, number_axis
-
-__all__ = ["draw"]
-
-_MARKS = "os^D"
+from scenarios.common import figures
+from scenarios.common.tables import pick
 
 
 def draw(table: pd.DataFrame, critical: Mapping[str, float]) -> Figure:
-    """Draw compensation of loss, thresholds, and hold-offs under latency and loss.
-
-    Parameters
-    ----------
-    table : DataFrame
-        All numbers of the study.
-    critical : mapping of str to float
-        Critical loss of each hold-off, by theory.
-
-    Returns
-    -------
-    Figure
-        Four columns of two panels.
-    """
+    """Draw compensation of loss, thresholds, and hold-offs with their critical losses, in four columns."""
     figure = Figure(figsize=(13.0, 7.4), layout="constrained")
     panels = figure.subplots(2, 4, sharex="col")
     _losses(panels[:, 0], table)
@@ -39,7 +24,7 @@ def draw(table: pd.DataFrame, critical: Mapping[str, float]) -> Figure:
     for name, place in (("fixed 0.25", 0), ("fixed 1", 1)):
         for axes in panels[:, 3]:
             axes.axvline(critical[name], color=colour(place), linewidth=1.0, linestyle="--")
-    panels[0, 3].plot([], [], color=REFERENCE, linewidth=1.0, linestyle="--", label="critical loss by theory")
+    figures.named(panels[0, 3], "critical loss by theory", "--", linewidth=1.0)
     titles = (
         "(a) Losses 0 to 0.5: who answers\nmore often gets the right share",
         "(b) A lower threshold keeps\ndemand below the capacity",
@@ -60,25 +45,19 @@ def draw(table: pd.DataFrame, critical: Mapping[str, float]) -> Figure:
             handlelength=1.6,
         )
     for axes in panels.flat:
-        frame(axes)
+        figures.frame(axes)
     return figure
 
 
 def _bars(
     axes: Axes, rows: pd.DataFrame, place: int, label: str = "", *, scale: float = 1.0, joined: bool = True
 ) -> None:
-    axes.errorbar(
-        rows["at"],
-        scale * rows["mean"],
-        2.0 * scale * rows["standard_error"],
-        fmt=_MARKS[place],
-        linestyle=":" if joined else "none",
-        linewidth=0.8,
-        color=colour(place),
-        markersize=6.5 - place,
-        capsize=2.5,
-        label=label,
-    )
+    look: dict[str, Any] = {
+        "linestyle": ":" if joined else "none",
+        "linewidth": 0.8,
+        "markersize": 6.5 - place,
+    }
+    figures.points(axes, rows["at"], rows, place, label, scale=scale, **look)
 
 
 def _losses(panels: "np.ndarray[tuple[int], np.dtype[np.object_]]", table: pd.DataFrame) -> None:
@@ -93,17 +72,17 @@ def _losses(panels: "np.ndarray[tuple[int], np.dtype[np.object_]]", table: pd.Da
     for place, (dynamics, resource) in enumerate(kinds):
         rows = table[(table["panel"] == f"loss, {dynamics}") & (table["resource"] == resource)].copy()
         rows["at"] = rows["setting"].map(ways.index) + 0.12 * (place - 1.5)
-        pick = {measure: rows[rows["measure"] == measure] for measure in rows["measure"].unique()}
-        _bars(top, pick["misallocation"], place, f"{dynamics}, {resource}", scale=100.0, joined=False)
-        pooled = pick["misallocation of the mean"]
+        single, label = pick(rows, measure="misallocation"), f"{dynamics}, {resource}"
+        _bars(top, single, place, label, scale=100.0, joined=False)
+        pooled = pick(rows, measure="misallocation of the mean")
         top.plot(pooled["at"], 100 * pooled["theory"].where(pooled["theory"] > 0.004), "_k", markersize=10)
-        _bars(bottom, pick["bits"], place, joined=False)
-    top.plot([], [], "_k", markersize=10, label="theory")
-    top.axhline(2.0, color=REFERENCE, linewidth=1.0, linestyle=":")
+        _bars(bottom, pick(rows, measure="bits"), place, joined=False)
+    figures.named(top, "theory", "_", color="black", markersize=10)
+    figures.level(top, 2.0)
     for axes, label in ((top, "misallocation of a single run (%)"), (bottom, "bits per unit of time")):
         axes.set_yscale("log")
         axes.set_ylabel(label)
-        number_axis(axes.yaxis)
+        figures.number_axis(axes.yaxis)
     bottom.set_xticks(range(len(ways)), ways, rotation=40)
     bottom.set_xlabel("what agents know of their loss")
 
@@ -112,17 +91,17 @@ def _thresholds(panels: "np.ndarray[tuple[int], np.dtype[np.object_]]", table: p
     top, bottom = panels
     for place, name in enumerate(dict.fromkeys(table["setting"])):
         rows = table[table["setting"] == name]
-        _bars(top, rows[rows["measure"] == "above"], place, name, scale=100.0)
-        used = rows[rows["measure"] == "used"]
+        _bars(top, pick(rows, measure="above"), place, name, scale=100.0)
+        used = pick(rows, measure="used")
         _bars(bottom, used, place, scale=100.0)
-        bottom.plot(used["at"], 100 * used["theory"], color=colour(place), linewidth=1.4)
-    top.axhline(1.0, color=REFERENCE, linewidth=1.0, linestyle=":")
-    top.plot([], [], color=REFERENCE, linewidth=1.4, label="theory")
+        figures.theory(bottom, used["at"], used, place, scale=100.0)
+    figures.level(top, 1.0)
+    figures.named(top, "theory")
     top.set_ylabel("time above the capacity (%)")
     bottom.set_ylabel("mean total demand (% of the capacity)")
     bottom.set_xlabel("latency (control periods)")
     for axes in panels:
-        number_axis(axes.yaxis)
+        figures.number_axis(axes.yaxis)
 
 
 def _hold_offs(
@@ -130,12 +109,12 @@ def _hold_offs(
 ) -> None:
     for axes, measure in zip(panels, ("used", "bits"), strict=True):
         for place, name in enumerate(dict.fromkeys(table["setting"])):
-            rows = table[(table["setting"] == name) & (table["measure"] == measure)]
+            rows = pick(table, setting=name, measure=measure)
             _bars(axes, rows, place, f"hold-off {name}")
-            axes.plot(rows["at"], rows["theory"], color=colour(place), linewidth=1.4)
-        number_axis(axes.yaxis)
-    panels[0].axhline(1.0, color=REFERENCE, linewidth=1.0, linestyle=":")
-    panels[0].plot([], [], color=REFERENCE, linewidth=1.4, label="theory")
+            figures.theory(axes, rows["at"], rows, place)
+        figures.number_axis(axes.yaxis)
+    figures.level(panels[0], 1.0)
+    figures.named(panels[0], "theory")
     panels[0].set_ylabel("mean total demand over capacity")
     panels[1].set_ylabel("bits per unit of time")
     panels[1].set_xlabel(what)

@@ -1,9 +1,9 @@
 """The study: what is run, and what is made of it."""
 
 import dataclasses
-import warnings
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,14 +18,16 @@ from aimd_des.control_unit import Crossing, Sampled
 from aimd_des.problem import Problem
 from aimd_des.recording import Recording
 from aimd_des.simulation import Simulation
+from aimd_des.study import jackknife, replicate
 from models.smart_cameras import smart_cameras
-from scenarios.common.command import Study, command
-from scenarios.common.measure import distance
-from scenarios.common.replicate import jackknife, replicate, summarise
+from scenarios.common.command import Finding, command
+from scenarios.common.measure import distance, quietly
 from scenarios.common.systems import memory_alone, spread
+from scenarios.common.tables import estimate, number, shown, summarise
+from scenarios.common.theory import critical, held, rate
 from scenarios.robust_responses.figure import draw
-from scenarios.robust_responses.text import findings, shown
-from scenarios.robust_responses.theory import MEMORY, critical, estimate, held, misallocation, rate
+from scenarios.robust_responses.text import findings
+from scenarios.robust_responses.theory import MEMORY, believed_loss, misallocation
 
 __all__ = ["main", "study"]
 
@@ -57,7 +59,7 @@ class _Threshold(NamedTuple):
     used_safe: float
 
 
-def study(quick: bool = False, seed: int = 0) -> Study:
+def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run compensation of loss, thresholds below 1, and hold-offs that adapt.
 
     Parameters
@@ -66,31 +68,36 @@ def study(quick: bool = False, seed: int = 0) -> Study:
         Whether to run the small size.
     seed : int
         Of the first replication.
+    runs : Path, optional
+        The folder of the runs; those that are there are not run again.
 
     Returns
     -------
-    Study
-        A pure function of the arguments.
+    Finding
+        A pure function of the size and the seed.
     """
     replications, long, short = (2, 500.0, 200.0) if quick else (4, 20_000.0, 5000.0)
-    workers = 1 if quick else None
+    how: dict[str, Any] = {"workers": 1 if quick else None, "out": runs}
     waits = [
         (hold_off, latency) for hold_off in ((0.5,) if quick else (0.5, 1.0)) for latency in _delays(quick)
     ]
     jobs = [partial(_threshold, *wait) for wait in waits]
-    found = replicate(jobs, 1, seed, workers=workers)
+    found = replicate(jobs, 1, seed, **how)
     safe = {wait: outcome[0] for wait, outcome in zip(waits, found, strict=True)}
     cases = [*_answers(quick, long), *_thresholds(safe, short), *_hold_offs(quick, short)]
-    outcomes = replicate([partial(_measure, case) for case in cases], replications, seed, workers=workers)
+    outcomes = replicate([partial(_measure, case) for case in cases], replications, seed, **how)
     table = _table(cases, outcomes)
     table["theory"] = [_expected(row, table, safe) for row in table.to_dict("records")]
-    return Study(
+    wide = table["panel"].str.startswith("loss, ")
+    printed = table["measure"].str.startswith("misallocation").where(wide, table["measure"] != "signals")
+    limits = {name: critical(MEMORY, unit.refractory) for name, unit in _UNITS.items()}
+    return Finding(
         "robust_responses",
         {"seed": seed, "replications": replications, "until, losses": long, "until, delays": short},
         table,
-        shown(table),
+        shown(table[printed], ["panel", "setting", "at", "resource", "measure"]),
         findings(table, tuple(_UNITS)),
-        {"robust_responses": draw(table, {name: critical(_UNITS[name].refractory) for name in _UNITS})},
+        {"robust_responses": draw(table, limits)},
     )
 
 
@@ -158,9 +165,7 @@ def _measure(case: _Case, seed: int) -> tuple[pd.DataFrame, FloatArray]:
     simulation = Simulation(
         case.problem, agents=Fleet, seed=seed, recording=Recording(demand=[case.until]), **case.parts
     )
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
-        result = simulation.run(case.until)
+    result = quietly(simulation, case.until)
     return result.summary(), result.average_at_end
 
 
@@ -177,14 +182,13 @@ def _table(cases: Sequence[_Case], outcomes: list[list[tuple[pd.DataFrame, Float
                     numbers |= {"misallocation": seen["misallocation"], "saturated": float(seen["saturated"])}
                 rows.append({**case.labels, "resource": name, **numbers})
         if compensated:
-            value, error = jackknife([average for _, average in runs], partial(distance, case.problem))
-            for j, name in enumerate(case.problem.resource_names):
-                found = {"mean": value[j], "standard_error": error[j], "replications": len(runs)}
-                pooled.append(
-                    {**case.labels, "resource": name, "measure": "misallocation of the mean", **found}
-                )
+            values, errors = jackknife([average for _, average in runs], partial(distance, case.problem))
+            names = case.problem.resource_names
+            for name, *found in zip(names, values, errors, strict=True):
+                labels = {**case.labels, "resource": name}
+                pooled.append(estimate(labels, "misallocation of the mean", (found[0], found[1]), len(runs)))
     single = summarise(rows, ["panel", "setting", "at", "threshold", "resource"]).dropna(subset="mean")
-    return pd.concat([single, pd.DataFrame(pooled)], ignore_index=True)
+    return pd.concat([single, pd.DataFrame(pooled).drop(columns="theory")], ignore_index=True)
 
 
 def _threshold(hold_off: float, latency: float, _seed: int) -> _Threshold:
@@ -200,7 +204,7 @@ def _compensated(row: dict[Any, Any], signals: float) -> float:
     problem = _SHARED[dynamics]
     believed = {"nothing": np.zeros(len(_LOSS)), "known": _LOSS}.get(row["setting"])
     if believed is None:
-        believed = np.array([estimate(p, int(row["at"])) for p in _LOSS.tolist()])
+        believed = np.array([believed_loss(p, int(row["at"])) for p in _LOSS.tolist()])
     found = misallocation(problem, _LOSS, believed, signals if dynamics == "discrete" else 0.0)
     return float(found[problem.resource_names.index(row["resource"])])
 
@@ -208,8 +212,7 @@ def _compensated(row: dict[Any, Any], signals: float) -> float:
 def _expected(row: dict[Any, Any], table: pd.DataFrame, safe: dict[tuple[float, float], _Threshold]) -> float:
     """Predict one number of the table; NaN where there is no formula."""
     panel, setting, at, measure = row["panel"], row["setting"], row["at"], row["measure"]
-    same = (table["panel"] == panel) & (table["setting"] == setting) & (table["at"] == at)
-    signals = float(table.loc[same & (table["measure"] == "signals"), "mean"].iloc[0])
+    signals = number(table, panel=panel, setting=setting, at=at, measure="signals")
     if panel.startswith("loss, "):
         return _compensated(row, signals) if measure == "misallocation of the mean" else np.nan
     if panel == "threshold":
@@ -220,9 +223,11 @@ def _expected(row: dict[Any, Any], table: pd.DataFrame, safe: dict[tuple[float, 
         return np.nan
     unit, latency, loss = _UNITS[setting], at * (panel == "latency"), at * (panel == "loss")
     if unit.longest is None or latency == 0.0:  # without latency nothing makes a hold-off longer
-        return held(unit.refractory, latency, loss)[int(measure == "used")]
+        return held(MEMORY, unit.refractory, latency, loss, knows_hold_off=True)[int(measure == "used")]
     # Where signals no longer suffice, their number as measured says where demand comes to rest.
-    return held(1.0 / signals, latency, 0.0)[1] if measure == "used" and signals < 0.5 * rate() else np.nan
+    if measure != "used" or signals >= 0.5 * rate(MEMORY):
+        return np.nan
+    return held(MEMORY, 1.0 / signals, latency, knows_hold_off=True)[1]
 
 
 main = command(

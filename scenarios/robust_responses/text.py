@@ -3,44 +3,10 @@
 from collections.abc import Sequence
 from functools import partial
 
-import numpy as np
 import pandas as pd
 
-from scenarios.robust_responses.theory import critical, rate
-
-__all__ = ["findings", "shown"]
-
-
-def shown(table: pd.DataFrame) -> pd.DataFrame:
-    """Choose what is printed.
-
-    Parameters
-    ----------
-    table : DataFrame
-        All numbers of the study.
-
-    Returns
-    -------
-    DataFrame
-        Text, one row a line.
-    """
-    compensated = table["panel"].str.startswith("loss, ")
-    wanted = np.where(
-        compensated, table["measure"].str.startswith("misallocation"), table["measure"] != "signals"
-    )
-    return pd.DataFrame(
-        [
-            {
-                "panel": f"{row['panel']}: {row['setting']}",
-                "at": f"{row['at']:g}",
-                "resource": row["resource"],
-                "measure": row["measure"],
-                "theory": "" if np.isnan(row["theory"]) else f"{row['theory']:.4f}",
-                "simulation": f"{row['mean']:.4f} ± {row['standard_error']:.4f}",
-            }
-            for row in table[wanted].to_dict("records")
-        ]
-    )
+from scenarios.common.theory import critical, rate
+from scenarios.robust_responses.theory import MEMORY
 
 
 def _pick(table: pd.DataFrame, panel: str, setting: str, measure: str) -> pd.DataFrame:
@@ -58,20 +24,7 @@ def _span(rows: pd.DataFrame) -> str:
 
 
 def findings(table: pd.DataFrame, hold_offs: Sequence[str]) -> list[str]:
-    """Say what the numbers say.
-
-    Parameters
-    ----------
-    table : DataFrame
-        All numbers of the study.
-    hold_offs : sequence of str
-        Names of the fixed ones and of those that adapt.
-
-    Returns
-    -------
-    list of str
-        In sentences.
-    """
+    """Say in sentences what the numbers say of losses, thresholds, and hold-offs with these names."""
     found = []
     for dynamics in ("continuous", "discrete"):
         for way in dict.fromkeys(table.loc[table["panel"] == f"loss, {dynamics}", "setting"]):
@@ -101,8 +54,8 @@ def findings(table: pd.DataFrame, hold_offs: Sequence[str]) -> list[str]:
                 f"mean demand {_span(pick('used'))} of the capacity, {_span(pick('bits'))} bits per unit of "
                 f"time, above the capacity for {_span(pick('above'))} of the time."
             )
-    limits = " and ".join(f"{critical(hold_off):.2f}" for hold_off in (0.25, 1.0))
+    limits = " and ".join(f"{critical(MEMORY, hold_off):.2f}" for hold_off in (0.25, 1.0))
     found.append(
-        f"1 / rho is {1 / rate():.2f}; hold-offs of 0.25 and 1 survive losses up to {limits} by theory."
+        f"1 / rho is {1 / rate(MEMORY):.2f}; hold-offs of 0.25 and 1 survive losses up to {limits} by theory."
     )
     return found
