@@ -3,10 +3,9 @@
 import json
 import platform
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib.metadata import version
-from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +45,8 @@ class Finding:
         Texts to write beside, by the name of their file.
     title : str
         Of what is printed; name and settings unless given.
+    record : dict
+        What the provenance holds besides.
     """
 
     name: str
@@ -56,6 +57,7 @@ class Finding:
     figures: dict[str, Figure] = field(default_factory=dict)
     pages: dict[str, str] = field(default_factory=dict)
     title: str = ""
+    record: dict[str, Any] = field(default_factory=dict)
 
 
 def write(found: Finding, out: Path, *, overwrite: bool = False) -> None:
@@ -64,6 +66,7 @@ def write(found: Finding, out: Path, *, overwrite: bool = False) -> None:
     provenance = {
         "scenario": found.name,
         **found.settings,
+        **found.record,
         "findings": found.findings,
         "versions": {
             "aimd_des": aimd_des.__version__,
@@ -87,12 +90,10 @@ class _Refusal(click.ClickException):
     exit_code = 2
 
 
-#: What those studies say that are still to be moved.
-Study = Finding
-
-
 def command(
-    name: str, study: Callable[..., Finding], question: str, _more: Sequence[click.Option] = ()
+    name: str,
+    study: Callable[..., Finding],
+    question: str,
 ) -> click.Command:
     """Make the command of a study: a function of whether it is quick, its seed and the folder of its runs."""
 
@@ -102,8 +103,7 @@ def command(
             seed = checks.integer("seed", seed, low=0)
             place = check_folder(out, overwrite=overwrite, mark=f"{name}.json")
             with console.status(question):
-                given = {"runs": runs} if "runs" in signature(study).parameters else {}
-                found = study(quick, seed, **given)
+                found = study(quick, seed, runs)
             write(found, out, overwrite=overwrite)
         except InputError as refusal:
             raise _Refusal(str(refusal)) from None

@@ -1,16 +1,12 @@
 """The paper's numbers beside ours: the table of `scenarios.paper`."""
 
 from collections.abc import Hashable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 
 from models.smart_cameras import INCREASES
-
-if TYPE_CHECKING:
-    from scenarios.paper.study import PaperStudy
-
-__all__ = ["CAPACITY_EVENTS", "ERROR_BOUND", "PAPER_STEPS", "caption", "grid", "table"]
+from scenarios.paper.types import PaperStudy
 
 #: What the paper reports: capacity events in 30,000 steps, and a bound for the relative error.
 CAPACITY_EVENTS = {"memory": 11_427, "disk": 11_988, "bandwidth": 8_355}
@@ -28,19 +24,11 @@ _MEASURES = (
 )
 
 
-def table(study: "PaperStudy") -> pd.DataFrame:
-    """Put the paper's numbers beside ours.
+def table(study: PaperStudy) -> pd.DataFrame:
+    """Put the paper's numbers beside ours, a row for each increase, lag, measure and resource.
 
-    Parameters
-    ----------
-    study : PaperStudy
-        What was found.
-
-    Returns
-    -------
-    DataFrame
-        Columns: increase, lag, measure, resource, paper (its capacity events scaled to the steps
-        of the study), this_run (the first draw), mean, std (over the draws).
+    Further columns: paper (its capacity events scaled to the steps of the study), this_run (the first draw),
+    mean and std (over the draws).
     """
     rows = []
     for (increase, lag), case in study.measures.groupby(["increase", "lag"], sort=False):
@@ -75,19 +63,8 @@ def _paper(column: str, resource: str, steps: int) -> str:
     return {"relative_error": f"below {ERROR_BOUND:g}", "cost_ratio": "close to 1"}.get(column, "")
 
 
-def grid(study: "PaperStudy") -> tuple[list[str], list[list[str]]]:
-    """Lay out the table for readers, both lags side by side.
-
-    Parameters
-    ----------
-    study : PaperStudy
-        What was found.
-
-    Returns
-    -------
-    header, rows : list of str, list of list of str
-        The last row is disk with the increase as printed.
-    """
+def grid(study: PaperStudy) -> tuple[list[str], list[list[str]]]:
+    """Lay out the table for readers, both lags side by side; the last row is disk's increase as printed."""
     header = ["measure", "resource", "paper", "run, lag 1", "draws, lag 1", "run, lag 0", "draws, lag 0"]
     numbers = {
         (row["increase"], row["lag"], row["measure"], row["resource"]): row
@@ -116,19 +93,8 @@ def _cells(row: dict[Hashable, Any], factor: int, form: str) -> list[str]:
     return [this, f"{mean} ± {std}"]
 
 
-def caption(study: "PaperStudy") -> str:
-    """Say what the table shows.
-
-    Parameters
-    ----------
-    study : PaperStudy
-        What was found.
-
-    Returns
-    -------
-    str
-        A heading.
-    """
+def caption(study: PaperStudy) -> str:
+    """Say what the table shows, as a heading."""
     return (
         f"60 cameras, {study.steps:,} steps: the run with seed {study.seed}, "
         f"and mean ± standard deviation over {study.draws} draws of the costs"

@@ -1,31 +1,14 @@
 """Where the paper's word and the figures differ: the sentences of `scenarios.paper`."""
 
-from typing import TYPE_CHECKING
-
 import pandas as pd
 
 from models.smart_cameras import INCREASES
 from scenarios.paper.table import CAPACITY_EVENTS, ERROR_BOUND, PAPER_STEPS, caption, grid
-
-if TYPE_CHECKING:
-    from scenarios.paper.study import PaperStudy
-
-__all__ = ["markdown", "sentences"]
+from scenarios.paper.types import PaperStudy
 
 
-def markdown(study: "PaperStudy") -> str:
-    """Write table and sentences as Markdown.
-
-    Parameters
-    ----------
-    study : PaperStudy
-        What was found.
-
-    Returns
-    -------
-    str
-        A page.
-    """
+def markdown(study: PaperStudy) -> str:
+    """Write table and sentences as a page of Markdown."""
     header, rows = grid(study)
     lines = [
         "# The paper's experiment",
@@ -41,19 +24,8 @@ def markdown(study: "PaperStudy") -> str:
     return "\n".join(lines) + "\n"
 
 
-def sentences(study: "PaperStudy") -> list[str]:
-    """Say where the paper's word and the figures differ, in computed numbers.
-
-    Parameters
-    ----------
-    study : PaperStudy
-        What was found.
-
-    Returns
-    -------
-    list of str
-        One or a few sentences for each point.
-    """
+def sentences(study: PaperStudy) -> list[str]:
+    """Say where the paper's word and the figures differ, in computed numbers, a few sentences a point."""
     scaled = f"The paper's capacity events are scaled from {PAPER_STEPS:,} to {study.steps:,} steps."
     return [
         *([] if study.steps == PAPER_STEPS else [scaled]),
@@ -66,19 +38,19 @@ def sentences(study: "PaperStudy") -> list[str]:
     ]
 
 
-def _case(study: "PaperStudy", lag: int, increase: str = "as_run") -> pd.DataFrame:
+def _case(study: PaperStudy, lag: int, increase: str = "as_run") -> pd.DataFrame:
     """Take the measures of one way of running, all draws and resources."""
     rows = study.measures
     return rows[(rows["increase"] == increase) & (rows["lag"] == lag)]
 
 
-def _first(study: "PaperStudy") -> pd.DataFrame:
+def _first(study: PaperStudy) -> pd.DataFrame:
     """Take the measures of the run that is drawn, one row per resource."""
     case = _case(study, 1)
     return case[case["draw"] == 0]
 
 
-def _events(study: "PaperStudy", lag: int, resource: str, increase: str = "as_run") -> tuple[str, float]:
+def _events(study: PaperStudy, lag: int, resource: str, increase: str = "as_run") -> tuple[str, float]:
     """Sum up capacity events: mean and spread in words, and standard deviations to the paper's number."""
     case = _case(study, lag, increase)
     drawn = case.loc[case["resource"] == resource, "signals"]
@@ -99,7 +71,7 @@ def _join(texts: list[str]) -> str:
     return f"{', '.join(texts[:-1])} and {texts[-1]}"
 
 
-def _alpha(study: "PaperStudy") -> str:
+def _alpha(study: PaperStudy) -> str:
     """Tell which additive increase of disk was run."""
     gives, far = {}, {}
     for increase, alphas in INCREASES.items():
@@ -116,7 +88,7 @@ def _alpha(study: "PaperStudy") -> str:
     )
 
 
-def _cost(study: "PaperStudy") -> str:
+def _cost(study: PaperStudy) -> str:
     """Explain why the cost ratio is not 1."""
     first, drawn = _first(study), _case(study, 1)["cost_ratio"]
     ratio, use = float(first["cost_ratio"].iloc[0]), float(first["cost_of_use"].iloc[0])
@@ -130,7 +102,7 @@ def _cost(study: "PaperStudy") -> str:
     )
 
 
-def _split(study: "PaperStudy") -> str:
+def _split(study: PaperStudy) -> str:
     """Split the relative error into what is unused and what is shared wrongly."""
     first = _first(study)
     return (
@@ -141,7 +113,7 @@ def _split(study: "PaperStudy") -> str:
     )
 
 
-def _lag(study: "PaperStudy") -> str:
+def _lag(study: PaperStudy) -> str:
     """Tell which lag fits the paper's bound of the relative error."""
     spans, fits = {}, {}
     for lag in (1, 0):
@@ -160,7 +132,7 @@ def _lag(study: "PaperStudy") -> str:
     )
 
 
-def _peaks(study: "PaperStudy") -> str:
+def _peaks(study: PaperStudy) -> str:
     """Tell what counts and peaks say of the lag."""
     counts, peaks, largest = {}, {}, 0.0
     for lag in (1, 0):
@@ -180,7 +152,7 @@ def _peaks(study: "PaperStudy") -> str:
     )
 
 
-def _event_driven(study: "PaperStudy") -> str:
+def _event_driven(study: PaperStudy) -> str:
     """Say whether the event-driven simulation is the same system."""
     steps = study.event_driven_steps
     if not study.same_digests:

@@ -1,0 +1,43 @@
+"""What the study of the paper's experiment found."""
+
+from dataclasses import dataclass
+
+import pandas as pd
+
+from aimd_des.optimum import Optimum
+from aimd_des.results import Result
+
+
+@dataclass(frozen=True, eq=False)
+class PaperStudy:
+    """What the study found.
+
+    Attributes
+    ----------
+    steps, draws, seed : int
+        Length of each run, number of draws of the costs, and seed of the first; draw d has the
+        seed ``seed + d`` for its costs and for its responses.
+    measures : DataFrame
+        One row per increase, lag, draw and resource.  Columns: signals, relative_error,
+        misallocation, cost_ratio, overshoot_peak, overshoot_time as in `Result.summary`; unused,
+        the share of the capacity that the averages leave; cost_of_use, the cost of sharing optimally
+        what was used, over the optimal cost; peak_bound, one plus what all agents add, over the
+        capacity, before a signal acts.
+    results : tuple of Result
+        The run of each draw with the increase as run and the lag as printed; the first is recorded.
+    optimum : Optimum
+        For the first draw.
+    event_driven_steps : int
+        How far the event-driven simulation was held against the algorithm.
+    same_digests : bool
+        Whether latency 0.5 and latency 0 gave the digests of lag 1 and lag 0.
+    """
+
+    steps: int
+    draws: int
+    seed: int
+    measures: pd.DataFrame
+    results: tuple[Result, ...]
+    optimum: Optimum
+    event_driven_steps: int
+    same_digests: bool
