@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from aimd_des.checks import FloatArray
-from scenarios.common.replicate import mean_and_error
+from aimd_des.study import mean_and_error
 
 __all__ = ["Experiment", "Row", "Rule", "Size", "digest", "estimated", "frame", "markdown"]
 

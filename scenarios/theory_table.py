@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from aimd_des.study import replicate
 from scenarios._theory_classics import classics
 from scenarios._theory_figure import deviations
 from scenarios._theory_losses import compensated, critical, heterogeneous, runaway
@@ -16,7 +17,6 @@ from scenarios._theory_page import PAGE
 from scenarios._theory_rows import Size, digest, frame, markdown
 from scenarios._theory_signals import signals_and_utilisation
 from scenarios.common.command import Finding, command
-from scenarios.common.replicate import replicate
 
 __all__ = ["FULL", "QUICK", "main", "study"]
 

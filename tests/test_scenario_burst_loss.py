@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from aimd_des.study import mean_and_error, replicate
 from scenarios.burst_loss.runs import Bursts, Outcome, measure, smallest
 from scenarios.burst_loss.theory import level_shares, run_away
-from scenarios.common.replicate import mean_and_error, replicate
 from scenarios.common.systems import memory_alone
 
 PROBLEM = memory_alone()

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from aimd_des import theory
+from aimd_des.study import replicate
 from scenarios.capacity_drop.runs import QUADRATIC, Drop, Found, closed_form, measure, rows_of
-from scenarios.common.replicate import replicate
 
 # Standard errors by which a mean may be off: by Student's t with 7 degrees of freedom once in 1,000.
 Z = 5.4

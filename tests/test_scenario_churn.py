@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from aimd_des.interventions import Absence, Crash, Join
+from aimd_des.study import mean_and_error, replicate
 from scenarios.churn.runs import ALPHA, FORGOT, GROUP, KEPT, N, Seen, Size, leave_together, measure, schedule
 from scenarios.churn.theory import CRITICAL_STAY, fluid, kinds, optimum, steady
-from scenarios.common.replicate import mean_and_error, replicate
 
 SIZE = Size((80.0, np.inf), 6, 150.0, 400.0, 16, 150.0, 200.0, 300.0, 10.0)
 # By Student's t with 5 degrees of freedom, beyond once in 500 means.

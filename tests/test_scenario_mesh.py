@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from aimd_des import theory
-from scenarios.common.replicate import mean_and_error, replicate
+from aimd_des.study import mean_and_error, replicate
 from scenarios.common.systems import memory_alone
 from scenarios.mesh.runs import FLOOD, TREE, Mesh, Outcome, branches, measure, mesh, statistics
 

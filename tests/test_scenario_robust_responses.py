@@ -7,8 +7,8 @@ import pytest
 
 from aimd_des import BroadcastChannel, Crossing, Fleet, Problem, Recording, Simulation
 from aimd_des.compensation import Compensation, EstimatedLoss
+from aimd_des.study import jackknife, mean_and_error
 from scenarios.common.measure import distance
-from scenarios.common.replicate import jackknife, mean_and_error
 from scenarios.common.systems import memory_alone, spread
 from scenarios.common.theory import critical, rate
 from scenarios.robust_responses.theory import MEMORY, believed_loss, misallocation

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from aimd_des.averaging import Cumulative, Forgetting, Window
+from aimd_des.study import mean_and_error, replicate
 from scenarios.common.fluid import flow
-from scenarios.common.replicate import mean_and_error, replicate
 from scenarios.common.systems import memory_alone
 from scenarios.unusual_activity.runs import Seen, Size, fluid, groups, measure, reached, shares
 

@@ -16,12 +16,13 @@ from matplotlib.image import imread
 
 from aimd_des import theory
 from aimd_des.control_unit import Crossing
+from aimd_des.study import mean_and_error, replicate
 from models.smart_cameras import smart_cameras
 from scenarios import _theory_losses, _theory_signals
 from scenarios._theory_rows import Row, Rule, Size, digest, frame, markdown
 from scenarios.common.measure import Measures, Run, measure, measure_all
-from scenarios.common.replicate import jackknife, mean_and_error, replicate, summarise
 from scenarios.common.systems import memory_alone, spread
+from scenarios.common.tables import summarise
 from tests.conftest import python
 
 STORED = Path(__file__).parent / "data"
@@ -120,14 +121,6 @@ def test_the_studies_are_listed_with_their_questions() -> None:
         assert line.endswith("?")
 
 
-def _square(seed: int) -> float:
-    return float(seed**2)
-
-
-def test_replications_have_consecutive_seeds_and_share_them() -> None:
-    assert replicate([_square, partial(pow, 2)], 3, seed=4, workers=1) == [[16.0, 25.0, 36.0], [16, 32, 64]]
-
-
 @pytest.mark.slow
 def test_a_pool_gives_the_same_bits_as_one_process() -> None:
     run = Run(memory_alone(), 60.0, 20.0, "continuous", Crossing(0.5), loss=0.2)
@@ -137,19 +130,19 @@ def test_a_pool_gives_the_same_bits_as_one_process() -> None:
             assert np.array_equal(field, others)
 
 
-def test_means_errors_and_the_jackknife_of_a_mean() -> None:
-    values = np.array([[1.0, 2.0], [3.0, 2.0], [8.0, 2.0]])
-    mean, error = mean_and_error(values)
-    assert mean.tolist() == [4.0, 2.0]
-    assert error == pytest.approx([np.std([1, 3, 8], ddof=1) / np.sqrt(3), 0.0])
-    again, jackknifed = jackknife(list(values), lambda mean: mean)
-    assert again == pytest.approx(mean)
-    assert jackknifed == pytest.approx(error)
-    assert np.isnan(mean_and_error(values[:1])[1]).all()
-    table = summarise([{"a": "x", "b": 1.0}, {"a": "x", "b": 3.0}], ["a"])
-    assert table.to_dict("records") == [
-        {"a": "x", "measure": "b", "mean": 2.0, "standard_error": 1.0, "replications": 2}
+def test_rows_of_replications_become_means_a_measure_after_the_other() -> None:
+    rows = [{"a": a, "b": b, "c": 1.0} for a in "xy" for b in (1.0, 3.0)]
+    table = summarise(rows, ["a"])
+    assert list(table[["a", "measure"]].itertuples(index=False, name=None)) == [
+        (a, measure) for measure in "bc" for a in "xy"
     ]
+    assert table.to_dict("records")[0] == {
+        "a": "x",
+        "measure": "b",
+        "mean": 2.0,
+        "standard_error": 1.0,
+        "replications": 2,
+    }
 
 
 def test_measures_count_from_the_start_that_was_asked_for() -> None:

@@ -14,8 +14,6 @@ from matplotlib.ticker import FuncFormatter
 
 from aimd_des.checks import FloatArray
 
-__all__ = ["MAPS", "Map", "draw", "edges"]
-
 
 class Map(NamedTuple):
     """A measure and how it is shown.
@@ -52,21 +50,9 @@ _LEAST = 0.1  # percent: what is smaller has one colour
 
 
 def draw(means: pd.DataFrame, critical: Mapping[str, float], resource: str) -> Figure:
-    """Draw the maps of one resource, a column for each dynamics.
+    """Draw the maps of one resource, a column for each dynamics with its critical loss.
 
-    Parameters
-    ----------
-    means : DataFrame
-        A row for each point of the resource: dynamics, latency, loss and the measures.
-    critical : mapping of str to float
-        For each dynamics, the loss up to which theory says that the capacity is held.
-    resource : str
-        For the title.
-
-    Returns
-    -------
-    Figure
-        Ten maps.
+    Means have a row for each point: dynamics, latency, loss and the measures.
     """
     figure = Figure(figsize=(10.4, 14.0), layout="constrained")
     figure.suptitle(
@@ -93,18 +79,7 @@ def draw(means: pd.DataFrame, critical: Mapping[str, float], resource: str) -> F
 
 
 def edges(centres: FloatArray) -> FloatArray:
-    """Put the borders of cells halfway between their centres.
-
-    Parameters
-    ----------
-    centres : ndarray, shape (k,)
-        Ascending, at least two.
-
-    Returns
-    -------
-    ndarray, shape (k + 1,)
-        The outer ones as far from the centre as the next.
-    """
+    """Put the borders of cells halfway between their centres, the outer ones as far as the next centre."""
     middle = (centres[1:] + centres[:-1]) / 2.0
     return np.concatenate([[2.0 * centres[0] - middle[0]], middle, [2.0 * centres[-1] - middle[-1]]])
 

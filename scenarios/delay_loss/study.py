@@ -6,15 +6,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import click
 import pandas as pd
 
 from aimd_des import theory
 from aimd_des.optimum import solve_optimum
-from aimd_des.study import Study as StudyOfRuns
-from aimd_des.study import read_study, run_study, summarise
+from aimd_des.study import Study, read_study, run_study, summarise
 from models.smart_cameras import smart_cameras
-from scenarios.common.command import Study, command
+from scenarios.common.command import Finding, command
 from scenarios.delay_loss.figure import MAPS, draw
 
 __all__ = ["main", "study"]
@@ -28,7 +26,7 @@ _RUN_AWAY = 0.99
 _QUICK = (2, 300.0, [0.0, 2.0, 10.0], [0.0, 0.4, 0.8])
 
 
-def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Study:
+def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run the paper's system over latency and loss, continuous and discrete.
 
     Parameters
@@ -42,7 +40,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Study
 
     Returns
     -------
-    Study
+    Finding
         A pure function of the size and the seed.
     """
     described = _described(quick, seed)
@@ -52,7 +50,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Study
     table = _table(frame)
     critical = _critical()
     table["theory"] = [critical[row["dynamics"], row["resource"]] for row in table.to_dict("records")]
-    return Study(
+    return Finding(
         "delay_loss",
         {"seed": seed, "replications": described.replications, "until": described.scenario["until"]},
         table,
@@ -65,7 +63,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Study
     )
 
 
-def _described(quick: bool, seed: int) -> StudyOfRuns:
+def _described(quick: bool, seed: int) -> Study:
     """Read the study from its file; the quick size has fewer points and shorter runs."""
     full = read_study(_FILE).model_copy(update={"seed": seed})
     if not quick:
@@ -182,9 +180,4 @@ def _span(rows: pd.DataFrame, dynamics: str) -> str:
     return _range(rows[rows["dynamics"] == dynamics], "theory")
 
 
-_RUNS = click.Option(
-    ["--runs"],
-    type=click.Path(path_type=Path),
-    help="Folder of the runs; what is missing there is run.  [default: a temporary one]",
-)
-main = command("delay_loss", study, "What do latency and loss do together?", [_RUNS])
+main = command("delay_loss", study, "What do latency and loss do together?")
