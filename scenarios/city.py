@@ -52,22 +52,7 @@ class _City(NamedTuple):
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Run the paper's system with more and more cameras, behind a slow and lossy channel.
-
-    Parameters
-    ----------
-    quick : bool
-        Whether to run the small size.
-    seed : int
-        Of all runs.
-    runs : Path, optional
-        The folder of the runs; those that are there are not run again.
-
-    Returns
-    -------
-    Finding
-        A pure function of the size and the seed.
-    """
+    """Run the paper's system with more and more cameras, behind a slow and lossy channel."""
     sizes, until = ((60, 2000), 150.0) if quick else ((60, 600, 6000, 100_000), 1000.0)
     jobs = [partial(_city, cameras, until) for cameras in sizes]
     outcomes = replicate(jobs, 1, seed, workers=1, out=runs)

@@ -74,22 +74,7 @@ _PANELS = (
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Run memory of the paper's system with different clocks and the same luck.
-
-    Parameters
-    ----------
-    quick : bool
-        Whether to run the small size.
-    seed : int
-        Of the first replication.
-    runs : Path, optional
-        The folder of the runs; those that are there are not run again.
-
-    Returns
-    -------
-    Finding
-        A pure function of the size and the seed.
-    """
+    """Run memory of the paper's system with different clocks and the same luck."""
     replications, until = (3, 150.0) if quick else (20, 1500.0)
     cases: list[tuple[dict[str, Any], Run]] = [
         ({"clocks": setting.name}, _run(setting, until)) for setting in _SETTINGS

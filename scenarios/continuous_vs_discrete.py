@@ -54,22 +54,7 @@ _PANELS = (
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Run the paper's system in five ways.
-
-    Parameters
-    ----------
-    quick : bool
-        Whether to run the small size.
-    seed : int
-        Of the first replication.
-    runs : Path, optional
-        The folder of the runs; those that are there are not run again.
-
-    Returns
-    -------
-    Finding
-        A pure function of the size and the seed.
-    """
+    """Run the paper's system in five ways."""
     replications, until = (2, 240.0) if quick else (20, 1500.0)
     problem = smart_cameras(0)
     cases: list[tuple[dict[str, Any], Run]] = [

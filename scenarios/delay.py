@@ -38,22 +38,7 @@ _PANELS = (
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Run memory of the paper's system with latencies from 0 to 20 periods, for several hold-offs.
-
-    Parameters
-    ----------
-    quick : bool
-        Whether to run the small size.
-    seed : int
-        Of the first replication.
-    runs : Path, optional
-        The folder of the runs; those that are there are not run again.
-
-    Returns
-    -------
-    Finding
-        A pure function of the size and the seed.
-    """
+    """Run memory of the paper's system with latencies from 0 to 20 periods, for several hold-offs."""
     replications, until = (2, 240.0) if quick else (12, 1500.0)
     latencies = (0.0, 1.0, 5.0, 20.0) if quick else (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0)
     cases: list[tuple[dict[str, Any], Run]] = []

@@ -55,22 +55,7 @@ _WAYS = (
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Run memory of the paper's system with losses from 0 to 0.9, the same for all and spread over agents.
-
-    Parameters
-    ----------
-    quick : bool
-        Whether to run the small size.
-    seed : int
-        Of the first replication.
-    runs : Path, optional
-        The folder of the runs; those that are there are not run again.
-
-    Returns
-    -------
-    Finding
-        A pure function of the size and the seed.
-    """
+    """Run memory of the paper's system with losses from 0 to 0.9, the same for all and spread over agents."""
     replications, until = (2, 200.0) if quick else (12, 1500.0)
     losses = [0.0, 0.3, 0.6, 0.9] if quick else np.round(np.arange(0.0, 0.95, 0.1), 2).tolist()
     tops = [0.4, 0.8] if quick else [0.0, 0.2, 0.4, 0.6, 0.8]

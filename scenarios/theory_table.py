@@ -28,22 +28,7 @@ _EXPERIMENTS = (signals_and_utilisation, heterogeneous, compensated, critical, r
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Hold every closed form against simulation.
-
-    Parameters
-    ----------
-    quick : bool
-        Whether to run the small size, at which claims need not hold.
-    seed : int
-        Of the first replication.
-    runs : Path, optional
-        The folder of the runs; those that are there are not run again.
-
-    Returns
-    -------
-    Finding
-        A pure function of the arguments.
-    """
+    """Hold every closed form against simulation."""
     size = QUICK if quick else FULL
     experiments = [make(size) for make in _EXPERIMENTS]
     jobs = [job for experiment in experiments for job in experiment.jobs]

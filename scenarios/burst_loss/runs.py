@@ -26,27 +26,15 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Bursts:
-    """What is run: losses with a mean and a mean length of bursts, 0 for none.
+    """What is run: losses with a mean and a mean length of bursts, 0 for none."""
 
-    Attributes
-    ----------
-    problem : Problem
-        One resource.
-    common : bool
-        Whether all links are one.
-    loss, burst : float
-        p, and B in units of time.
-    hold_off : float
-        r, in units of time.
-    until, start : float
-        The end, and the time from which the run is measured.
-    """
-
-    problem: Problem
-    common: bool
+    problem: Problem  # one resource
+    common: bool  # whether all links are one
+    # p, and B in units of time.
     loss: float
     burst: float
-    hold_off: float
+    hold_off: float  # r, in units of time
+    # The end, and the time from which the run is measured.
     until: float
     start: float
 
@@ -66,33 +54,23 @@ class Bursts:
 
 
 class Outcome(NamedTuple):
-    """What is measured of one run after its start; demand is over the capacity.
+    """What is measured of one run after its start; demand is over the capacity."""
 
-    Attributes
-    ----------
-    signals, utilisation, peak, time_above, excess : float
-        Signals per unit of time, mean of total demand, its highest, share of time above the capacity, and
-        mean of what is above it.
-    run_away_peak : float
-        Mean excess where total demand turns back above the capacity, seen once in a hold-off; NaN if it never
-        did.
-    excursion : float
-        Mean duration of excursions above the capacity, in units of time; NaN if there were none.
-    smallest : float
-        Share of the total that the third of the agents with the smallest optimal allocations holds.
-    average : ndarray, shape (n, 1)
-        In units of the resource.
-    """
-
+    # Signals per unit of time, mean of total demand, its highest, share of time above the capacity, and
+    # mean of what is above it.
     signals: float
     utilisation: float
     peak: float
     time_above: float
     excess: float
+    # Mean excess where total demand turns back above the capacity, seen once in a hold-off; NaN if it
+    # never did.
     run_away_peak: float
+    # Mean duration of excursions above the capacity, in units of time; NaN if there were none.
     excursion: float
+    # Share of the total that the third of the agents with the smallest optimal allocations holds.
     smallest: float
-    average: FloatArray
+    average: FloatArray  # (n, 1): in units of the resource
 
 
 def run_one(run: Bursts, seed: int, looks: FloatArray) -> Result:

@@ -41,22 +41,7 @@ _NONE = 0.04
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Run memory of the paper's system with bursts of loss of many lengths, on each link and on all.
-
-    Parameters
-    ----------
-    quick : bool
-        Whether to run the small size.
-    seed : int
-        Of the first replication.
-    runs : Path, optional
-        The folder of the runs; those that are there are not run again.
-
-    Returns
-    -------
-    Finding
-        A pure function of the size and the seed.
-    """
+    """Run memory of the paper's system with bursts of loss of many lengths, on each link and on all."""
     replications, until = (2, 400.0) if quick else (20, 6000.0)
     bursts = (0.0, 1.0, 20.0) if quick else _BURSTS
     cases = [

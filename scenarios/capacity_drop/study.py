@@ -36,22 +36,7 @@ _SHOWN = 1.6
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Take 40 % of the capacity away, at once and in a ramp, from agents with three ways of averaging.
-
-    Parameters
-    ----------
-    quick : bool
-        Whether to run the small size.
-    seed : int
-        Of the first replication.
-    runs : Path, optional
-        The folder of the runs; those that are there are not run again.
-
-    Returns
-    -------
-    Finding
-        A pure function of the size and the seed.
-    """
+    """Take 40 % of the capacity away, at once and in a ramp, from agents with three ways of averaging."""
     replications, age, window = (2, 60.0, 80.0) if quick else (16, 600.0, 400.0)
     changes = [(QUADRATIC, 0.0), (QUADRATIC, window / 2), (PAPER, 0.0)]
     cases = [Drop(costs, way, ramp, age, window) for costs, ramp in changes for way in WAYS]

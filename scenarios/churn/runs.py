@@ -47,27 +47,15 @@ FORGOT: dict[str, type[Absence] | type[Crash]] = {"average kept": Absence, "aver
 
 
 class Size(NamedTuple):
-    """How much is run.
+    """How much is run."""
 
-    Attributes
-    ----------
-    stays : tuple of float
-        Mean stays, in units of time; the last one is infinite.
-    replications : int
-        Of each of them.
-    start, until : float
-        From when and until when they are measured.
-    groups : int
-        Replications with a quarter that leaves together.
-    leave, back, end, every : float
-        When it leaves, when it is back, the end, and how often allocations are kept.
-    """
-
-    stays: tuple[float, ...]
-    replications: int
+    stays: tuple[float, ...]  # mean stays, in units of time; the last one is infinite
+    replications: int  # of each of them
+    # From when and until when they are measured.
     start: float
     until: float
-    groups: int
+    groups: int  # replications with a quarter that leaves together
+    # When it leaves, when it is back, the end, and how often allocations are kept.
     leave: float = 400.0
     back: float = 500.0
     end: float = 800.0
@@ -80,48 +68,25 @@ class Size(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What is seen of one run.
+    """What is seen of one run."""
 
-    Attributes
-    ----------
-    signals : float
-        Per unit of time, after the start.
-    utilisation : float
-        Mean total demand over the capacity, after the start.
-    peak : float
-        Highest total demand over the capacity.
-    above : float
-        Share of the time above the capacity.
-    tracking : float
-        Relative error of the averages of those present against their optimum, in the mean over time.
-    average : ndarray, shape (n, 1)
-        At the end, in units of the resource.
-    """
-
-    signals: float
-    utilisation: float
-    peak: float
-    above: float
+    signals: float  # per unit of time, after the start
+    utilisation: float  # mean total demand over the capacity, after the start
+    peak: float  # highest total demand over the capacity
+    above: float  # share of the time above the capacity
+    # Relative error of the averages of those present against their optimum, in the mean over time.
     tracking: float
-    average: FloatArray
+    average: FloatArray  # (n, 1): at the end, in units of the resource
 
 
 class Together(NamedTuple):
-    """What is seen of a run in which a quarter leaves together.
+    """What is seen of a run in which a quarter leaves together."""
 
-    Attributes
-    ----------
-    demand, average : ndarray, shape (q, n)
-        Of all cameras, in units of the resource.
-    again : float
-        Time until the total is where it was, or at the capacity.
-    released : float
-        What was released over the growth of those who stay, which is the time that it should take.
-    """
-
+    # (q, n): Of all cameras, in units of the resource.
     demand: FloatArray
     average: FloatArray
-    again: float
+    again: float  # time until the total is where it was, or at the capacity
+    # What was released over the growth of those who stay, which is the time that it should take.
     released: float
 
 

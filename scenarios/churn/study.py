@@ -46,22 +46,7 @@ _Runs = dict[tuple[str, float], list[Seen]]
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Let cameras come and go, ever faster, and let a quarter of them leave and come back together.
-
-    Parameters
-    ----------
-    quick : bool
-        Whether to run the small size.
-    seed : int
-        Of the first replication.
-    runs : Path, optional
-        The folder of the runs; those that are there are not run again.
-
-    Returns
-    -------
-    Finding
-        A pure function of the size and the seed.
-    """
+    """Let cameras come and go, ever faster, and let a quarter of them leave and come back together."""
     size = _QUICK if quick else _FULL
     how: dict[str, Any] = {"workers": 1 if quick else None, "out": runs}
     cases = [(way, stay) for stay in size.stays for way in WAYS]

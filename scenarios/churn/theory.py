@@ -24,21 +24,11 @@ _ALIKE = 1e-6
 
 
 class Steady(NamedTuple):
-    """What is expected.
+    """What is expected."""
 
-    Attributes
-    ----------
-    signals : float
-        h, per unit of time.
-    utilisation : float
-        Mean total demand over the capacity.
-    share : ndarray, shape (n,)
-        Mean demand of a camera while it is present, in units of the resource.
-    """
-
-    signals: float
-    utilisation: float
-    share: FloatArray
+    signals: float  # h, per unit of time
+    utilisation: float  # mean total demand over the capacity
+    share: FloatArray  # (n,): mean demand of a camera while it is present, in units of the resource
 
 
 @lru_cache

@@ -25,39 +25,17 @@ _DPI = 200
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """What a study found.
+    """What a study found."""
 
-    Attributes
-    ----------
-    name : str
-        Of the scenario.
-    settings : dict
-        Seed and size, for the record.
-    table : DataFrame
-        All numbers, tidy.
-    shown : DataFrame
-        What is printed: text, one row a line.
-    findings : list of str
-        What the numbers say, in sentences.
-    figures : dict of str to Figure
-        By the name of their file.
-    pages : dict of str to str
-        Texts to write beside, by the name of their file.
-    title : str
-        Of what is printed; name and settings unless given.
-    record : dict
-        What the provenance holds besides.
-    """
-
-    name: str
-    settings: dict[str, Any]
-    table: pd.DataFrame
-    shown: pd.DataFrame
-    findings: list[str]
-    figures: dict[str, Figure] = field(default_factory=dict)
-    pages: dict[str, str] = field(default_factory=dict)
-    title: str = ""
-    record: dict[str, Any] = field(default_factory=dict)
+    name: str  # of the scenario
+    settings: dict[str, Any]  # seed and size, for the record
+    table: pd.DataFrame  # all numbers, tidy
+    shown: pd.DataFrame  # what is printed: text, one row a line
+    findings: list[str]  # what the numbers say, in sentences
+    figures: dict[str, Figure] = field(default_factory=dict)  # by the name of their file
+    pages: dict[str, str] = field(default_factory=dict)  # texts to write beside, by the name of their file
+    title: str = ""  # of what is printed; name and settings unless given
+    record: dict[str, Any] = field(default_factory=dict)  # what the provenance holds besides
 
 
 def write(found: Finding, out: Path, *, overwrite: bool = False) -> None:
@@ -95,7 +73,12 @@ def command(
     study: Callable[..., Finding],
     question: str,
 ) -> click.Command:
-    """Make the command of a study: a function of whether it is quick, its seed and the folder of its runs."""
+    """Make the command of a study.
+
+    A study is a function of `quick` (whether to run the small size), of `seed` (of the first replication)
+    and of `runs` (a folder in which runs are kept; those that are there are not run again; none unless
+    given).  What it finds is a function of the first two.
+    """
 
     def call(quick: bool, seed: int, out: Path, overwrite: bool, runs: Path | None) -> None:
         console = Console(width=None if sys.stdout.isatty() else 118, highlight=False)

@@ -26,17 +26,10 @@ Change = Absence | Crash | UnusualActivity
 
 
 class Flow(NamedTuple):
-    """What the fluid does.
+    """What the fluid does."""
 
-    Attributes
-    ----------
-    time : ndarray, shape (q,)
-        In units of time.
-    demand, average : ndarray, shape (q, n)
-        Of each agent, in units of the resource.
-    """
-
-    time: FloatArray
+    time: FloatArray  # (q,): in units of time
+    # (q, n): Of each agent, in units of the resource.
     demand: FloatArray
     average: FloatArray
 

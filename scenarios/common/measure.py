@@ -41,66 +41,33 @@ _LOOKS_PER_PERIOD = 8
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What is run.
+    """What is run."""
 
-    Attributes
-    ----------
-    problem : Problem
-        What is shared.
-    until, start : float
-        The end, and the time from which signals, utilisation and peaks are measured.
-    dynamics : {"discrete", "continuous"}
-        Which agents.
-    control_unit : Sampled or Crossing
-        What senses.
-    latency : float
-        Common to all copies.
-    loss : float or array_like, shape (n,)
-        Probability of loss.
-    clocks : Clocks, optional
-        Of discrete agents, in phase unless given.
-    """
-
-    problem: Problem
+    problem: Problem  # what is shared
+    # The end, and the time from which signals, utilisation and peaks are measured.
     until: float
     start: float
-    dynamics: Literal["discrete", "continuous"] = "discrete"
-    control_unit: Sampled | Crossing = field(default_factory=Sampled)
-    latency: float = 0.0
-    loss: float | FloatArray = 0.0
-    clocks: Clocks | None = None
+    dynamics: Literal["discrete", "continuous"] = "discrete"  # which agents
+    control_unit: Sampled | Crossing = field(default_factory=Sampled)  # what senses
+    latency: float = 0.0  # common to all copies
+    loss: float | FloatArray = 0.0  # (n,): probability of loss
+    clocks: Clocks | None = None  # of discrete agents, in phase unless given
 
 
 class Measures(NamedTuple):
-    """What is measured of one run; arrays have shape (m,) but where it is said.
+    """What is measured of one run; arrays have shape (m,) but where it is said."""
 
-    Attributes
-    ----------
-    signals : ndarray
-        Signals per unit of time, after the start.
-    utilisation : ndarray
-        Time average of total demand over the capacity, after the start.
-    misallocation : ndarray
-        Of the averages at the end, which are those over the whole run.
-    peak, typical_peak : ndarray
-        Highest total demand after the start, and the median of all its local peaks, over the
-        capacity; typical peaks are NaN for discrete agents.
-    saturated : ndarray
-        Share of the responses that had a probability above 1.
-    repeated : ndarray
-        Share of the signals that come within one and a half units of time of the one before.
-    average : ndarray, shape (n, m)
-        Averages at the end, in units of the resources.
-    """
-
-    signals: FloatArray
-    utilisation: FloatArray
-    misallocation: FloatArray
+    signals: FloatArray  # signals per unit of time, after the start
+    utilisation: FloatArray  # time average of total demand over the capacity, after the start
+    misallocation: FloatArray  # of the averages at the end, which are those over the whole run
+    # Highest total demand after the start, and the median of all its local peaks, over the capacity;
+    # typical peaks are NaN for discrete agents.
     peak: FloatArray
     typical_peak: FloatArray
-    saturated: FloatArray
+    saturated: FloatArray  # share of the responses that had a probability above 1
+    # Share of the signals that come within one and a half units of time of the one before.
     repeated: FloatArray
-    average: FloatArray
+    average: FloatArray  # (n, m): averages at the end, in units of the resources
 
 
 class _Peaks:

@@ -16,24 +16,12 @@ from aimd_des.checks import FloatArray
 
 
 class Map(NamedTuple):
-    """A measure and how it is shown.
+    """A measure and how it is shown."""
 
-    Attributes
-    ----------
-    measure : str
-        Column of the means.
-    label : str
-        Beside the colours, with the unit.
-    message : str
-        What the map shows at a glance.
-    scale : {"around 1", "log", "linear"}
-        How values become colours.
-    """
-
-    measure: str
-    label: str
-    message: str
-    scale: str
+    measure: str  # column of the means
+    label: str  # beside the colours, with the unit
+    message: str  # what the map shows at a glance
+    scale: str  # how values become colours
 
 
 MAPS = (

@@ -27,22 +27,7 @@ _QUICK = (2, 300.0, [0.0, 2.0, 10.0], [0.0, 0.4, 0.8])
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Run the paper's system over latency and loss, continuous and discrete.
-
-    Parameters
-    ----------
-    quick : bool
-        Whether to run the small size.
-    seed : int
-        Of the study.
-    runs : Path, optional
-        The folder of the runs; those that are there are not run again.  A temporary one unless given.
-
-    Returns
-    -------
-    Finding
-        A pure function of the size and the seed.
-    """
+    """Run the paper's system over latency and loss, continuous and discrete."""
     described = _described(quick, seed)
     # A thread will do for a second's work: a process would take longer to start.
     with _folder(runs) as folder, ThreadPoolExecutor(1) as thread:

@@ -41,21 +41,11 @@ SPAN = (600.0, 780.0)
 
 
 class Case(NamedTuple):
-    """What is run.
+    """What is run."""
 
-    Attributes
-    ----------
-    lossy : bool
-        Whether signals are late and get lost.
-    forgets : bool
-        Whether averages forget, or are over all of the stay.
-    lowered : bool
-        Whether the threshold is lowered to the one that theory gives.
-    """
-
-    lossy: bool
-    forgets: bool = False
-    lowered: bool = False
+    lossy: bool  # whether signals are late and get lost
+    forgets: bool = False  # whether averages forget, or are over all of the stay
+    lowered: bool = False  # whether the threshold is lowered to the one that theory gives
 
 
 class Garage:
@@ -101,25 +91,16 @@ class Garage:
 
 
 class Night(NamedTuple):
-    """What is measured of one night.
+    """What is measured of one night."""
 
-    Attributes
-    ----------
-    measures, expected : dict of str to float
-        Numbers, and what theory has for some of them.
-    error : ndarray
-        Distance of the averages from the optimum in force, at `LOOKS`.
-    lines : ndarray, shape (4, 288)
-        At `TIMES`: total demand, what it would be without control, the capacity, all in kW; vehicles present.
-    progress : ndarray, shape (101, n)
-        Share of its need that each vehicle has, at `SHARES` of its stay.
-    """
-
+    # Numbers, and what theory has for some of them.
     measures: dict[str, float]
     expected: dict[str, float]
-    error: FloatArray
+    error: FloatArray  # distance of the averages from the optimum in force, at `LOOKS`
+    # (4, 288): At `TIMES`: total demand, what it would be without control, the capacity, all in kW;
+    # vehicles present.
     lines: FloatArray
-    progress: FloatArray
+    progress: FloatArray  # (101, n): share of its need that each vehicle has, at `SHARES` of its stay
 
 
 def night(case: Case, n: int, step: int, seed: int) -> Night:

@@ -31,22 +31,7 @@ _ERROR, _USED = "error of averages", "used, 22:00 to 1:00"
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Run nights with a perfect channel, a bad one, averages that forget, and a lower threshold.
-
-    Parameters
-    ----------
-    quick : bool
-        Whether to run the small size.
-    seed : int
-        Of the first replication: of its vehicles and of its run.
-    runs : Path, optional
-        The folder of the runs; those that are there are not run again.
-
-    Returns
-    -------
-    Finding
-        A pure function of the size and the seed.
-    """
+    """Run nights with a perfect channel, a bad one, averages that forget, and a lower threshold."""
     replications, n, step = (2, 6, 240) if quick else (12, 40, 15)
     jobs = [partial(night, case, n, step) for case in _CASES.values()]
     nights = replicate(jobs, replications, seed, workers=1 if quick else None, out=runs)

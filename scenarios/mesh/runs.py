@@ -51,24 +51,16 @@ def branches(graph: Any) -> Any:
 
 
 class Statistics(NamedTuple):
-    """How many copies arrive, and how late; arrays have shape (n,).
+    """How many copies arrive, and how late; arrays have shape (n,)."""
 
-    Attributes
-    ----------
-    delivery, latency : ndarray
-        Probability of arrival, and the mean latency of what arrives, in units of time: exact for a tree,
-        estimated for a flood.
-    sampled_delivery, sampled_latency : ndarray
-        The same from draws.
-    transmissions : float
-        Copies that are sent over edges, for each broadcast.
-    """
-
+    # Probability of arrival, and the mean latency of what arrives, in units of time: exact for a tree,
+    # estimated for a flood.
     delivery: FloatArray
     latency: FloatArray
+    # The same from draws.
     sampled_delivery: FloatArray
     sampled_latency: FloatArray
-    transmissions: float
+    transmissions: float  # copies that are sent over edges, for each broadcast
 
 
 def statistics(graph: Any, way: str, broadcasts: int) -> Statistics:
@@ -97,23 +89,12 @@ def statistics(graph: Any, way: str, broadcasts: int) -> Statistics:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """What is run.
+    """What is run."""
 
-    Attributes
-    ----------
-    problem : Problem
-        One resource.
-    way : str
-        How broadcasts travel.
-    longest_loss : float
-        As of `mesh`.
-    hold_off, until, start : float
-        Of the control unit; the end, and the time from which the run is measured; in units of time.
-    """
-
-    problem: Problem
-    way: str
-    longest_loss: float
+    problem: Problem  # one resource
+    way: str  # how broadcasts travel
+    longest_loss: float  # as of `mesh`
+    # Of the control unit; the end, and the time from which the run is measured; in units of time.
     hold_off: float
     until: float
     start: float
@@ -133,25 +114,16 @@ class Mesh:
 
 
 class Outcome(NamedTuple):
-    """What is measured of one run after its start.
+    """What is measured of one run after its start."""
 
-    Attributes
-    ----------
-    signals, utilisation, peak, time_above : float
-        Signals per unit of time; mean and highest of total demand over the capacity, and the share of time
-        above it.
-    average : ndarray, shape (n, 1)
-        In units of the resource.
-    delivery : ndarray, shape (n,)
-        Share of the copies that arrived, over all of the run.
-    """
-
+    # Signals per unit of time; mean and highest of total demand over the capacity, and the share of time
+    # above it.
     signals: float
     utilisation: float
     peak: float
     time_above: float
-    average: FloatArray
-    delivery: FloatArray
+    average: FloatArray  # (n, 1): in units of the resource
+    delivery: FloatArray  # (n,): share of the copies that arrived, over all of the run
 
 
 def measure(run: Mesh, seed: int) -> Outcome:

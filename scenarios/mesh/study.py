@@ -46,22 +46,7 @@ _PLAIN, _NEW = "from plain optimum", "from reweighted optimum"
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Run memory of the paper's system over a mesh, along a tree and by flooding, with more and more loss.
-
-    Parameters
-    ----------
-    quick : bool
-        Whether to run the small size.
-    seed : int
-        Of the first replication.
-    runs : Path, optional
-        The folder of the runs; those that are there are not run again.
-
-    Returns
-    -------
-    Finding
-        A pure function of the size and the seed.
-    """
+    """Run memory of the paper's system over a mesh, along a tree and by flooding, with more and more loss."""
     replications, until = (2, 300.0) if quick else (20, 4000.0)
     losses = (0.0, _SHOWN) if quick else (0.0, 0.1, 0.2, _SHOWN, 0.4, 0.5)
     cases = [Mesh(_PROBLEM, way, loss, _HOLD_OFF, until, until / 4) for way in _WAYS for loss in losses]

@@ -78,22 +78,7 @@ def _rows(case: Outage, found: list[Found]) -> list[dict[str, Any]]:
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Silence memory of the paper's system for up to 40 periods, in three ways and behind three latencies.
-
-    Parameters
-    ----------
-    quick : bool
-        Whether to run the small size.
-    seed : int
-        Of the first replication.
-    runs : Path, optional
-        The folder of the runs; those that are there are not run again.
-
-    Returns
-    -------
-    Finding
-        A pure function of the size and the seed.
-    """
+    """Silence memory of the paper's system for up to 40 periods, in three ways and behind three latencies."""
     replications, settled = (2, 60.0) if quick else (16, 200.0)
     durations = (5.0, 20.0) if quick else (2.0, 5.0, 10.0, 20.0, 40.0)
     latencies = (0.5,) if quick else (0.0, 0.5, 1.0)

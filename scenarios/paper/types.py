@@ -10,34 +10,20 @@ from aimd_des.results import Result
 
 @dataclass(frozen=True, eq=False)
 class PaperStudy:
-    """What the study found.
+    """What the study found."""
 
-    Attributes
-    ----------
-    steps, draws, seed : int
-        Length of each run, number of draws of the costs, and seed of the first; draw d has the
-        seed ``seed + d`` for its costs and for its responses.
-    measures : DataFrame
-        One row per increase, lag, draw and resource.  Columns: signals, relative_error,
-        misallocation, cost_ratio, overshoot_peak, overshoot_time as in `Result.summary`; unused,
-        the share of the capacity that the averages leave; cost_of_use, the cost of sharing optimally
-        what was used, over the optimal cost; peak_bound, one plus what all agents add, over the
-        capacity, before a signal acts.
-    results : tuple of Result
-        The run of each draw with the increase as run and the lag as printed; the first is recorded.
-    optimum : Optimum
-        For the first draw.
-    event_driven_steps : int
-        How far the event-driven simulation was held against the algorithm.
-    same_digests : bool
-        Whether latency 0.5 and latency 0 gave the digests of lag 1 and lag 0.
-    """
-
+    # Length of each run, number of draws of the costs, and seed of the first; draw d has the seed ``seed
+    # + d`` for its costs and for its responses.
     steps: int
     draws: int
     seed: int
+    # One row per increase, lag, draw and resource.  Columns: signals, relative_error, misallocation,
+    # cost_ratio, overshoot_peak, overshoot_time as in `Result.summary`; unused, the share of the capacity
+    # that the averages leave; cost_of_use, the cost of sharing optimally what was used, over the optimal
+    # cost; peak_bound, one plus what all agents add, over the capacity, before a signal acts.
     measures: pd.DataFrame
+    # The run of each draw with the increase as run and the lag as printed; the first is recorded.
     results: tuple[Result, ...]
-    optimum: Optimum
-    event_driven_steps: int
-    same_digests: bool
+    optimum: Optimum  # for the first draw
+    event_driven_steps: int  # how far the event-driven simulation was held against the algorithm
+    same_digests: bool  # whether latency 0.5 and latency 0 gave the digests of lag 1 and lag 0

@@ -60,22 +60,7 @@ class _Threshold(NamedTuple):
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Run compensation of loss, thresholds below 1, and hold-offs that adapt.
-
-    Parameters
-    ----------
-    quick : bool
-        Whether to run the small size.
-    seed : int
-        Of the first replication.
-    runs : Path, optional
-        The folder of the runs; those that are there are not run again.
-
-    Returns
-    -------
-    Finding
-        A pure function of the size and the seed.
-    """
+    """Run compensation of loss, thresholds below 1, and hold-offs that adapt."""
     replications, long, short = (2, 500.0, 200.0) if quick else (4, 20_000.0, 5000.0)
     how: dict[str, Any] = {"workers": 1 if quick else None, "out": runs}
     waits = [

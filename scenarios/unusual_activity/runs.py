@@ -35,17 +35,10 @@ AVERAGINGS: dict[str, Averaging] = {
 
 
 class Size(NamedTuple):
-    """How much is run.
+    """How much is run."""
 
-    Attributes
-    ----------
-    replications : int
-        Runs of each case.
-    begin, end, until, every : float
-        When the event begins and is over, the end of a run, and how often allocations are kept.
-    """
-
-    replications: int
+    replications: int  # runs of each case
+    # When the event begins and is over, the end of a run, and how often allocations are kept.
     begin: float
     end: float
     until: float
@@ -58,19 +51,12 @@ class Size(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What is seen of one run.
+    """What is seen of one run."""
 
-    Attributes
-    ----------
-    demand, average : ndarray, shape (q,)
-        Of the cameras with the event, in the mean over them, in units of the resource.
-    before : ndarray, shape (n,)
-        Averages of all cameras as the event begins.
-    """
-
+    # (q,): Of the cameras with the event, in the mean over them, in units of the resource.
     demand: FloatArray
     average: FloatArray
-    before: FloatArray
+    before: FloatArray  # (n,): averages of all cameras as the event begins
 
 
 @lru_cache

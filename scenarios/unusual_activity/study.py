@@ -44,22 +44,7 @@ _Found = dict[tuple[str, str], list[Seen]]
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Scale the costs of a camera by 0.2 for a while, for several ways of averaging.
-
-    Parameters
-    ----------
-    quick : bool
-        Whether to run the small size.
-    seed : int
-        Of the first replication.
-    runs : Path, optional
-        The folder of the runs; those that are there are not run again.
-
-    Returns
-    -------
-    Finding
-        A pure function of the size and the seed.
-    """
+    """Scale the costs of a camera by 0.2 for a while, for several ways of averaging."""
     size = Size(4, 150.0, 300.0, 520.0, 10.0) if quick else Size(60, 600.0, 1100.0, 1500.0, 5.0)
     one, steep, three = groups()
     names = [name for name in AVERAGINGS if not (quick and name in _LEFT_OUT)]
