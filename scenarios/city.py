@@ -16,17 +16,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import metrics
-from aimd_des.agents import Fleet
-from aimd_des.channel import BroadcastChannel
+from aimd_des import BroadcastChannel, Crossing, Fleet, Recording, Result, Simulation, metrics, solve_optimum
+from aimd_des.channel.latency import Exponential
 from aimd_des.checks import FloatArray
-from aimd_des.control_unit import Crossing
-from aimd_des.latency import Exponential
-from aimd_des.optimum import solve_optimum
 from aimd_des.plots import colour, shared_legend
-from aimd_des.recording import Recording
-from aimd_des.results import Result
-from aimd_des.simulation import Simulation
 from aimd_des.study import replicate
 from models import smart_cameras
 from scenarios.common import figures

@@ -15,10 +15,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import theory
+from aimd_des import Clocks, Sampled, theory
 from aimd_des.checks import FloatArray
-from aimd_des.clock import Clocks
-from aimd_des.control_unit import Sampled
 from aimd_des.plots import colour, shared_legend
 from aimd_des.study import jackknife, paired_difference
 from scenarios.common import figures

@@ -14,10 +14,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import theory
-from aimd_des.control_unit import Crossing, Sampled
+from aimd_des import Crossing, Problem, Sampled, theory
 from aimd_des.plots import shared_legend
-from aimd_des.problem import Problem
 from models.smart_cameras import smart_cameras
 from scenarios.common import figures
 from scenarios.common.command import Finding, command

@@ -14,8 +14,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import theory
-from aimd_des.control_unit import Crossing
+from aimd_des import Crossing, theory
 from aimd_des.plots import shared_legend
 from scenarios.common import figures
 from scenarios.common.command import Finding, command

@@ -15,9 +15,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import theory
+from aimd_des import Crossing, Sampled, theory
 from aimd_des.checks import FloatArray
-from aimd_des.control_unit import Crossing, Sampled
 from aimd_des.plots import colour, shared_legend
 from aimd_des.study import jackknife
 from scenarios.common import figures

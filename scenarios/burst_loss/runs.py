@@ -8,16 +8,20 @@ import networkx as nx
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import topology
-from aimd_des.agents import Fleet
-from aimd_des.channel import BroadcastChannel, Channel
+from aimd_des import (
+    BroadcastChannel,
+    Crossing,
+    Fleet,
+    Problem,
+    Recording,
+    Result,
+    Simulation,
+    solve_optimum,
+    topology,
+)
+from aimd_des.channel import Channel
+from aimd_des.channel.loss import Bernoulli, CommonMode, GilbertElliott
 from aimd_des.checks import FloatArray
-from aimd_des.control_unit import Crossing
-from aimd_des.optimum import solve_optimum
-from aimd_des.problem import Problem
-from aimd_des.recording import Recording
-from aimd_des.results import Result
-from aimd_des.simulation import Simulation
 from scenarios.common.measure import late, noted, quietly
 
 # Of the total, for what is rounding and no excess.

@@ -20,9 +20,8 @@ from functools import partial
 import numpy as np
 from scipy.optimize import brentq
 
+from aimd_des import Problem, solve_optimum
 from aimd_des.checks import FloatArray
-from aimd_des.optimum import solve_optimum
-from aimd_des.problem import Problem
 from aimd_des.theory import signal_rate
 from scenarios.burst_loss.runs import Bursts, smallest
 

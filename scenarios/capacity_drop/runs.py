@@ -7,18 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
-from aimd_des import theory
-from aimd_des.agents import Fleet
+from aimd_des import Crossing, Fleet, PolynomialCosts, Problem, Recording, Simulation, solve_optimum, theory
 from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
 from aimd_des.checks import FloatArray
-from aimd_des.control_unit import Crossing
-from aimd_des.costs import PolynomialCosts
 from aimd_des.interventions import CapacityRamp, CapacityStep
 from aimd_des.metrics import relative_error
-from aimd_des.optimum import solve_optimum
-from aimd_des.problem import Problem
-from aimd_des.recording import Recording
-from aimd_des.simulation import Simulation
 from aimd_des.study import jackknife, mean_and_error
 from scenarios.common.systems import memory_alone
 from scenarios.common.tables import estimate

@@ -5,17 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aimd_des import streams
-from aimd_des.agents import Fleet
+from aimd_des import BroadcastChannel, Crossing, Fleet, Recording, Result, Simulation, streams
 from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
-from aimd_des.channel import BroadcastChannel
+from aimd_des.channel.latency import Constant
 from aimd_des.checks import FloatArray
-from aimd_des.control_unit import Crossing
 from aimd_des.interventions import Absence, Crash, Intervention, Join
-from aimd_des.latency import Constant
-from aimd_des.recording import Recording
-from aimd_des.results import Result
-from aimd_des.simulation import Simulation
 from scenarios.common.measure import quietly
 from scenarios.common.systems import memory_alone
 

@@ -16,9 +16,8 @@ from rich.console import Console
 from rich.table import Table
 
 import aimd_des
-from aimd_des import checks
-from aimd_des.errors import InputError
-from aimd_des.output import Place, check_folder, new_folder
+from aimd_des import InputError, checks
+from aimd_des.output import check_folder, new_folder
 
 _DPI = 200
 

@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from aimd_des import Problem
 from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
 from aimd_des.checks import FloatArray
 from aimd_des.interventions import Absence, Crash, UnusualActivity
-from aimd_des.names import agent_indices
-from aimd_des.problem import Problem
+from aimd_des.interventions.names import agent_indices
 
 __all__ = ["Flow", "flow"]
 

@@ -11,19 +11,24 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from aimd_des import metrics
-from aimd_des.agents import Fleet
-from aimd_des.channel import BroadcastChannel
+from aimd_des import (
+    BroadcastChannel,
+    Clocks,
+    Crossing,
+    Fleet,
+    Problem,
+    Recording,
+    Result,
+    Sampled,
+    Simulation,
+    metrics,
+    run_discrete,
+    solve_optimum,
+)
+from aimd_des.channel.latency import Constant
+from aimd_des.channel.loss import Bernoulli
 from aimd_des.checks import FloatArray
-from aimd_des.clock import Clocks
-from aimd_des.control_unit import Crossing, Sampled
-from aimd_des.discrete import run_discrete
 from aimd_des.interventions import CapacityStep
-from aimd_des.optimum import solve_optimum
-from aimd_des.problem import Problem
-from aimd_des.recording import Recording
-from aimd_des.results import Result
-from aimd_des.simulation import Simulation
 from aimd_des.study import replicate
 from aimd_des.system import System
 from aimd_des.theory import reweighted_optimum

@@ -2,9 +2,8 @@
 
 import numpy as np
 
+from aimd_des import PolynomialCosts, Problem
 from aimd_des.checks import FloatArray
-from aimd_des.costs import PolynomialCosts
-from aimd_des.problem import Problem
 from models.smart_cameras import smart_cameras
 
 

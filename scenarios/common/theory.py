@@ -5,10 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from aimd_des import theory
-from aimd_des.errors import InputError
-from aimd_des.optimum import solve_optimum
-from aimd_des.problem import Problem
+from aimd_des import InputError, Problem, solve_optimum, theory
 
 
 @lru_cache

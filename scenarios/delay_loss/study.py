@@ -8,9 +8,8 @@ from tempfile import TemporaryDirectory
 
 import pandas as pd
 
-from aimd_des import theory
-from aimd_des.optimum import solve_optimum
-from aimd_des.study import Study, read_study, run_study, summarise
+from aimd_des import Study, run_study, solve_optimum, theory
+from aimd_des.study import read_study, summarise
 from models.smart_cameras import smart_cameras
 from scenarios.common.command import Finding, command
 from scenarios.delay_loss.figure import MAPS, draw

@@ -8,20 +8,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aimd_des import theory
-from aimd_des.agents import Fleet
+from aimd_des import (
+    BroadcastChannel,
+    Crossing,
+    Fleet,
+    Problem,
+    Recording,
+    Result,
+    Simulation,
+    solve_optimum,
+    theory,
+)
 from aimd_des.averaging import Cumulative, Forgetting
-from aimd_des.channel import BroadcastChannel
+from aimd_des.channel.latency import Exponential
+from aimd_des.channel.loss import Bernoulli
 from aimd_des.checks import FloatArray
-from aimd_des.control_unit import Crossing
 from aimd_des.environment import Kind
 from aimd_des.interventions import CapacityProfile, Join, leave
-from aimd_des.latency import Exponential
-from aimd_des.loss import Bernoulli
-from aimd_des.problem import Problem
-from aimd_des.recording import Recording
-from aimd_des.results import Result
-from aimd_des.simulation import Simulation
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
 from models.ev_charging import Vehicles, capacity_left, daily_base_load, ev_charging, vehicle_schedule

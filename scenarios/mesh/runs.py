@@ -6,14 +6,9 @@ from typing import Any, NamedTuple
 import networkx as nx
 import numpy as np
 
-from aimd_des import topology
-from aimd_des.agents import Fleet
-from aimd_des.channel import BroadcastChannel, Channel
+from aimd_des import BroadcastChannel, Crossing, Fleet, Problem, Recording, Simulation, topology
+from aimd_des.channel import Channel
 from aimd_des.checks import FloatArray
-from aimd_des.control_unit import Crossing
-from aimd_des.problem import Problem
-from aimd_des.recording import Recording
-from aimd_des.simulation import Simulation
 from scenarios.common.measure import late, noted, quietly
 
 TREE, FLOOD, OWN = "shortest-path tree", "flooding", "own links, as lossy as the tree"

@@ -10,9 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from aimd_des import theory
-from aimd_des.errors import InputError
-from aimd_des.optimum import solve_optimum
+from aimd_des import InputError, solve_optimum, theory
 from aimd_des.plots import colour, shared_legend
 from aimd_des.study import jackknife, mean_and_error, replicate
 from scenarios.common import figures

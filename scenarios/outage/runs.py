@@ -5,16 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aimd_des import theory
-from aimd_des.agents import Fleet
-from aimd_des.channel import BroadcastChannel
+from aimd_des import BroadcastChannel, Crossing, Fleet, Recording, Result, Simulation, solve_optimum, theory
 from aimd_des.checks import FloatArray
-from aimd_des.control_unit import Crossing
 from aimd_des.interventions import CapacityStep, Failover, Intervention, Partition
-from aimd_des.optimum import solve_optimum
-from aimd_des.recording import Recording
-from aimd_des.results import Result
-from aimd_des.simulation import Simulation
 from scenarios.common.systems import memory_alone
 
 PROBLEM = memory_alone()

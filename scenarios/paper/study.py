@@ -8,15 +8,18 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from aimd_des import checks
-from aimd_des.channel import BroadcastChannel
-from aimd_des.discrete import run_discrete
-from aimd_des.optimum import Optimum, solve_optimum
+from aimd_des import (
+    BroadcastChannel,
+    Optimum,
+    Problem,
+    Recording,
+    Result,
+    Simulation,
+    checks,
+    run_discrete,
+    solve_optimum,
+)
 from aimd_des.plots import paper_figures
-from aimd_des.problem import Problem
-from aimd_des.recording import Recording
-from aimd_des.results import Result
-from aimd_des.simulation import Simulation
 from aimd_des.study import replicate
 from models.smart_cameras import smart_cameras
 from scenarios.common import command as common

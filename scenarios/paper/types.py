@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from aimd_des.optimum import Optimum
-from aimd_des.results import Result
+from aimd_des import Optimum, Result
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,15 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from aimd_des import theory
-from aimd_des.agents import Fleet
-from aimd_des.channel import BroadcastChannel
+from aimd_des import BroadcastChannel, Crossing, Fleet, Problem, Recording, Sampled, Simulation, theory
 from aimd_des.checks import FloatArray
 from aimd_des.compensation import EstimatedLoss, KnownLoss
-from aimd_des.control_unit import Crossing, Sampled
-from aimd_des.problem import Problem
-from aimd_des.recording import Recording
-from aimd_des.simulation import Simulation
 from aimd_des.study import jackknife, replicate
 from models.smart_cameras import smart_cameras
 from scenarios.common.command import Finding, command

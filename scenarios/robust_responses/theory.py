@@ -4,10 +4,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from aimd_des import theory
+from aimd_des import Problem, theory
 from aimd_des.checks import FloatArray
 from aimd_des.compensation import compensation_factor
-from aimd_des.problem import Problem
 from scenarios.common.measure import distance
 from scenarios.common.systems import memory_alone
 

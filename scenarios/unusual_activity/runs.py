@@ -6,17 +6,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from aimd_des import theory
-from aimd_des.agents import Fleet
+from aimd_des import Crossing, Fleet, Problem, Recording, Simulation, solve_optimum, theory
 from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
 from aimd_des.checks import FloatArray
-from aimd_des.control_unit import Crossing
 from aimd_des.costs import weighted_costs
 from aimd_des.interventions import UnusualActivity
-from aimd_des.optimum import solve_optimum
-from aimd_des.problem import Problem
-from aimd_des.recording import Recording
-from aimd_des.simulation import Simulation
 from scenarios.common.fluid import flow
 from scenarios.common.measure import quietly
 from scenarios.common.systems import memory_alone
