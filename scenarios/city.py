@@ -16,7 +16,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import BroadcastChannel, Crossing, Fleet, Recording, Result, Simulation, metrics, solve_optimum
+from aimd_des import BroadcastChannel, Recording, Result, metrics, solve_optimum
 from aimd_des.channel.latency import Exponential
 from aimd_des.checks import FloatArray
 from aimd_des.plots import colour, shared_legend
@@ -24,7 +24,7 @@ from aimd_des.study import replicate
 from models import smart_cameras
 from scenarios.common import figures
 from scenarios.common.command import Finding, command
-from scenarios.common.measure import quietly
+from scenarios.common.measure import quietly, sensed
 from scenarios.common.tables import pick
 
 __all__ = ["main", "study"]
@@ -59,12 +59,10 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
 def _city(cameras: int, until: float, seed: int) -> _City:
     problem = smart_cameras(seed=seed, n_cameras=cameras)
     looks = [until - _STRETCH + _LOOK * look for look in range(int(_STRETCH / _LOOK))]
-    simulation = Simulation(
+    simulation = sensed(
         problem,
-        dynamics="continuous",
-        control_unit=Crossing(_HOLD_OFF),
+        _HOLD_OFF,
         channel=BroadcastChannel(Exponential(_CHANNEL["latency"]), _CHANNEL["loss"]),
-        agents=Fleet,
         seed=seed,
         recording=Recording(demand=looks, overshoot=False),
     )

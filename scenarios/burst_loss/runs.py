@@ -10,19 +10,16 @@ import numpy.typing as npt
 
 from aimd_des import (
     BroadcastChannel,
-    Crossing,
-    Fleet,
     Problem,
     Recording,
     Result,
-    Simulation,
     solve_optimum,
     topology,
 )
 from aimd_des.channel import Channel
 from aimd_des.channel.loss import Bernoulli, CommonMode, GilbertElliott
 from aimd_des.checks import FloatArray
-from scenarios.common.measure import late, noted, quietly
+from scenarios.common.measure import late, noted, quietly, sensed
 
 # Of the total, for what is rounding and no excess.
 _ROUNDING = 1e-9
@@ -79,12 +76,10 @@ class Outcome(NamedTuple):
 
 def run_one(run: Bursts, seed: int, looks: FloatArray) -> Result:
     """Run, with total demand recorded at `looks`, and a note at the start of what is measured."""
-    simulation = Simulation(
+    simulation = sensed(
         run.problem,
-        dynamics="continuous",
-        control_unit=Crossing(run.hold_off),
+        run.hold_off,
         channel=run.channel(),
-        agents=Fleet,
         interventions=[noted(run.problem, run.start)],
         seed=seed,
         recording=Recording(demand=looks, allocations=[run.start]),

@@ -7,12 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
-from aimd_des import Crossing, Fleet, PolynomialCosts, Problem, Recording, Simulation, solve_optimum, theory
+from aimd_des import PolynomialCosts, Problem, Recording, solve_optimum, theory
 from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
 from aimd_des.checks import FloatArray
 from aimd_des.interventions import CapacityRamp, CapacityStep
 from aimd_des.metrics import relative_error
 from aimd_des.study import jackknife, mean_and_error
+from scenarios.common.measure import sensed
 from scenarios.common.systems import memory_alone
 from scenarios.common.tables import estimate
 
@@ -140,11 +141,9 @@ def measure(case: Drop, seed: int) -> Found:
         if case.ramp
         else CapacityStep("memory", case.age, capacity)
     )
-    result = Simulation(
+    result = sensed(
         problem,
-        dynamics="continuous",
-        control_unit=Crossing(0.0),
-        agents=Fleet,
+        0.0,
         averaging=case.averaging,
         interventions=[change],
         seed=seed,

@@ -5,12 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aimd_des import BroadcastChannel, Crossing, Fleet, Recording, Result, Simulation, streams
+from aimd_des import BroadcastChannel, Recording, Result, streams
 from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
 from aimd_des.channel.latency import Constant
 from aimd_des.checks import FloatArray
 from aimd_des.interventions import Absence, Crash, Intervention, Join
-from scenarios.common.measure import quietly
+from scenarios.common.measure import quietly, sensed
 from scenarios.common.systems import memory_alone
 
 PROBLEM = memory_alone()
@@ -146,12 +146,10 @@ def measure(way: str, stay: float, size: Size, seed: int) -> Seen:
 def _run(
     averaging: Averaging, interventions: Sequence[Intervention], recording: Recording, until: float, seed: int
 ) -> Result:
-    simulation = Simulation(
+    simulation = sensed(
         PROBLEM,
-        dynamics="continuous",
-        control_unit=Crossing(HOLD_OFF),
+        HOLD_OFF,
         channel=BroadcastChannel(latency=Constant(LATENCY)),
-        agents=Fleet,
         averaging=averaging,
         interventions=interventions,
         seed=seed,

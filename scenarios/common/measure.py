@@ -112,6 +112,12 @@ def distance(problem: Problem, average: FloatArray, weights: npt.ArrayLike | Non
     return metrics.relative_error(average, best.allocation)
 
 
+def sensed(problem: Problem, hold_off: float, **parts: Any) -> Simulation:
+    """Set up continuous agents as a fleet, with a control unit that senses crossings."""
+    unit = Crossing(hold_off)
+    return Simulation(problem, dynamics="continuous", control_unit=unit, agents=Fleet, **parts)
+
+
 def quietly(simulation: Simulation, until: float) -> Result:
     """Run, and count responses with a probability above 1 instead of warning of them."""
     with warnings.catch_warnings():

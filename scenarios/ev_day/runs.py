@@ -10,12 +10,9 @@ import numpy as np
 
 from aimd_des import (
     BroadcastChannel,
-    Crossing,
-    Fleet,
     Problem,
     Recording,
     Result,
-    Simulation,
     solve_optimum,
     theory,
 )
@@ -28,6 +25,7 @@ from aimd_des.interventions import CapacityProfile, Join, leave
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
 from models.ev_charging import Vehicles, capacity_left, daily_base_load, ev_charging, vehicle_schedule
+from scenarios.common.measure import sensed
 
 _DAY = 1440
 _CHARGERS, _HOUSES = (3.7, 7.4), 0.5  # kW in turn, and houses for each vehicle
@@ -125,12 +123,10 @@ def run(case: Case, n: int, step: int, seed: int) -> tuple[Result, Garage]:
     bad = BroadcastChannel(latency=Exponential(_LATENCY), loss=Bernoulli(LOSS))
     minutes, base_load = daily_base_load(step)
     garage = Garage(vehicles)
-    result = Simulation(
+    result = sensed(
         problem,
-        dynamics="continuous",
-        control_unit=Crossing(_HOLD_OFF),
+        _HOLD_OFF,
         channel=bad if case.lossy else BroadcastChannel(),
-        agents=Fleet,
         averaging=Forgetting(_MEMORY) if case.forgets else Cumulative(),
         interventions=[
             CapacityProfile("power", minutes, capacity_left(base_load, n * _HOUSES)),

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 import networkx as nx
 import numpy as np
 
-from aimd_des import BroadcastChannel, Crossing, Fleet, Problem, Recording, Simulation, topology
+from aimd_des import BroadcastChannel, Problem, Recording, topology
 from aimd_des.channel import Channel
 from aimd_des.checks import FloatArray
-from scenarios.common.measure import late, noted, quietly
+from scenarios.common.measure import late, noted, quietly, sensed
 
 TREE, FLOOD, OWN = "shortest-path tree", "flooding", "own links, as lossy as the tree"
 
@@ -123,12 +123,10 @@ class Outcome(NamedTuple):
 
 def measure(run: Mesh, seed: int) -> Outcome:
     """Run and measure."""
-    simulation = Simulation(
+    simulation = sensed(
         run.problem,
-        dynamics="continuous",
-        control_unit=Crossing(run.hold_off),
+        run.hold_off,
         channel=run.channel(),
-        agents=Fleet,
         interventions=[noted(run.problem, run.start)],
         seed=seed,
         recording=Recording(demand="end", allocations=[run.start]),

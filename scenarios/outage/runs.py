@@ -5,9 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aimd_des import BroadcastChannel, Crossing, Fleet, Recording, Result, Simulation, solve_optimum, theory
+from aimd_des import BroadcastChannel, Recording, Result, solve_optimum, theory
 from aimd_des.checks import FloatArray
 from aimd_des.interventions import CapacityStep, Failover, Intervention, Partition
+from scenarios.common.measure import sensed
 from scenarios.common.systems import memory_alone
 
 PROBLEM = memory_alone()
@@ -76,12 +77,10 @@ class Found(NamedTuple):
 
 def _run(case: Outage, seed: int, interventions: list[Intervention]) -> Result:
     looks = np.arange(case.at - BEFORE, case.until, GRAIN)
-    return Simulation(
+    return sensed(
         PROBLEM,
-        dynamics="continuous",
-        control_unit=Crossing(HOLD_OFF),
+        HOLD_OFF,
         channel=BroadcastChannel(latency=case.latency),
-        agents=Fleet,
         interventions=interventions,
         seed=seed,
         recording=Recording(demand=looks, allocations=looks[::COARSE]),

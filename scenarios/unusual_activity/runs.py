@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from aimd_des import Crossing, Fleet, Problem, Recording, Simulation, solve_optimum, theory
+from aimd_des import Problem, Recording, solve_optimum, theory
 from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
 from aimd_des.checks import FloatArray
 from aimd_des.costs import weighted_costs
 from aimd_des.interventions import UnusualActivity
 from scenarios.common.fluid import flow
-from scenarios.common.measure import quietly
+from scenarios.common.measure import quietly, sensed
 from scenarios.common.systems import memory_alone
 
 _PROBLEM = memory_alone()
@@ -84,11 +84,9 @@ def _event(cameras: Sequence[int], size: Size) -> UnusualActivity:
 
 def measure(cameras: tuple[int, ...], averaging: str, size: Size, seed: int) -> Seen:
     """Run with an event at these cameras, all of which average in a way."""
-    simulation = Simulation(
+    simulation = sensed(
         _PROBLEM,
-        dynamics="continuous",
-        control_unit=Crossing(_HOLD_OFF),
-        agents=Fleet,
+        _HOLD_OFF,
         averaging=AVERAGINGS[averaging],
         interventions=[_event(cameras, size)],
         seed=seed,
