@@ -18,11 +18,12 @@ from aimd_des import theory
 from aimd_des.control_unit import Crossing
 from aimd_des.study import mean_and_error, replicate
 from models.smart_cameras import smart_cameras
-from scenarios import _theory_losses, _theory_signals
-from scenarios._theory_rows import Row, Rule, Size, digest, frame, markdown
 from scenarios.common.measure import Measures, Run, measure, measure_all
 from scenarios.common.systems import memory_alone, spread
 from scenarios.common.tables import summarise
+from scenarios.theory_table import losses
+from scenarios.theory_table import signals as signal_rows
+from scenarios.theory_table.rows import Row, Rule, Size, digest, frame, markdown
 from tests.conftest import python
 
 STORED = Path(__file__).parent / "data"
@@ -191,7 +192,7 @@ def rows_of(experiment: Callable[[Size], Any], size: Size) -> pd.DataFrame:
 
 @pytest.fixture(scope="module")
 def signals() -> pd.DataFrame:
-    return rows_of(_theory_signals.signals_and_utilisation, SMALL)
+    return rows_of(signal_rows.signals_and_utilisation, SMALL)
 
 
 @pytest.mark.slow
@@ -228,7 +229,7 @@ def noise(runs: list[Measures]) -> Any:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("experiment", [_theory_losses.heterogeneous, _theory_losses.compensated])
+@pytest.mark.parametrize("experiment", [losses.heterogeneous, losses.compensated])
 def test_loss_that_differs_leads_to_the_predicted_optimum(experiment: Callable[[Size], Any]) -> None:
     made = experiment(SMALL)
     outcomes = replicate(made.jobs, SMALL.replications, seed=0, workers=1)
@@ -245,7 +246,7 @@ def test_loss_that_differs_leads_to_the_predicted_optimum(experiment: Callable[[
 
 @pytest.mark.slow
 def test_the_critical_loss_is_where_theory_puts_it() -> None:
-    table = rows_of(_theory_losses.critical, replace(SMALL, replications=2))
+    table = rows_of(losses.critical, replace(SMALL, replications=2))
     resolution = 0.9 / 2 ** (SMALL.halvings + 1)
     assert (table["deviation"].abs() <= 0.05 + resolution).all()
     # Negative control: the formula of the other dynamics.

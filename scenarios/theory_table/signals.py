@@ -11,8 +11,8 @@ from aimd_des.control_unit import Crossing, Sampled
 from aimd_des.optimum import solve_optimum
 from aimd_des.problem import Problem
 from models.smart_cameras import smart_cameras
-from scenarios._theory_rows import Experiment, Row, Rule, Size, estimated
 from scenarios.common.measure import Measures, Run, measure
+from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated
 
 __all__ = ["signals_and_utilisation"]
 

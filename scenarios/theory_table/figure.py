@@ -15,7 +15,7 @@ def deviations(table: pd.DataFrame) -> Figure:
     Parameters
     ----------
     table : DataFrame
-        What `_theory_rows.frame` makes.
+        What `rows.frame` makes.
 
     Returns
     -------

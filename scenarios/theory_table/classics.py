@@ -17,7 +17,7 @@ from aimd_des.results import Result
 from aimd_des.simulation import Simulation
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
-from scenarios._theory_rows import Experiment, Row, Rule, Size, estimated
+from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated
 
 __all__ = ["classics"]
 

@@ -1,22 +1,17 @@
-"""How well do the closed forms predict what runs do?
-
-Signals, utilisation and averages of the paper's system are predicted to about 1 %, the critical loss to
-0.02, with loss and without; the plain formulas of first order alone give up to 7 % too many
-signals.
-"""  # noqa: D400 - a question
+"""The study: what is run, and what is made of it."""
 
 from pathlib import Path
 
 import pandas as pd
 
 from aimd_des.study import replicate
-from scenarios._theory_classics import classics
-from scenarios._theory_figure import deviations
-from scenarios._theory_losses import compensated, critical, heterogeneous, runaway
-from scenarios._theory_page import PAGE
-from scenarios._theory_rows import Size, digest, frame, markdown
-from scenarios._theory_signals import signals_and_utilisation
 from scenarios.common.command import Finding, command
+from scenarios.theory_table.classics import classics
+from scenarios.theory_table.figure import deviations
+from scenarios.theory_table.losses import compensated, critical, heterogeneous, runaway
+from scenarios.theory_table.page import PAGE
+from scenarios.theory_table.rows import Size, digest, frame, markdown
+from scenarios.theory_table.signals import signals_and_utilisation
 
 __all__ = ["FULL", "QUICK", "main", "study"]
 
@@ -90,6 +85,3 @@ def _findings(table: pd.DataFrame) -> list[str]:
 
 
 main = command("theory_table", study, "How well do the closed forms predict what runs do?")
-
-if __name__ == "__main__":
-    main()

@@ -13,9 +13,9 @@ from aimd_des.optimum import solve_optimum
 from aimd_des.problem import Problem
 from aimd_des.study import jackknife
 from models.smart_cameras import smart_cameras
-from scenarios._theory_rows import Experiment, Row, Rule, Size, estimated
 from scenarios.common.measure import Measures, Run, distance, measure
 from scenarios.common.systems import memory_alone, spread
+from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated
 
 __all__ = ["compensated", "critical", "heterogeneous", "runaway"]
 
