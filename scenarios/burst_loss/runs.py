@@ -8,14 +8,7 @@ import networkx as nx
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import (
-    BroadcastChannel,
-    Problem,
-    Recording,
-    Result,
-    solve_optimum,
-    topology,
-)
+from aimd_des import BroadcastChannel, Problem, Recording, Result, solve_optimum, topology
 from aimd_des.channel import Channel
 from aimd_des.channel.loss import Bernoulli, CommonMode, GilbertElliott
 from aimd_des.checks import FloatArray

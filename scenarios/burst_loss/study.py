@@ -160,11 +160,7 @@ def _findings(table: pd.DataFrame) -> list[str]:
     away = {links: 100 * at(links, _PLAIN, _SHOWN) for links in _LINKS}
     turn, turn_theory, excursion = (
         at(common, *wanted)
-        for wanted in (
-            ("run_away_peak", _SHOWN),
-            ("run_away_peak", _SHOWN, "theory"),
-            ("excursion", _SHOWN),
-        )
+        for wanted in (("run_away_peak", _SHOWN), ("run_away_peak", _SHOWN, "theory"), ("excursion", _SHOWN))
     )
     gaps = [
         abs(at(common, "excess", burst) / at(common, "excess", burst, "theory") - 1.0)

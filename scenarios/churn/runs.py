@@ -87,26 +87,10 @@ class Together(NamedTuple):
 def schedule(
     stay: float, until: float, returns: type[Absence] | type[Crash], seed: int
 ) -> list[Intervention]:
-    """Draw who is there when, declared before the run.
+    """Draw who is there when, declared before the run; the state at time 0 is that of the long run.
 
     Draw k of camera i has the address (k, i): runs of the same seed share it, whatever their mean stay.
     Continuous agents have no clocks, so that the stream of the clocks is free for this.
-
-    Parameters
-    ----------
-    stay : float
-        Mean time for which a camera is there, in units of time; infinite for no churn.
-    until : float
-        The end of the run.
-    returns : type
-        `Absence` or `Crash`: whether it comes back with its average or has forgotten.
-    seed : int
-        Of the run.
-
-    Returns
-    -------
-    list of Intervention
-        One for each stay of a camera away; the state at time 0 is that of the long run.
     """
     key = streams.key(seed, streams.Purpose.CLOCK)
     here = streams.uniforms(key, 0, 0, N) < PRESENT

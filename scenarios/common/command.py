@@ -67,11 +67,7 @@ class _Refusal(click.ClickException):
     exit_code = 2
 
 
-def command(
-    name: str,
-    study: Callable[..., Finding],
-    question: str,
-) -> click.Command:
+def command(name: str, study: Callable[..., Finding], question: str) -> click.Command:
     """Make the command of a study.
 
     A study is a function of `quick` (whether to run the small size), of `seed` (of the first replication)

@@ -20,8 +20,6 @@ from aimd_des.checks import FloatArray
 from aimd_des.interventions import Absence, Crash, UnusualActivity
 from aimd_des.interventions.names import agent_indices
 
-__all__ = ["Flow", "flow"]
-
 Change = Absence | Crash | UnusualActivity
 
 
@@ -69,27 +67,10 @@ def flow(
     interventions: Sequence[Change] = (),
     step: float = 0.25,
 ) -> Flow:
-    """Let the fluid flow from nothing.
+    """Let the fluid of a single resource flow from nothing, with signals that hold the total at a level.
 
-    Parameters
-    ----------
-    problem : Problem
-        What is shared: one resource.
-    level : float
-        Where signals hold the total, in units of the resource.
-    until : float
-        The end, in units of time.
-    averaging : Averaging, optional
-        How agents average; over all of the past unless given.  A window only where nobody is ever away.
-    interventions : sequence of Absence, Crash or UnusualActivity
-        What happens.
-    step : float
-        Of time.
-
-    Returns
-    -------
-    Flow
-        At every step, the start and the end included.
+    Agents average over all of the past unless it is said; over a window only where nobody is ever away.
+    The flow is kept at every step of time, the start and the end included.
     """
     n, alpha, gamma = problem.n_agents, problem.increase[:, 0], float(problem.normalization[0])
     cut = 1.0 - problem.decrease[:, 0]

@@ -20,11 +20,7 @@ def summarise(rows: Sequence[Mapping[str, Any]], labels: Sequence[str]) -> pd.Da
 
 
 def estimate(
-    labels: Mapping[str, Any],
-    measure: str,
-    found: tuple[Any, Any],
-    replications: int,
-    theory: float = np.nan,
+    labels: Mapping[str, Any], measure: str, found: tuple[Any, Any], replications: int, theory: float = np.nan
 ) -> dict[str, Any]:
     """Make a row of a table from a mean and its standard error, each a number or an array of one."""
     mean, error = (float(np.ravel(part)[0]) for part in found)

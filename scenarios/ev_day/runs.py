@@ -8,14 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aimd_des import (
-    BroadcastChannel,
-    Problem,
-    Recording,
-    Result,
-    solve_optimum,
-    theory,
-)
+from aimd_des import BroadcastChannel, Problem, Recording, Result, solve_optimum, theory
 from aimd_des.averaging import Cumulative, Forgetting
 from aimd_des.channel.latency import Exponential
 from aimd_des.channel.loss import Bernoulli
@@ -52,25 +45,15 @@ class Case(NamedTuple):
 class Garage:
     """Meters all vehicles by the minute; who is full or due leaves, and no charger exceeds its rating.
 
-    Parameters
-    ----------
-    vehicles : Vehicles
-        With whole minutes.
-
-    Attributes
-    ----------
-    energy, gone : ndarray, shape (n,)
-        What each has, in kWh, and when it has left.
-    history : ndarray, shape (1440, n)
-        The energy at every minute of its stay, in kWh.
+    Arrivals and departures are whole minutes.
     """
 
     def __init__(self, vehicles: Vehicles) -> None:
         self.vehicles = vehicles
         self.ratings = np.resize(_CHARGERS, len(vehicles))
         self.energy = np.zeros(len(vehicles))  # in kWh
-        self.gone = np.full(len(vehicles), np.nan)
-        self.history = np.zeros((_DAY, len(vehicles)))
+        self.gone = np.full(len(vehicles), np.nan)  # when each has left
+        self.history = np.zeros((_DAY, len(vehicles)))  # the energy at every minute of its stay
 
     def __call__(self, system: System) -> ProcessGenerator:
         """Look at all vehicles every minute, as a process beside theirs."""

@@ -56,10 +56,7 @@ def _rows(case: Outage, found: list[Found]) -> list[dict[str, Any]]:
         "run-away": ([run.runaway for run in found], runaway),
         "room below the bound": ([case.bound - run.runaway for run in found], np.nan),
         "time to come back": ([run.back for run in found], back),
-        "overload": (
-            [run.excess for run in found],
-            0.5 * runaway**2 * PACE + fall if everybody else np.nan,
-        ),
+        "overload": ([run.excess for run in found], 0.5 * runaway**2 * PACE + fall if everybody else np.nan),
         "extra of the even half": ([float(run.extra[HALF].mean()) for run in found], np.nan),
         "extra of the odd half": ([float(run.extra[OTHER].mean()) for run in found], np.nan),
     }

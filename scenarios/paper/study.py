@@ -44,29 +44,7 @@ _EVENT_DRIVEN_STEPS = 300
 
 
 def run(steps: int = FULL[0], draws: int = FULL[1], seed: int = 0, runs: Path | None = None) -> PaperStudy:
-    """Run the study.
-
-    Parameters
-    ----------
-    steps : int
-        K, at least 1.
-    draws : int
-        How many draws of the costs, at least 2.
-    seed : int
-        Of the first draw, at least 0.
-    runs : Path, optional
-        The folder of the runs; those that are there are not run again.
-
-    Returns
-    -------
-    PaperStudy
-        A pure function of the size and the seed.
-
-    Raises
-    ------
-    InputError
-        If an argument is outside its range.
-    """
+    """Run so many steps, at least 1, of so many draws of the costs, at least 2; others are refused."""
     steps = checks.integer("steps", steps, low=1)
     draws = checks.integer("draws", draws, low=2)
     seed = checks.integer("seed", seed, low=0)
@@ -105,14 +83,7 @@ def _measure(result: Result, optimum: Optimum, lag: int) -> pd.DataFrame:
     problem, summary = result.problem, result.summary(optimum)
     used = solve_optimum(problem, capacity=result.average_at_end.sum(axis=0))
     added = (1 + lag) * problem.increase.sum(axis=0)
-    columns = [
-        "signals",
-        "relative_error",
-        "misallocation",
-        "cost_ratio",
-        "overshoot_peak",
-        "overshoot_time",
-    ]
+    columns = ["signals", "relative_error", "misallocation", "cost_ratio", "overshoot_peak", "overshoot_time"]
     return (
         summary[columns]
         .assign(

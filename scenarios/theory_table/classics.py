@@ -19,8 +19,6 @@ from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
 from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated
 
-__all__ = ["classics"]
-
 _TWO_PERCENT = Rule("relative", 0.02, "within 2 %")
 _EXACT = Rule("relative", 0.002, "within 0.2 %")
 _AGENTS = 20
@@ -76,24 +74,11 @@ def _fixed_probabilities(until: float, seed: int) -> dict[str, Any]:
     log = result.events
     cuts = log[(log["kind"] == "respond") & (log["time"] >= until / 5)]
     taken = cuts.groupby(cuts["agent"].cat.codes)["value"].mean()
-    return {
-        "interval": _intervals(result),
-        "shares": taken.reindex(range(_AGENTS)).to_numpy() / (1.0 - beta),
-    }
+    return {"interval": _intervals(result), "shares": taken.reindex(range(_AGENTS)).to_numpy() / (1.0 - beta)}
 
 
 class _Drawn:
-    """A control unit that signals at random times, whatever total demand is.
-
-    Parameters
-    ----------
-    seed : int
-        Of the times.
-    rate : float
-        Signals per unit of time, or per unit of time and of total demand.
-    per_demand : bool
-        Which of the two.
-    """
+    """A control unit that signals at random times, at a rate per unit of time or of demand and time."""
 
     def __init__(self, seed: int, rate: float, *, per_demand: bool = False) -> None:
         self.random = np.random.default_rng([2018, seed])
@@ -133,18 +118,7 @@ def _flow(until: float, seed: int) -> dict[str, float]:
 
 
 def classics(size: Size) -> Experiment:
-    """Set up runs of small systems with fixed response probabilities.
-
-    Parameters
-    ----------
-    size : Size
-        How much to run.
-
-    Returns
-    -------
-    Experiment
-        Of the classical formulas.
-    """
+    """Set up runs of small systems with fixed response probabilities."""
     jobs: list[Callable[[int], Any]] = [
         partial(_synchronised, size.until),
         partial(_fixed_probabilities, size.until),

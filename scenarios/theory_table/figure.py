@@ -6,21 +6,11 @@ from matplotlib.figure import Figure
 from aimd_des.plots import colour, shared_legend
 from aimd_des.plots.style import REFERENCE, frame, number_axis
 
-__all__ = ["deviations"]
-
 
 def deviations(table: pd.DataFrame) -> Figure:
     """Draw the deviation of every row that has one, in % of the prediction, a line for each formula.
 
-    Parameters
-    ----------
-    table : DataFrame
-        What `rows.frame` makes.
-
-    Returns
-    -------
-    Figure
-        Bars are two standard errors to either side.
+    Bars are two standard errors to either side.
     """
     rows = table[table["relative_deviation"].notna()]
     formulas = rows["formula"].drop_duplicates().tolist()

@@ -17,8 +17,6 @@ from scenarios.common.measure import Measures, Run, distance, measure
 from scenarios.common.systems import memory_alone, spread
 from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated
 
-__all__ = ["compensated", "critical", "heterogeneous", "runaway"]
-
 _NEAR = Rule("difference", 0.02, "at most 2 %")
 _FAR = Rule("at least", 0.0, "at least 5 times")
 _LOCATED = Rule("difference", 0.05, "within 0.05")
@@ -46,29 +44,14 @@ def _pooled(
     value, error = jackknife([run.average for run in runs], measure_of)
     return [
         Row(
-            resource=name,
-            predicted=predicted,
-            mean=float(value[j]),
-            standard_error=float(error[j]),
-            **labels,
+            resource=name, predicted=predicted, mean=float(value[j]), standard_error=float(error[j]), **labels
         )
         for j, name in enumerate(names)
     ]
 
 
 def heterogeneous(size: Size) -> Experiment:
-    """Set up runs in which every agent has a loss of its own, from 0 to 0.6.
-
-    Parameters
-    ----------
-    size : Size
-        How much to run.
-
-    Returns
-    -------
-    Experiment
-        Of the distance to the reweighted and to the plain optimum.
-    """
+    """Set up runs in which every agent has a loss of its own, from 0 to 0.6."""
     problem, loss = smart_cameras(0), spread(0.0, 0.6)
     runs = [_run(dynamics, problem, size, 0.25, loss) for dynamics in _BOTH]
     return Experiment([partial(measure, run) for run in runs], partial(_heterogeneous_rows, runs))
@@ -110,15 +93,7 @@ def _heterogeneous_rows(runs: list[Run], outcomes: list[list[Measures]]) -> list
 def compensated(size: Size) -> Experiment:
     """Set up runs in which agents know their loss and make good for it.
 
-    Parameters
-    ----------
-    size : Size
-        How much to run.
-
-    Returns
-    -------
-    Experiment
-        Of the distance to the plain optimum, with Gamma and losses such that no response saturates.
+    Gamma and losses are such that no response saturates.
     """
     plain = smart_cameras(0, normalization=1 / 180)
     runs, tops = [], {"continuous": 0.5, "discrete": 0.3}
@@ -143,13 +118,7 @@ def _compensated_rows(plain: Problem, runs: list[Run], outcomes: list[list[Measu
         }
         words = "Loss made good for: distance of the averages from the plain optimum"
         rows += _pooled(
-            measures,
-            partial(distance, plain),
-            plain.resource_names,
-            0.0,
-            formula=words,
-            rule=_NEAR,
-            **labels,
+            measures, partial(distance, plain), plain.resource_names, 0.0, formula=words, rule=_NEAR, **labels
         )
         words = "Loss made good for: share of responses with a probability above 1"
         shares = [run.saturated for run in measures]
@@ -165,18 +134,7 @@ def _compensated_rows(plain: Problem, runs: list[Run], outcomes: list[list[Measu
 
 
 def critical(size: Size) -> Experiment:
-    """Set up searches for the loss from which on total demand runs away.
-
-    Parameters
-    ----------
-    size : Size
-        How much to run.
-
-    Returns
-    -------
-    Experiment
-        Of the critical loss, for memory alone and a large number of agents.
-    """
+    """Set up searches for the loss from which on total demand of many agents with memory alone runs away."""
     problem = memory_alone(size.agents)
     jobs = [partial(_locate, problem, dynamics, size) for dynamics in _BOTH]
     return Experiment(list(jobs), partial(_critical_rows, problem))
@@ -221,18 +179,7 @@ def _critical_rows(problem: Problem, outcomes: list[list[float]]) -> list[Row]:
 
 
 def runaway(size: Size) -> Experiment:
-    """Set up runs beyond the critical loss.
-
-    Parameters
-    ----------
-    size : Size
-        How much to run.
-
-    Returns
-    -------
-    Experiment
-        Of the total demand at which memory alone comes to rest.
-    """
+    """Set up runs of memory alone beyond the critical loss: total demand comes to rest."""
     problem, runs = memory_alone(), []
     for dynamics in _BOTH:
         loss = round(_predicted_critical(problem, dynamics) + 0.15, 2)

@@ -1,7 +1,5 @@
 """The page of the docs that `scenarios.theory_table` writes."""
 
-__all__ = ["PAGE"]
-
 #: With fields: findings, table, replications, and the lengths of runs.
 PAGE = """\
 # Closed forms and simulation

@@ -11,69 +11,31 @@ import pandas as pd
 from aimd_des.checks import FloatArray
 from aimd_des.study import mean_and_error
 
-__all__ = ["Experiment", "Row", "Rule", "Size", "digest", "estimated", "frame", "markdown"]
-
 
 @dataclass(frozen=True)
 class Size:
-    """How much is run.
+    """How much is run."""
 
-    Attributes
-    ----------
-    replications : int
-        Of everything.
-    until, start : float
-        Length of event-driven runs, and the time from which they are measured.
-    steps : int
-        Length of synchronous runs.
-    critical_until : float
-        Length of runs in the search for the critical loss.
-    halvings : int
-        Steps of that search.
-    agents : int
-        In that search.
-    """
-
-    replications: int
+    replications: int  # Of everything
+    # Length of event-driven runs, and the time from which they are measured.
     until: float
     start: float
-    steps: int
-    critical_until: float
-    halvings: int
-    agents: int
+    steps: int  # Length of synchronous runs
+    critical_until: float  # Length of runs in the search for the critical loss
+    halvings: int  # Steps of that search
+    agents: int  # In that search
 
 
 @dataclass(frozen=True)
 class Rule:
-    """What is claimed of a formula.
+    """What is claimed of a formula."""
 
-    Attributes
-    ----------
-    kind : {"relative", "difference", "at least"}
-        Whether the deviation counts over the prediction or as it is, or the prediction is a bound.
-    tolerance : float
-        Largest deviation.
-    words : str
-        The same for readers.
-    """
-
-    kind: str
-    tolerance: float
-    words: str
+    kind: str  # Whether the deviation counts over the prediction or as it is, or the prediction is a bound
+    tolerance: float  # Largest deviation
+    words: str  # The same for readers
 
     def holds(self, predicted: float, mean: float) -> bool:
-        """Say whether a measurement agrees.
-
-        Parameters
-        ----------
-        predicted, mean : float
-            By theory, and measured.
-
-        Returns
-        -------
-        bool
-            False for NaN.
-        """
+        """Say whether a measurement agrees; NaN does not."""
         if self.kind == "at least":
             return mean >= predicted
         scale = abs(predicted) if self.kind == "relative" else 1.0
@@ -82,67 +44,37 @@ class Rule:
 
 @dataclass(frozen=True)
 class Row:
-    """One number of theory beside its measurement.
+    """One number of theory beside its measurement."""
 
-    Attributes
-    ----------
-    formula, setting, resource : str
-        What was predicted, for what, of which resource.
-    normalization, hold_off : float
-        Gamma, and the least time between two signals.
-    predicted, mean, standard_error : float
-        In the units of the quantity.
-    rule : Rule, optional
-        Without one the deviation is only shown.
-    """
-
+    # What was predicted, for what, of which resource.
     formula: str
     setting: str
     resource: str
+    # Gamma, and the least time between two signals.
     normalization: float
     hold_off: float
+    # In the units of the quantity.
     predicted: float
     mean: float
     standard_error: float
-    rule: Rule | None = None
+    rule: Rule | None = None  # Without one the deviation is only shown
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """Runs, and what to make of them.
+    """Runs, and what to make of them."""
 
-    Attributes
-    ----------
-    jobs : list of callable
-        Each takes a seed.
-    rows : callable
-        Makes rows of the outcomes of all jobs, a list of replications for each.
-    """
-
-    jobs: list[Callable[[int], Any]]
+    jobs: list[Callable[[int], Any]]  # Each takes a seed
+    # Makes rows of the outcomes of all jobs, a list of replications for each.
     rows: Callable[[list[list[Any]]], list[Row]]
 
 
 def estimated(
     values: npt.ArrayLike, predicted: npt.ArrayLike, resources: Sequence[str], **labels: Any
 ) -> list[Row]:
-    """Make a row for each resource from replications.
+    """Make a row for each resource from values (r, m) of r replications and predictions (m,).
 
-    Parameters
-    ----------
-    values : array_like, shape (r, m)
-        Measured in each replication.
-    predicted : array_like, shape (m,)
-        By theory.
-    resources : sequence of str
-        m names.
-    **labels
-        The other fields of a row.
-
-    Returns
-    -------
-    list of Row
-        m rows.
+    Labels are the other fields of a row.
     """
     mean, error = mean_and_error(values)
     wanted: FloatArray = np.broadcast_to(np.asarray(predicted, dtype=np.float64), mean.shape)
@@ -159,19 +91,10 @@ def estimated(
 
 
 def frame(rows: Sequence[Row]) -> pd.DataFrame:
-    """Put rows into a table.
+    """Put rows into a table, with deviations and verdicts.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-        All of them.
-
-    Returns
-    -------
-    DataFrame
-        Columns: formula, setting, resource, normalization, hold_off, predicted, mean,
-        standard_error, deviation, relative_deviation, deviation_in_errors (NaN where the error is
-        0 or rounding), claim (empty where a deviation is only shown), holds (yes, no or empty).
+    The deviation in errors is NaN where the error is 0 or rounding; a claim is empty where a deviation is
+    only shown, and holds is yes, no or empty.
     """
     table = []
     for row in rows:
@@ -203,18 +126,7 @@ _HEADER = ("setting", "Gamma", "hold-off", "of", "theory", "simulation", "deviat
 
 
 def _readable(table: pd.DataFrame) -> pd.DataFrame:
-    """Write the numbers of the table for readers.
-
-    Parameters
-    ----------
-    table : DataFrame
-        As from `frame`.
-
-    Returns
-    -------
-    DataFrame
-        Text.
-    """
+    """Write the numbers of the table for readers."""
     lines = []
     for row in table.to_dict("records"):
         relative, errors = row["relative_deviation"], row["deviation_in_errors"]
@@ -240,18 +152,7 @@ def _readable(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def digest(table: pd.DataFrame) -> pd.DataFrame:
-    """Sum up the table, a line for each formula.
-
-    Parameters
-    ----------
-    table : DataFrame
-        As from `frame`.
-
-    Returns
-    -------
-    DataFrame
-        Text: formula, rows, deviations (the least and the largest), claim, holds.
-    """
+    """Sum up the table, a line for each formula: its rows, least and largest deviation, claim and verdict."""
     lines = []
     for formula, rows in table.groupby("formula", sort=False):
         claim = " ".join(dict.fromkeys(filter(None, rows["claim"])))
@@ -270,18 +171,7 @@ def digest(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def markdown(table: pd.DataFrame) -> str:
-    """Write the table as Markdown, a section for each formula.
-
-    Parameters
-    ----------
-    table : DataFrame
-        As from `frame`.
-
-    Returns
-    -------
-    str
-        Headings and tables.
-    """
+    """Write the table as Markdown, a section for each formula."""
     lines = []
     for formula, rows in _readable(table).groupby("formula", sort=False):
         lines += [f"### {formula}", "", f"| {' | '.join(_HEADER)} |", "|---|" + "---:|" * (len(_HEADER) - 1)]

@@ -14,8 +14,6 @@ from models.smart_cameras import smart_cameras
 from scenarios.common.measure import Measures, Run, measure
 from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated
 
-__all__ = ["signals_and_utilisation"]
-
 _SIGNALS = Rule("relative", 0.05, "within 5 %")
 _UTILISATION = Rule("difference", 0.02, "within 2 points")
 _FAR_FROM_CRITICAL = 0.8
@@ -38,10 +36,7 @@ def _cases(size: Size) -> list[_Case]:
         _Case("clock, acts in the same step", long(), 1.0),
         _Case("continuous, crossing", flow(control_unit=Crossing(0.0)), 0.0, True),
         _Case(
-            "continuous, crossing",
-            Run(half, size.until, size.start, "continuous", Crossing(0.0)),
-            0.0,
-            True,
+            "continuous, crossing", Run(half, size.until, size.start, "continuous", Crossing(0.0)), 0.0, True
         ),
         _Case("continuous, crossing, latency 0.5", flow(control_unit=Crossing(1.0), latency=0.5), 1.0),
         _Case("continuous, sampled", flow(control_unit=Sampled(1.0)), 1.0),
@@ -53,18 +48,7 @@ def _cases(size: Size) -> list[_Case]:
 
 
 def signals_and_utilisation(size: Size) -> Experiment:
-    """Set up runs of the paper's system.
-
-    Parameters
-    ----------
-    size : Size
-        How much to run.
-
-    Returns
-    -------
-    Experiment
-        Of signals, utilisation, the price in bits and the lift of peaks.
-    """
+    """Set up runs of the paper's system: signals, utilisation, the price in bits and the lift of peaks."""
     cases = _cases(size)
     return Experiment([partial(measure, case.run) for case in cases], partial(_rows, cases))
 
