@@ -133,19 +133,11 @@ def _values(table: pd.DataFrame, cameras: int, measure: str) -> pd.Series:
 
 def _shown(table: pd.DataFrame) -> pd.DataFrame:
     wide = table.pivot_table(index=["cameras", "resource"], columns="measure", values="value", sort=False)
-    rows = [
-        {
-            "cameras": f"{row['cameras']:,.0f}",
-            "resource": row["resource"],
-            "signals per unit of time": f"{row['signals']:.4f}",
-            "utilisation": f"{row['utilisation']:.4f}",
-            "misallocation": f"{row['misallocation']:.4f}",
-            "consensus spread": f"{row['consensus spread']:.4f}",
-            "scatter of gaps": f"{row['scatter']:.4f}",
-        }
-        for row in wide.reset_index().to_dict("records")
-    ]
-    return pd.DataFrame(rows)
+    wide = wide.reset_index().rename(
+        columns={"signals": "signals per unit of time", "scatter": "scatter of gaps"}
+    )
+    text = {name: [f"{value:.4f}" for value in wide[name]] for name in wide.columns[2:]}
+    return wide.assign(cameras=[f"{number:,.0f}" for number in wide["cameras"]], **text)
 
 
 def _findings(table: pd.DataFrame) -> list[str]:

@@ -6,15 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from aimd_des import theory
+from aimd_des import Crossing, PolynomialCosts, Problem, Recording, Resource, Result, Simulation, theory
 from aimd_des.checks import FloatArray
-from aimd_des.control_unit import Crossing
-from aimd_des.costs import PolynomialCosts
 from aimd_des.environment import Kind
-from aimd_des.problem import Problem, Resource
-from aimd_des.recording import Recording
-from aimd_des.results import Result
-from aimd_des.simulation import Simulation
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
 from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated

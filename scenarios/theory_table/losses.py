@@ -5,16 +5,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from aimd_des import theory
+from aimd_des import Crossing, Problem, Sampled, theory
 from aimd_des.checks import FloatArray
-from aimd_des.control_unit import Crossing, Sampled
 from aimd_des.costs import weighted_costs
-from aimd_des.optimum import solve_optimum
-from aimd_des.problem import Problem
 from aimd_des.study import jackknife
 from models.smart_cameras import smart_cameras
 from scenarios.common.measure import Measures, Run, distance, measure
 from scenarios.common.systems import memory_alone, spread
+from scenarios.common.theory import critical as critical_loss
+from scenarios.common.theory import held
 from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated
 
 _NEAR = Rule("difference", 0.02, "at most 2 %")
@@ -57,6 +56,10 @@ def heterogeneous(size: Size) -> Experiment:
     return Experiment([partial(measure, run) for run in runs], partial(_heterogeneous_rows, runs))
 
 
+def _ratio(problem: Problem, weights: FloatArray, average: FloatArray) -> FloatArray:
+    return distance(problem, average) / distance(problem, average, weights)
+
+
 def _heterogeneous_rows(runs: list[Run], outcomes: list[list[Measures]]) -> list[Row]:
     rows: list[Row] = []
     for run, measures in zip(runs, outcomes, strict=True):
@@ -66,15 +69,7 @@ def _heterogeneous_rows(runs: list[Run], outcomes: list[list[Measures]]) -> list
             share = theory.predict(problem, "discrete", latency=1.0, loss=loss).signals
         weights = theory.loss_weights(loss[:, None], share) * np.ones((1, problem.n_resources))
 
-        def near(
-            average: FloatArray, problem: Problem = problem, weights: FloatArray = weights
-        ) -> FloatArray:
-            return distance(problem, average, weights)
-
-        def ratio(
-            average: FloatArray, problem: Problem = problem, weights: FloatArray = weights
-        ) -> FloatArray:
-            return distance(problem, average) / distance(problem, average, weights)
+        near = partial(distance, problem, weights=weights)
 
         labels = {
             "setting": _words(run.dynamics, "0 to 0.6"),
@@ -86,7 +81,9 @@ def _heterogeneous_rows(runs: list[Run], outcomes: list[list[Measures]]) -> list
             measures, near, names, 0.0, formula=f"{what} reweighted optimum", rule=_NEAR, **labels
         )
         words = f"{what} plain optimum, over that from the reweighted"
-        rows += _pooled(measures, ratio, names, 5.0, formula=words, rule=_FAR, **labels)
+        rows += _pooled(
+            measures, partial(_ratio, problem, weights), names, 5.0, formula=words, rule=_FAR, **labels
+        )
     return sorted(rows, key=lambda row: row.rule is _FAR)
 
 
@@ -155,19 +152,13 @@ def _locate(problem: Problem, dynamics: _Dynamics, size: Size, seed: int) -> flo
     return 0.5 * (low + high)
 
 
-def _predicted_critical(problem: Problem, dynamics: _Dynamics) -> float:
-    mu = solve_optimum(problem).multipliers
-    rho = theory.signal_rate(problem.increase[0], problem.decrease[0], problem.normalization, mu)
-    return float(theory.critical_loss(rho, dynamics, refractory=1.0)[0])
-
-
 def _critical_rows(problem: Problem, outcomes: list[list[float]]) -> list[Row]:
     rows: list[Row] = []
     for dynamics, found in zip(_BOTH, outcomes, strict=True):
         words = "clock" if dynamics == "discrete" else "continuous, crossing"
         rows += estimated(
             np.array(found)[:, None],
-            _predicted_critical(problem, dynamics),
+            critical_loss(problem, 1.0, dynamics),
             problem.resource_names,
             formula="Critical loss",
             setting=f"{words}, {problem.n_agents} agents",
@@ -182,7 +173,7 @@ def runaway(size: Size) -> Experiment:
     """Set up runs of memory alone beyond the critical loss: total demand comes to rest."""
     problem, runs = memory_alone(), []
     for dynamics in _BOTH:
-        loss = round(_predicted_critical(problem, dynamics) + 0.15, 2)
+        loss = round(critical_loss(problem, 1.0, dynamics) + 0.15, 2)
         runs.append(_run(dynamics, problem, size, 1.0, loss))
     return Experiment([partial(measure, run) for run in runs], partial(_runaway_rows, runs))
 
@@ -191,15 +182,7 @@ def _runaway_rows(runs: list[Run], outcomes: list[list[Measures]]) -> list[Row]:
     rows: list[Row] = []
     for run, measures in zip(runs, outcomes, strict=True):
         problem = run.problem
-        mu = theory.runaway_multiplier(
-            problem.increase[0],
-            problem.decrease[0],
-            problem.normalization,
-            run.loss,
-            run.dynamics,
-            refractory=1.0,
-        )
-        level = theory.allocation_at(problem, mu).sum(axis=0) / problem.capacity
+        level = held(problem, 1.0, 0.0, float(np.max(run.loss)), run.dynamics)[1]
         rows += estimated(
             [row.utilisation for row in measures],
             level,

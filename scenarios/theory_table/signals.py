@@ -5,11 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aimd_des import theory
+from aimd_des import Crossing, Problem, Sampled, solve_optimum, theory
 from aimd_des.checks import FloatArray
-from aimd_des.control_unit import Crossing, Sampled
-from aimd_des.optimum import solve_optimum
-from aimd_des.problem import Problem
 from models.smart_cameras import smart_cameras
 from scenarios.common.measure import Measures, Run, measure
 from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated
