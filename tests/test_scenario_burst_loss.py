@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from aimd_des.study import mean_and_error, replicate
+from aimd_des.theory import burst_shares
 from scenarios.burst_loss.runs import Bursts, Outcome, measure, smallest
-from scenarios.burst_loss.theory import level_shares, run_away
+from scenarios.burst_loss.theory import run_away
 from scenarios.common.systems import memory_alone
 
 PROBLEM = memory_alone()
@@ -61,7 +62,7 @@ def test_long_bursts_of_each_link_level_the_shares() -> None:
     mean, error = of(found, "smallest")
 
     def predicted(burst: float) -> float:
-        allocation, _ = level_shares(PROBLEM, run.loss, burst)
+        allocation, _ = burst_shares(PROBLEM, run.loss, burst)
         return float(allocation[smallest(PROBLEM)].sum() / allocation.sum())
 
     # The saw's own effect on shares, which is of the order 1 / n, is left out: a quarter of a point.
@@ -72,8 +73,8 @@ def test_long_bursts_of_each_link_level_the_shares() -> None:
 
 def test_shares_of_the_theory_balance_growth_and_cuts() -> None:
     """Each agent's own equation holds, and where bad links hold all, there is no prediction."""
-    allocation, signals = level_shares(PROBLEM, 0.2, 40.0)
+    allocation, signals = burst_shares(PROBLEM, 0.2, 40.0)
     lump = (0.2 * 40.0 - 0.5 / signals) * PROBLEM.increase
     slope: Any = PROBLEM.costs.gradient(allocation) * (1.0 - lump / allocation)
     assert np.ptp(slope) < 1e-3 * slope.mean()
-    assert np.isnan(level_shares(PROBLEM, 0.2, 107.0)[1])
+    assert np.isnan(burst_shares(PROBLEM, 0.2, 107.0)[1])

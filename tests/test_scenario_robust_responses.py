@@ -8,10 +8,11 @@ import pytest
 from aimd_des import BroadcastChannel, Crossing, Fleet, Problem, Recording, Simulation
 from aimd_des.compensation import Compensation, EstimatedLoss
 from aimd_des.study import jackknife, mean_and_error
+from aimd_des.theory import believed_loss
 from scenarios.common.measure import distance
 from scenarios.common.systems import memory_alone, spread
 from scenarios.common.theory import critical, rate
-from scenarios.robust_responses.theory import MEMORY, believed_loss, misallocation
+from scenarios.robust_responses.theory import MEMORY, misallocation
 from tests.conftest import quietly
 
 # Four replications: by Student's t with 3 degrees of freedom a mean is so far off once in 200.
@@ -78,7 +79,7 @@ def test_numbers_that_wrap_around_leave_what_the_chain_says() -> None:
     for bits in (2, 3):
         found = runs(Crossing(0.1), BroadcastChannel(loss=LOSS), 3000.0, problem, EstimatedLoss(bits))
         value, error = jackknife([run.average_at_end for run in found], lambda mean: distance(problem, mean))
-        believed = np.array([believed_loss(p, bits) for p in LOSS.tolist()])
+        believed = believed_loss(LOSS, bits)
         expected = misallocation(problem, LOSS, believed, 0.0)
         assert abs(value[0] - expected[0]) < Z * error[0] + 0.002
         # Negative control: as if nobody were ever mistaken, or nobody made good for anything.

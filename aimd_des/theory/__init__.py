@@ -6,6 +6,7 @@ together; names and symbols are those of the model.  `predict` puts them togethe
 
 from aimd_des.theory.allocations import allocation_at, reweighted_optimum
 from aimd_des.theory.averaging import averaging_spread, recovery_time, share_rates
+from aimd_des.theory.bursts import believed_loss, burst_shares
 from aimd_des.theory.classics import (
     event_interval,
     event_mean,
@@ -34,6 +35,8 @@ __all__ = [
     "Prediction",
     "allocation_at",
     "averaging_spread",
+    "believed_loss",
+    "burst_shares",
     "clock_offset",
     "compensated_probability",
     "critical_loss",

@@ -12,8 +12,9 @@ from scipy.optimize import brentq
 
 from aimd_des.plots import colour, shared_legend
 from aimd_des.study import jackknife, replicate
+from aimd_des.theory import burst_shares
 from scenarios.burst_loss.runs import Bursts, Outcome, measure, run_one, smallest
-from scenarios.burst_loss.theory import level_shares, run_away
+from scenarios.burst_loss.theory import run_away
 from scenarios.common import figures
 from scenarios.common.command import Finding, command
 from scenarios.common.measure import distance
@@ -78,7 +79,7 @@ def _expected(run: Bursts) -> dict[str, float]:
     """Predict what there is a formula for."""
     if run.common:
         return run_away(run) if run.burst >= _LONG else {}
-    allocation, signals = level_shares(_PROBLEM, run.loss, run.burst)
+    allocation, signals = burst_shares(_PROBLEM, run.loss, run.burst)
     if not signals * run.hold_off < 1.0:  # also where it is not a number
         return {}
     small = allocation[smallest(_PROBLEM), 0].sum() / allocation.sum()
@@ -142,7 +143,7 @@ def _longest() -> float:
     """Find the mean burst, each link for itself, from which on signals do not suffice."""
 
     def idle(burst: float) -> float:
-        return 1.0 - level_shares(_PROBLEM, _LOSS, burst)[1] * _HOLD_OFF
+        return 1.0 - burst_shares(_PROBLEM, _LOSS, burst)[1] * _HOLD_OFF
 
     return float(brentq(idle, 1.0, 0.95 * _hopeless(), xtol=0.01))
 

@@ -9,61 +9,17 @@ the densities of y above the capacity are, in bursts and between them,
 For short bursts that is a queue with one on-off source: exponential, with the mean n alpha B p (1 - p) /
 (1 - p - rho r) over all time.
 
-Each link for itself.  Signals that an agent hears find it with E[x | good] = x - p alpha B, exactly, if
-they come evenly.  So the balance is that of costs with the derivative f_i'(x) (1 - p alpha B / x): where
-costs are quadratic, everybody gets p alpha B, and a share of the rest.
+Each link for itself: `aimd_des.theory.burst_shares`.
 """
 
-import math
-from functools import partial
-
 import numpy as np
-from scipy.optimize import brentq
 
-from aimd_des import Problem, solve_optimum
-from aimd_des.checks import FloatArray
-from aimd_des.theory import signal_rate
+from aimd_des import solve_optimum
 from scenarios.burst_loss.runs import Bursts, smallest
 
 _POINTS = 4_000
 _ROUNDS = 50
 _RESTS = 1e-4
-_HALVINGS = 40
-_TEETH = 3
-
-
-def level_shares(problem: Problem, loss: float, burst: float) -> tuple[FloatArray, float]:
-    """Predict shares (n, 1), and signals per unit of time, where each link has bursts of its own.
-
-    Of what a saw below the capacity uses; both are NaN where links that are bad hold more than that.  To
-    the next order, signals find agents with half a tooth more than their mean: a smaller p alpha B.
-    """
-    increase, capacity = problem.increase[:, 0], float(problem.capacity[0])
-    if loss * burst * increase.sum() >= capacity:
-        return np.full((problem.n_agents, 1), np.nan), np.nan
-    mu, used = float(solve_optimum(problem).multipliers[0]), capacity
-    for _ in range(_TEETH):
-        signals = float(signal_rate(increase[0], problem.decrease[0, 0], problem.normalization[0], mu, loss))
-        tooth = 0.5 * increase / signals
-        lump, used = loss * burst * increase - tooth, capacity - float(tooth.sum())
-        unused = partial(_unused, problem, lump, used)
-        mu = math.exp(brentq(unused, math.log(1e-9 * mu), math.log(1e3 * mu), xtol=1e-6))
-    return _held(problem, lump, mu)[:, None], signals
-
-
-def _held(problem: Problem, lump: FloatArray, mu: float) -> FloatArray:
-    """Find x with f_i'(x) (1 - lump_i / x) = mu, shape (n,)."""
-    low = np.maximum(lump, 0.0)
-    high = low + 2.0 * problem.capacity[0]
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        short = problem.costs.gradient(middle[:, None])[:, 0] * (1.0 - lump / middle) < mu
-        low, high = np.where(short, middle, low), np.where(short, high, middle)
-    return low
-
-
-def _unused(problem: Problem, lump: FloatArray, used: float, log_mu: float) -> float:
-    return float(_held(problem, lump, math.exp(log_mu)).sum() - used)
 
 
 def run_away(run: Bursts) -> dict[str, float]:

@@ -21,7 +21,7 @@ from scenarios.common.tables import estimate, number, shown, summarise
 from scenarios.common.theory import critical, held, rate
 from scenarios.robust_responses.figure import draw
 from scenarios.robust_responses.text import findings
-from scenarios.robust_responses.theory import MEMORY, believed_loss, misallocation
+from scenarios.robust_responses.theory import MEMORY, misallocation
 
 __all__ = ["main", "study"]
 
@@ -183,7 +183,7 @@ def _compensated(row: dict[Any, Any], signals: float) -> float:
     problem = _SHARED[dynamics]
     believed = {"nothing": np.zeros(len(_LOSS)), "known": _LOSS}.get(row["setting"])
     if believed is None:
-        believed = np.array([believed_loss(p, int(row["at"])) for p in _LOSS.tolist()])
+        believed = theory.believed_loss(_LOSS, int(row["at"]))
     found = misallocation(problem, _LOSS, believed, signals if dynamics == "discrete" else 0.0)
     return float(found[problem.resource_names.index(row["resource"])])
 

@@ -1,0 +1,142 @@
+r"""Losses that are not independent: bursts on links of their own, and what an agent believes that it loses.
+
+**Bursts.** A signal that agent i hears finds it with E[x_i | good] = x_i - p alpha_i B, exactly, if signals
+come evenly: B is the mean length of a burst, and x_i the average.  So the balance is that of costs with the
+derivative f_i'(x) (1 - p alpha_i B / x): where costs are quadratic, everybody gets p alpha_i B, and a share
+of the rest.
+
+**Running numbers.** What an agent that counts gaps in numbers modulo 2**w takes its loss for is a Markov
+chain: how far the latest number that it has read is behind.  What is more than half a period ahead looks
+like an old number, and is counted as heard without a step ahead.
+"""
+
+import math
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import brentq
+
+from aimd_des import checks
+from aimd_des.checks import FloatArray
+from aimd_des.errors import InputError
+from aimd_des.optimum import solve_optimum
+from aimd_des.problem import Problem
+from aimd_des.theory.arguments import arguments
+from aimd_des.theory.signals import signal_rate
+
+__all__ = ["believed_loss", "burst_shares"]
+
+_HALVINGS = 40
+_TEETH = 3
+
+# With so many bits who loses half of the signals is mistaken at one in a billion of them.
+_NEVER_MISTAKEN = 6
+
+
+def burst_shares(problem: Problem, loss: float, burst: float) -> tuple[FloatArray, float]:
+    """Averages, and signals per unit of time, where each link has bursts of loss of its own.
+
+    Parameters
+    ----------
+    problem : Problem
+        One resource.
+    loss : float
+        p, the share of the time in which a link is bad.
+    burst : float
+        B, the mean length of a burst, in units of time; 0 for independent losses.
+
+    Returns
+    -------
+    allocation : ndarray, shape (n, 1)
+        Averages of continuous agents, in units of the resource.
+    signals : float
+        Per unit of time.  Both are NaN where links that are bad hold more than the capacity.
+
+    Raises
+    ------
+    InputError
+        If a number is outside its range, or the problem has several resources.
+
+    Notes
+    -----
+    Of what a saw below the capacity uses.  To the next order signals find agents with half a tooth more
+    than their mean, which counts as a smaller p alpha B.  Signals are those of agents that all have the
+    increase and decrease of the first.
+    """
+    loss = checks.number("loss", loss, low=0.0, high=1.0, high_open=True)
+    burst = checks.number("burst", burst, low=0.0)
+    if problem.n_resources != 1:
+        raise InputError.of("number of resources", problem.n_resources, "1", "take one at a time")
+    increase, capacity = problem.increase[:, 0], float(problem.capacity[0])
+    if loss * burst * increase.sum() >= capacity:
+        return np.full((problem.n_agents, 1), np.nan), np.nan
+    mu, used = float(solve_optimum(problem).multipliers[0]), capacity
+    for _ in range(_TEETH):
+        signals = float(signal_rate(increase[0], problem.decrease[0, 0], problem.normalization[0], mu, loss))
+        tooth = 0.5 * increase / signals
+        lump, used = loss * burst * increase - tooth, capacity - float(tooth.sum())
+        unused = partial(_unused, problem, lump, used)
+        mu = math.exp(brentq(unused, math.log(1e-9 * mu), math.log(1e3 * mu), xtol=1e-6))
+    return _held(problem, lump, mu)[:, None], signals
+
+
+def _held(problem: Problem, lump: FloatArray, mu: float) -> FloatArray:
+    """Find x with f_i'(x) (1 - lump_i / x) = mu, shape (n,)."""
+    low = np.maximum(lump, 0.0)
+    high = low + 2.0 * problem.capacity[0]
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        short = problem.costs.gradient(middle[:, None])[:, 0] * (1.0 - lump / middle) < mu
+        low, high = np.where(short, middle, low), np.where(short, high, middle)
+    return low
+
+
+def _unused(problem: Problem, lump: FloatArray, used: float, log_mu: float) -> float:
+    return float(_held(problem, lump, math.exp(log_mu)).sum() - used)
+
+
+def believed_loss(loss: npt.ArrayLike, number_bits: int) -> FloatArray:
+    """Loss that an agent with `EstimatedLoss` believes in, in the long run.
+
+    Parameters
+    ----------
+    loss : array_like
+        p_i, what it loses, independently.
+    number_bits : int
+        w, the width of the running number, at least 2.
+
+    Returns
+    -------
+    ndarray
+        Estimated probabilities of loss.
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range.
+
+    Notes
+    -----
+    Exact for signals that arrive in their order, but for w of 6 and more, where it is p_i: a number is then
+    misread once in 2**32 signals at a loss of a half.
+    """
+    (p,) = arguments(loss=loss)
+    width = checks.integer("number_bits", number_bits, low=2)
+    if width >= _NEVER_MISTAKEN:
+        return np.asarray(p)
+    return np.array([_believed(value, 2**width) for value in p.ravel().tolist()]).reshape(p.shape)
+
+
+def _believed(loss: float, period: int) -> float:
+    behind = np.arange(period)
+    ahead = (behind + 1) % period
+    understood = 2 * ahead <= period
+    move = np.zeros((period, period))
+    move[behind, ahead] = np.where(understood, loss, 1.0)
+    move[:, 0] += np.where(understood, 1.0 - loss, 0.0)
+    balance = move.T - np.eye(period)
+    balance[-1] = 1.0
+    share = np.linalg.solve(balance, np.eye(period)[-1])
+    steps = (1.0 - loss) * (share * np.where(understood, ahead, 0)).sum()
+    return max(float(1.0 - (1.0 - loss) / steps), 0.0)
