@@ -17,8 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aimd_des import BroadcastChannel, Recording, Result, metrics, solve_optimum
-from aimd_des.channel.latency import Exponential
 from aimd_des.checks import FloatArray
+from aimd_des.latency import Exponential
 from aimd_des.plots import colour, shared_legend
 from aimd_des.study import replicate
 from models import smart_cameras

@@ -7,9 +7,9 @@ import numpy as np
 
 from aimd_des import BroadcastChannel, Recording, Result, streams
 from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
-from aimd_des.channel.latency import Constant
 from aimd_des.checks import FloatArray
 from aimd_des.interventions import Absence, Crash, Intervention, Join
+from aimd_des.latency import Constant
 from scenarios.common.measure import quietly, sensed
 from scenarios.common.systems import memory_alone
 

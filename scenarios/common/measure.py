@@ -25,10 +25,10 @@ from aimd_des import (
     run_discrete,
     solve_optimum,
 )
-from aimd_des.channel.latency import Constant
-from aimd_des.channel.loss import Bernoulli
 from aimd_des.checks import FloatArray
 from aimd_des.interventions import CapacityStep
+from aimd_des.latency import Constant
+from aimd_des.loss import Bernoulli
 from aimd_des.study import replicate
 from aimd_des.system import System
 from aimd_des.theory import reweighted_optimum

@@ -10,11 +10,11 @@ import numpy as np
 
 from aimd_des import BroadcastChannel, Problem, Recording, Result, solve_optimum, theory
 from aimd_des.averaging import Cumulative, Forgetting
-from aimd_des.channel.latency import Exponential
-from aimd_des.channel.loss import Bernoulli
 from aimd_des.checks import FloatArray
 from aimd_des.environment import Kind
 from aimd_des.interventions import CapacityProfile, Join, leave
+from aimd_des.latency import Exponential
+from aimd_des.loss import Bernoulli
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
 from models.ev_charging import Vehicles, capacity_left, daily_base_load, ev_charging, vehicle_schedule
