@@ -73,7 +73,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     table, outcomes = measure_all(cases, replications, seed, workers=1 if quick else None, out=runs)
     pairs = zip(cases[same:], outcomes[same:], strict=True)
     rows = [row for (labels, run), found in pairs for row in _distances(labels, run, found)]
-    table = pd.concat([table, pd.DataFrame(rows).drop(columns="theory")], ignore_index=True)
+    table = pd.concat([table, pd.DataFrame(rows)], ignore_index=True)
     table["theory"] = [_expected(row) for row in table.to_dict("records")]
     same_measures = (table["loss"] == _SAME) & table["measure"].isin(["signals", "utilisation"])
     return Finding(

@@ -70,7 +70,7 @@ def _rows(run: Bursts, found: list[Outcome]) -> pd.DataFrame:
     rows = [{**labels, **{name: getattr(one, name) for name in _MEASURES}} for one in found]
     shift = jackknife([one.average for one in found], partial(distance, _PROBLEM))
     more = pd.DataFrame([estimate(labels, _PLAIN, shift, len(found))])
-    table, expected = pd.concat([summarise(rows, list(labels)), more.drop(columns="theory")]), _expected(run)
+    table, expected = pd.concat([summarise(rows, list(labels)), more]), _expected(run)
     table["theory"] = [expected.get(measure, np.nan) for measure in table["measure"]]
     return table
 

@@ -20,12 +20,12 @@ def summarise(rows: Sequence[Mapping[str, Any]], labels: Sequence[str]) -> pd.Da
 
 
 def estimate(
-    labels: Mapping[str, Any], measure: str, found: tuple[Any, Any], replications: int, theory: float = np.nan
+    labels: Mapping[str, Any], measure: str, found: tuple[Any, Any], count: int, theory: float | None = None
 ) -> dict[str, Any]:
-    """Make a row of a table from a mean and its standard error, each a number or an array of one."""
+    """Make a row of a table from the mean of replications and its error, each a number or an array of one."""
     mean, error = (float(np.ravel(part)[0]) for part in found)
-    numbers = {"mean": mean, "standard_error": error, "replications": replications, "theory": theory}
-    return {**labels, "measure": measure, **numbers}
+    row = {**labels, "measure": measure, "mean": mean, "standard_error": error, "replications": count}
+    return row if theory is None else {**row, "theory": theory}
 
 
 def pick(table: pd.DataFrame, **wanted: object) -> pd.DataFrame:

@@ -85,7 +85,7 @@ def _totals(run: Mesh, found: list[Outcome]) -> pd.DataFrame:
     ]
     fixed = {"mean delivery": known.delivery.mean(), "transmissions": known.transmissions}
     more += [estimate(labels, name, (value, np.nan), count) for name, value in fixed.items()]
-    table, expected = pd.concat([rows, pd.DataFrame(more).drop(columns="theory")]), _expected(run, known)
+    table, expected = pd.concat([rows, pd.DataFrame(more)]), _expected(run, known)
     table["theory"] = [expected.get(name, np.nan) for name in table["measure"]]
     return table
 

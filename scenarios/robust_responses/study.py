@@ -167,7 +167,7 @@ def _table(cases: Sequence[_Case], outcomes: list[list[tuple[pd.DataFrame, Float
                 labels = {**case.labels, "resource": name}
                 pooled.append(estimate(labels, "misallocation of the mean", (found[0], found[1]), len(runs)))
     single = summarise(rows, ["panel", "setting", "at", "threshold", "resource"]).dropna(subset="mean")
-    return pd.concat([single, pd.DataFrame(pooled).drop(columns="theory")], ignore_index=True)
+    return pd.concat([single, pd.DataFrame(pooled)], ignore_index=True)
 
 
 def _threshold(hold_off: float, latency: float, _seed: int) -> _Threshold:

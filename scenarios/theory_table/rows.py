@@ -104,14 +104,7 @@ def frame(rows: Sequence[Row]) -> pd.DataFrame:
         verdict = "" if row.rule is None else "yes" if row.rule.holds(row.predicted, row.mean) else "no"
         table.append(
             {
-                "formula": row.formula,
-                "setting": row.setting,
-                "resource": row.resource,
-                "normalization": row.normalization,
-                "hold_off": row.hold_off,
-                "predicted": row.predicted,
-                "mean": row.mean,
-                "standard_error": row.standard_error,
+                **{name: value for name, value in vars(row).items() if name != "rule"},
                 "deviation": deviation,
                 "relative_deviation": np.nan if bound or not row.predicted else deviation / row.predicted,
                 "deviation_in_errors": deviation / row.standard_error if noisy and not bound else np.nan,
