@@ -17,7 +17,7 @@ from rich.table import Table
 
 import aimd_des
 from aimd_des import InputError, checks
-from aimd_des.output import check_folder, new_folder
+from aimd_des.output import Place, check_folder, new_folder
 
 _DPI = 200
 
@@ -37,9 +37,8 @@ class Finding:
     record: dict[str, Any] = field(default_factory=dict)  # what the provenance holds besides
 
 
-def write(found: Finding, out: Path, *, overwrite: bool = False) -> None:
-    """Write figures, table and provenance into a folder, all or nothing; one of its own may be replaced."""
-    check_folder(out, overwrite=overwrite, mark=f"{found.name}.json")
+def write(found: Finding, place: Place) -> None:
+    """Write figures, table and provenance into a folder, as `check_folder` has found it, all or nothing."""
     provenance = {
         "scenario": found.name,
         **found.settings,
@@ -51,14 +50,14 @@ def write(found: Finding, out: Path, *, overwrite: bool = False) -> None:
             **{library: version(library) for library in ("numpy", "scipy", "numba", "simpy", "matplotlib")},
         },
     }
-    with new_folder(out) as place:
+    with new_folder(place) as folder:
         for name, figure in found.figures.items():
-            figure.savefig(place / f"{name}.png", dpi=_DPI)
+            figure.savefig(folder / f"{name}.png", dpi=_DPI)
         for name, page in found.pages.items():
-            (place / name).write_text(page, encoding="utf-8")
-        found.table.to_csv(place / "table.csv", index=False)
+            (folder / name).write_text(page, encoding="utf-8")
+        found.table.to_csv(folder / "table.csv", index=False)
         record = json.dumps(provenance, indent=2, ensure_ascii=False)
-        (place / f"{found.name}.json").write_text(record + "\n", encoding="utf-8")
+        (folder / f"{found.name}.json").write_text(record + "\n", encoding="utf-8")
 
 
 class _Refusal(click.ClickException):
@@ -82,7 +81,7 @@ def command(name: str, study: Callable[..., Finding], question: str) -> click.Co
             place = check_folder(out, overwrite=overwrite, mark=f"{name}.json")
             with console.status(question):
                 found = study(quick, seed, runs)
-            write(found, out, overwrite=overwrite)
+            write(found, place)
         except InputError as refusal:
             raise _Refusal(str(refusal)) from None
         _show(found, console)

@@ -18,7 +18,7 @@ from aimd_des import Problem
 from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
 from aimd_des.checks import FloatArray
 from aimd_des.interventions import Absence, Crash, UnusualActivity
-from aimd_des.interventions.names import agent_indices
+from aimd_des.names import agent_indices
 
 Change = Absence | Crash | UnusualActivity
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aimd_des import BroadcastChannel, Problem, Recording, Result, solve_optimum, theory
+from aimd_des import BroadcastChannel, Problem, Recording, Result, theory
 from aimd_des.averaging import Cumulative, Forgetting
 from aimd_des.checks import FloatArray
 from aimd_des.environment import Kind

@@ -19,6 +19,7 @@ from aimd_des import (
     run_discrete,
     solve_optimum,
 )
+from aimd_des.output import Place
 from aimd_des.plots import paper_figures
 from aimd_des.study import replicate
 from models.smart_cameras import smart_cameras
@@ -28,7 +29,10 @@ from scenarios.paper.table import ERROR_BOUND, caption, grid, table
 from scenarios.paper.text import markdown, sentences
 from scenarios.paper.types import PaperStudy
 
-__all__ = ["FULL", "QUICK", "PaperStudy", "figures", "main", "run", "write"]
+__all__ = ["FULL", "MARK", "QUICK", "PaperStudy", "figures", "main", "run", "write"]
+
+#: The file by which a folder is recognised as one that this scenario wrote.
+MARK = "paper.json"
 
 #: Steps and draws of the paper's size, and of one that takes seconds less.
 FULL = (30_000, 20)
@@ -114,9 +118,9 @@ def figures(study: PaperStudy) -> dict[str, Figure]:
     return drawn
 
 
-def write(study: PaperStudy, out: Path, *, overwrite: bool = False) -> None:
-    """Write figures, tables and provenance into a folder, all or nothing; one of its own may be replaced."""
-    common.write(_finding(study), out, overwrite=overwrite)
+def write(study: PaperStudy, place: Place) -> None:
+    """Write figures, tables and provenance into a folder, as `check_folder` has found it, all or nothing."""
+    common.write(_finding(study), place)
 
 
 def _finding(study: PaperStudy) -> Finding:
