@@ -59,7 +59,8 @@ class Fault(NamedTuple):
     def bound(self, *, latency: bool = True) -> float:
         """With latencies in whole steps on the clock, rounded up."""
         late = (math.ceil(self.latency) if self.dynamics == "discrete" else self.latency) if latency else 0.0
-        return float(theory.partition_runaway(system(), self.duration, late, period=self.wait)[0])
+        waits = "period" if self.dynamics == "discrete" else "refractory"
+        return float(theory.partition_runaway(system(), self.duration, late, **{waits: self.wait})[0])
 
 
 def runaway(fault: Fault, agents: Any, seed: int = 0) -> float:
@@ -133,6 +134,41 @@ def test_a_fault_at_a_crossing_meets_the_bound(
     # Negative control: the bound without the latency is exceeded wherever there is one.
     if latency > 0.0:
         assert rise > fault.bound(latency=False) + ROUNDING
+
+
+def looked_at(phase: float, at: float, duration: float, latency: float = 0.0) -> float:
+    """Run-away of one continuous agent that always responds, with looks at phase + q."""
+    memory = resource(capacity=1.0, increase=0.1, decrease=0.5, normalization=0.5)
+    result = Simulation(
+        Problem([memory], PolynomialCosts([2], [[[1.0]]])),
+        dynamics="continuous",
+        control_unit=Sampled(phase=phase),
+        channel=BroadcastChannel(latency=latency),
+        interventions=[CapacityStep("memory", at, 1.0), Partition(at, duration)],
+        seed=0,
+        recording=Recording(demand="end"),
+    ).run(at + duration + 3.0)
+    return float(result.pieces["overshoot_peak"].iloc[-1] - 1.0)
+
+
+def test_the_runaway_of_looks_counts_in_whole_periods() -> None:
+    # 60 random partitions, and one that is met: the look at 9.99 sees 0.999, the next one is not heard.
+    rng = np.random.default_rng(0)
+    problem = Problem([resource(capacity=1.0, increase=0.1)], PolynomialCosts([2], [[[1.0]]]))
+    assert looked_at(0.99, 10.98, 0.02) == pytest.approx(0.199)
+    cases = [
+        (0.99, 10.98, 0.02, 0.0),
+        *rng.uniform([0.0, 10.0, 0.0, 0.0], [1.0, 30.0, 3.0, 0.9], (60, 4)).tolist(),
+    ]
+    rooms, plain = [], []
+    for phase, at, duration, latency in cases:
+        rise = looked_at(phase, at, duration, latency)
+        rooms.append(float(theory.partition_runaway(problem, duration, latency, period=1.0)[0]) - rise)
+        plain.append(0.1 * (duration + latency + 1.0) - rise)
+    assert min(rooms) >= -ROUNDING
+    assert min(rooms) < 0.002
+    # Negative control: the duration as it is bounds nothing.
+    assert sum(room < -ROUNDING for room in plain) > 5
 
 
 def test_half_of_the_agents_run_away_by_less() -> None:

@@ -541,9 +541,16 @@ def test_partition_runaway_bounds_the_total() -> None:
         deaf = (start, start + 20.0)
         run = run_total(problem, start + 22.0, 0, latency=0.5, refractory=0.75, deaf=deaf)
         rises.append(run.peak - problem.limit[0])
-    bound = float(theory.partition_runaway(problem, 20.0, 0.5, period=0.75)[0])
+    bound = float(theory.partition_runaway(problem, 20.0, 0.5, refractory=0.75)[0])
     assert 0.95 * bound < max(rises) <= bound
     # Negative control: what happens between the crossing and the signal counts.
     assert max(rises) > theory.partition_runaway(problem, 20.0)[0]
     with pytest.raises(InputError, match="duration"):
         theory.partition_runaway(problem, -1.0)
+    with pytest.raises(InputError, match="refractory"):
+        theory.partition_runaway(problem, 1.0, period=1.0, refractory=1.0)
+
+    # A partition of any length may take a look.
+    one = Problem([resource(capacity=1.0, increase=0.1)], PolynomialCosts([2], [[[1.0]]]))
+    assert theory.partition_runaway(one, 0.02, period=1.0) == pytest.approx(0.2)
+    assert theory.partition_runaway(one, 2.0, 0.5, period=1.0) == pytest.approx(0.35)

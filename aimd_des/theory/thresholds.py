@@ -7,6 +7,7 @@ that; as cuts depend on what is used, that is repeated until it rests.
 """
 
 import dataclasses
+import math
 
 import numpy as np
 import numpy.typing as npt
@@ -129,7 +130,12 @@ def _with(problem: Problem, threshold: FloatArray) -> Problem:
 
 
 def partition_runaway(
-    problem: Problem, duration: float, latency: float = 0.0, *, period: float = 0.0
+    problem: Problem,
+    duration: float,
+    latency: float = 0.0,
+    *,
+    period: float = 0.0,
+    refractory: float = 0.0,
 ) -> FloatArray:
     """Bound how far total demand runs above its threshold while nobody hears anything.
 
@@ -140,32 +146,41 @@ def partition_runaway(
     duration : float
         How long no signal gets through, in units of time.
     latency : float
-        The longest of the agents' latencies.
+        The longest of the agents' latencies; on the clock in whole steps, rounded up.
     period : float
-        Time between two looks of a control unit that samples (1 on the clock), or its hold-off: the first
-        signal after the partition may leave so much later.
+        Time between two looks of a control unit that samples, 1 on the clock; 0 for one that senses the
+        crossing.
+    refractory : float
+        Its hold-off then: the first signal after the partition may leave so much later.
 
     Returns
     -------
     ndarray, shape (m,)
-        sum_i alpha_i (duration + latency + period), in units of the resources.
+        sum_i alpha_i (duration + latency + refractory), in units of the resources; with looks the duration
+        counts in whole periods, rounded up, and a period more.
 
     Raises
     ------
     InputError
-        If an argument is outside its range.
+        If an argument is outside its range, or both a period and a hold-off are given.
 
     Notes
     -----
     An upper bound of the total at the first signal that acts after the partition, whether it is signals
     that are sent or signals that arrive which are lost, if what had crossed the threshold before was
     answered by enough.  It is met where the threshold is crossed just as signals begin to be lost and
-    the control unit has just looked as the partition ends.  To come back takes as many signals as
-    runaway / (n (1 - beta) Gamma mu) or so; if each takes hardly more than the growth over a hold-off,
-    the total may rise further meanwhile.  On the clock all three count in whole steps, rounded up.
+    the hold-off has just begun as the partition ends, or just after a look, of which the partition then takes
+    as many as it can.  To come back takes as many signals as runaway / (n (1 - beta) Gamma mu) or so; if each
+    takes hardly more than the growth over a hold-off, the total may rise further meanwhile.
     """
     checks.instance("problem", problem, Problem, "a Problem")
     silent = checks.number("duration", duration, low=0.0)
     delay = checks.number("latency", latency, low=0.0)
     look = checks.number("period", period, low=0.0)
-    return np.asarray(problem.increase.sum(axis=0) * (silent + delay + look))
+    hold_off = checks.number("refractory", refractory, low=0.0)
+    if look > 0.0 and hold_off > 0.0:
+        raise InputError.of("refractory", hold_off, "left out for a control unit that samples")
+    if look > 0.0:
+        # However short, a partition may take a look, and the crossing may just have missed the one before.
+        silent = (math.ceil(silent / look) + 1) * look
+    return np.asarray(problem.increase.sum(axis=0) * (silent + delay + hold_off))

@@ -56,7 +56,7 @@ class Outage(NamedTuple):
     @property
     def bound(self) -> float:
         """The run-away over the capacity at most."""
-        silent = theory.partition_runaway(PROBLEM, self.duration, self.latency, period=self.wait)
+        silent = theory.partition_runaway(PROBLEM, self.duration, self.latency, refractory=self.wait)
         return float(silent[0]) / CAPACITY
 
 
