@@ -23,6 +23,7 @@ from aimd_des import (
     Sampled,
     Simulation,
     run_discrete,
+    solve_optimum,
     theory,
 )
 from aimd_des.checks import FloatArray
@@ -141,7 +142,7 @@ def test_share_rates_are_those_of_the_means() -> None:
     # common factor that makes them add up. Euler steps of 1/2000 and a deviation of 1e-6: errors are 0.1 %.
     powers = [2, 2, 3, 4, 5, 8]
     problem = Problem([resource(capacity=6.0)], costs_of_powers(powers))
-    optimum = theory.predict(problem, "continuous").allocation
+    optimum = solve_optimum(problem).allocation
     rates = theory.share_rates(problem, optimum)[:, 0]
     elasticity = np.array(powers) - 1.0
     assert (np.diff(rates) > 0).all()

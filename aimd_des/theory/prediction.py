@@ -1,15 +1,17 @@
 r"""What a run will come to, from the problem alone: the closed forms, made consistent with each other.
 
 How much of the capacity is used depends on the derivative mu at the averages, which depends on how much is
-used.  `predict` iterates the two, and takes the balance of growth and cuts to the next order:
+used.  `predict` iterates the two.  In the balance of growth and cuts
 
-- a signal finds agent i with y_i = x_i + h_i, h_i = alpha_i / (2 rho), half a saw tooth above its average;
-- so all cuts of a signal, sum_i kappa_i (x_i + h_i) with kappa_i = (1 - p_i) (1 - beta_i) lambda_i, make up
-  for all growth since the last one, which is linear in rho or, on the clock, in the share e;
-- teeth of D in the mean are random, and their variance V = sum_i (1 - beta_i)^2 q_i (1 - q_i) E y_i^2 with
-  q_i = (1 - p_i) lambda_i costs V / (2 D) of the capacity more; E y^2 = (E y)^2 (2 - kappa) / (1 + beta).
+- a signal finds agent i with y_i, and takes kappa_i y_i of it in the mean, kappa_i = (1 - p_i) (1 - beta_i)
+  lambda_i, which is what the agent has added since the last one: rho kappa_i y_i = alpha_i;
+- all y_i add up to what signals find in all, the threshold if the crossing is the signal, and rho follows;
+- averages are below the y_i by half a saw tooth, h_i = alpha_i / (2 rho) (1 + V / D^2), for teeth of D in the
+  mean with the variance V = sum_i (1 - beta_i)^2 q_i (1 - q_i) E y_i^2, q_i = (1 - p_i) lambda_i.
 
-Where a hold-off is given, what is used is the mean of the total alone (`aimd_des.theory.totals`) instead.
+For exact crossings and few agents the last is replaced by exact moments (`aimd_des.theory.moments`).  Where
+the control unit looks now and then, or holds off, the total alone is followed (`aimd_des.theory.totals`), for
+what signals find in all and for its mean over time.
 """
 
 from dataclasses import dataclass
@@ -19,23 +21,24 @@ import numpy.typing as npt
 
 from aimd_des.checks import FloatArray
 from aimd_des.errors import InputError, SimulationError
-from aimd_des.optimum import Optimum, solve_optimum
+from aimd_des.optimum import solve_optimum
 from aimd_des.problem import Problem
-from aimd_des.theory.allocations import reweighted_optimum
 from aimd_des.theory.arguments import Dynamics
+from aimd_des.theory.moments import exact_averages
 from aimd_des.theory.setting import Setting, check_setting
-from aimd_des.theory.signals import clock_offset
 from aimd_des.theory.totals import Levels, cuts, walk_by_crossings, walk_by_looks
 
-__all__ = ["Prediction", "follow", "predict", "settle"]
+__all__ = ["Prediction", "check_enough", "follow", "predict", "settle", "walked"]
 
 _TOLERANCE = 1e-9
 _MAX_ROUNDS = 500
-# Less used makes mu smaller and so lets more be used: half a step damps what would swing.
-_DAMPING = 0.5
 # The total alone is followed anew until its mean has settled to this share of the capacity, or so often.
-_ENOUGH = 1e-4
-_MAX_WALKS = 8
+_ENOUGH = 3e-4
+_MAX_WALKS = 12
+# The exact moments of so many agents take tenths of a second; with more the first order misses little.
+_FEW = 200
+# What needs signals at more of the looks has run away: demand comes to rest where all of them have one.
+_NEARLY_ALL = 0.99
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,19 +100,20 @@ def predict(
     Raises
     ------
     InputError
-        If an argument is outside its range; if more signals are necessary than there can be (the loss
-        is beyond the critical one, or the period or hold-off too long); or if weights would differ from
-        resource to resource for costs other than `PolynomialCosts`.
+        If an argument is outside its range, or if more signals are necessary than there can be (the loss
+        is beyond the critical one, or the period or hold-off too long).
     SimulationError
         If the iteration does not come to rest.
 
     Notes
     -----
-    Neglects how cuts of an agent and of the others go together, which is of the order 1 / n, what the long
-    way to the averages costs, and, unless it is given, the hold-off of a control unit that senses crossings:
-    it must hold rho * refractory < 1, and the nearer it comes to 1 the more often total demand stays above
-    the capacity for a while.  Averages are the optimum for what is used, of costs weighted by what loss and
-    differing alpha and beta make of them: the half saw tooth is left out of the shares.
+    Exact for exact crossings and up to 200 agents, but for the long way to the averages, for response
+    probabilities that still wander with them, and for the hold-off, unless it is given: rho * refractory must
+    be below 1, and the nearer it comes to 1 the more often total demand stays above the capacity for a while.
+    With more agents how cuts of an agent and of the others go together is neglected: the order 1 / n.
+
+    For looks, and where a hold-off is given, the total is followed as a walk, which takes tenths of a second.
+    It knows of agents only what they take together, so with less than ten of them it is rough.
 
     Examples
     --------
@@ -124,14 +128,32 @@ def predict(
         problem, dynamics, latency=latency, period=period, loss=loss, refractory=refractory
     )
     expected = settle(setting)
-    if setting.refractory is None:
-        return expected
-    for _ in range(_MAX_WALKS):
-        setting = setting._replace(offset=np.array([walk.mean for walk in follow(setting, expected)]))
-        before, expected = expected, settle(setting)
+    for _ in range(0 if setting.crossing else _MAX_WALKS):
+        setting = walked(setting, follow(setting, expected))
+        before, expected = expected, settle(setting, expected.allocation)
         if (np.abs(expected.utilisation - before.utilisation) <= _ENOUGH).all():
             break
+    check_enough(setting, expected.signals)
     return expected
+
+
+def walked(setting: Setting, walks: list[Levels]) -> Setting:
+    """Take in where the total was.
+
+    Parameters
+    ----------
+    setting : Setting
+        Of the run.
+    walks : list of Levels
+        One for each resource.
+
+    Returns
+    -------
+    Setting
+        With the means of the walks.
+    """
+    mean, found = np.array([(walk.mean, walk.found) for walk in walks]).T
+    return setting._replace(mean=mean, found=found)
 
 
 def follow(setting: Setting, expected: Prediction) -> list[Levels]:
@@ -150,8 +172,8 @@ def follow(setting: Setting, expected: Prediction) -> list[Levels]:
         One for each resource.
     """
     problem = setting.problem
-    teeth = _teeth(setting, expected.signals)
-    law = cuts(problem, expected.allocation, expected.probability, teeth, setting.loss)
+    _, found = _found(setting, expected.probability)
+    law = cuts(problem, found, expected.probability, setting.loss)
     growth = problem.increase.sum(axis=0)
     lost = ((setting.loss * problem.increase).sum(axis=0) / growth).tolist()
     walks = []
@@ -165,117 +187,25 @@ def follow(setting: Setting, expected: Prediction) -> list[Levels]:
     return walks
 
 
-def settle(setting: Setting) -> Prediction:
-    """Let signals and use of the capacity settle on each other.
+def check_enough(setting: Setting, signals: FloatArray) -> None:
+    """Refuse what would need more signals than there can be.
 
     Parameters
     ----------
     setting : Setting
         Of the run.
-
-    Returns
-    -------
-    Prediction
-        As of `predict`.
+    signals : ndarray, shape (m,)
+        As predicted where the total has been followed.
 
     Raises
     ------
     InputError
-        If more signals are necessary than there can be.
-    SimulationError
-        If they do not settle.
+        If nearly every look, or the end of nearly every hold-off, has a signal.
     """
-    problem = setting.problem
-    signals, used = np.zeros(problem.n_resources), np.array(problem.limit)
-    for _ in range(_MAX_ROUNDS):
-        allocation = _settled(setting, signals, used).allocation
-        gradient = problem.costs.gradient(allocation)
-        probability = np.minimum(problem.normalization * gradient / allocation, 1.0)
-        new_signals = _signals(setting, allocation, probability)
-        new_used = _used(setting, allocation, probability, new_signals)
-        moved = np.maximum(np.abs(new_used / used - 1.0), np.abs(signals / new_signals - 1.0))
-        signals, used = new_signals, used + _DAMPING * (new_used - used)
-        if (used <= 0.0).any():
-            break
-        if (moved <= _TOLERANCE).all():
-            _check_enough(setting, signals)
-            return Prediction(signals, used / problem.capacity, allocation, probability)
-    raise SimulationError(
-        f"no prediction: utilisation does not settle, last {(used / problem.capacity).tolist()}; one signal"
-        " takes too large a part of the capacity, so make Gamma or 1 - beta smaller"
-    )
-
-
-def _settled(setting: Setting, signals: FloatArray, used: FloatArray) -> Optimum:
-    """Find the averages that agents tend to when `signals` are sent and `used` is what they hold together."""
-    problem = setting.problem
-    # An agent without loss never grows where every step has a signal: on the way there may be such rounds.
-    silent = np.minimum(signals, 1.0 - _TOLERANCE) * (1.0 - setting.loss) if setting.discrete else 0.0
-    weights = (1.0 - setting.loss) * (1.0 - problem.decrease) / (problem.increase * (1.0 - silent))
-    weights = weights / weights[0]  # exactly 1 where agents are alike
-    if (weights == 1.0).all():
-        return solve_optimum(problem, capacity=used)
-    # Where resources differ in alpha alone, rounding may leave a last digit between their weights.
-    if (np.abs(weights - weights[:, :1]) <= 1e-12 * weights[:, :1]).all():
-        weights = weights[:, 0]
-    return reweighted_optimum(problem, weights, capacity=used)
-
-
-def _signals(setting: Setting, allocation: FloatArray, probability: FloatArray) -> FloatArray:
-    """Balance growth and cuts of all agents: signals per unit of time, or the share of steps with one."""
-    alpha = setting.problem.increase
-    kappa = (1.0 - setting.loss) * (1.0 - setting.problem.decrease) * probability
-    growth = (alpha * (1.0 - 0.5 * kappa)).sum(axis=0)
-    cuts = (kappa * allocation).sum(axis=0)
-    if not setting.discrete:
-        return np.asarray(growth / cuts)
-    # Agents on which a signal is lost grow in that step; where nothing is left of the cuts, no share will do.
-    net = cuts + growth - (setting.loss * alpha).sum(axis=0)
-    return np.asarray(growth / np.maximum(net, growth))
-
-
-def _used(
-    setting: Setting, allocation: FloatArray, probability: FloatArray, signals: FloatArray
-) -> FloatArray:
-    """Compute the mean of total demand, (m,), in units of the resources."""
-    problem = setting.problem
-    growth = problem.increase.sum(axis=0)
-    if setting.offset is not None:
-        return np.asarray(problem.limit + growth * setting.offset)
-    if setting.discrete:
-        mean = growth * clock_offset(np.clip(signals, _TOLERANCE, 1.0), int(np.ceil(setting.latency)))
-    elif setting.period > 0.0:
-        mean = growth * _sampled_offset(setting, signals)
-    else:
-        mean = growth * (setting.latency - 0.5 / signals)
-    teeth = _teeth(setting, signals)
-    law = cuts(problem, allocation, probability, teeth, setting.loss)
-    deviation = np.array([one.variation * one.share for one in law]) * (allocation + teeth).sum(axis=0)
-    return np.asarray(problem.limit + mean - 0.5 * deviation**2 * signals / growth)
-
-
-def _teeth(setting: Setting, signals: FloatArray) -> FloatArray:
-    """Compute how much more than its average a signal finds with an agent: half a saw tooth, (n, m)."""
-    steps = 1.0 - signals if setting.discrete else 1.0  # on the clock those in which it grows
-    return np.asarray(0.5 * setting.problem.increase * steps / signals)
-
-
-def _sampled_offset(setting: Setting, signals: FloatArray) -> FloatArray:
-    """Compute the mean offset of continuous agents from the threshold, in units of growth per unit of time.
-
-    Seen at the looks they are on a clock, with cuts that are smaller by the growth of the same
-    period; between the looks they have grown half a period, and are cut only after the latency.
-    """
-    look = setting.period
-    lag = max(int(np.ceil(setting.latency / look)) - 1, 0)
-    share = np.clip(signals * look, _TOLERANCE, 1.0)
-    return np.asarray(look * (clock_offset(share, lag) + setting.latency / look - lag - 0.5))
-
-
-def _check_enough(setting: Setting, signals: FloatArray) -> None:
-    """Refuse what would need more signals than there can be."""
+    if setting.discrete and not setting.loss.any():
+        return  # on the clock nobody grows in a step whose signal arrives, so that there are always enough
     least = 1.0 if setting.discrete else max(setting.period, setting.refractory or 0.0)
-    if (signals * least >= 1.0).any():
+    if (signals * least >= _NEARLY_ALL).any():
         name, value = ("loss", setting.loss.max()) if setting.loss.any() else ("period", setting.period)
         if setting.refractory is not None:
             name, value = "refractory", setting.refractory
@@ -285,3 +215,84 @@ def _check_enough(setting: Setting, signals: FloatArray) -> None:
             "small enough for one signal at every look to suffice",
             "demand runs away from the capacity: see critical_loss and runaway_multiplier",
         )
+
+
+def settle(setting: Setting, start: FloatArray | None = None) -> Prediction:
+    """Let signals and use of the capacity settle on each other.
+
+    Parameters
+    ----------
+    setting : Setting
+        Of the run, with what is known of the total.
+    start : ndarray, shape (n, m), optional
+        Averages near those that are sought; the optimum unless given.
+
+    Returns
+    -------
+    Prediction
+        As of `predict`.
+
+    Raises
+    ------
+    SimulationError
+        If they do not settle.
+    """
+    problem = setting.problem
+    average = solve_optimum(problem, capacity=problem.limit).allocation if start is None else start
+    for _ in range(_MAX_ROUNDS):
+        gradient, probability = problem.costs.gradient(average), _probability(problem, average)
+        signals, wanted = _balance(setting, probability)
+        if (np.abs(wanted - average) <= _TOLERANCE * average).all():
+            return Prediction(signals, wanted.sum(axis=0) / problem.capacity, wanted, probability)
+        # The steeper the costs the more agents answer to their own averages: a whole step would swing.
+        curvature = np.abs(problem.costs.hessian(average) * average[:, None, :]).sum(axis=2)
+        steepness = np.where(probability < 1.0, np.maximum(curvature / gradient, 1.0), 1.0)
+        average = average * np.clip(wanted / average, 0.5, 2.0) ** (1.0 / steepness)
+    used = average.sum(axis=0) / problem.capacity
+    raise SimulationError(
+        f"no prediction: utilisation does not settle, last {used.tolist()}; one signal takes too large a part"
+        " of the capacity, so make Gamma or 1 - beta smaller"
+    )
+
+
+def _probability(problem: Problem, average: FloatArray) -> FloatArray:
+    """Compute the response probabilities, cut off at 1."""
+    return np.minimum(problem.normalization * problem.costs.gradient(average) / average, 1.0)
+
+
+def _found(setting: Setting, probability: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Balance growth and cuts: signals as in `Prediction`, (m,), and what they find with agents, (n, m)."""
+    problem = setting.problem
+    kappa = (1.0 - setting.loss) * (1.0 - problem.decrease) * probability
+    total = problem.limit + problem.increase.sum(axis=0) * setting.found
+    per_growth = problem.increase / kappa
+    if not setting.discrete:
+        growth = total / per_growth.sum(axis=0)
+        return 1.0 / growth, growth * per_growth
+    # Who loses a signal grows in its step; where nothing is left of the cuts then, no share will do.
+    growth = np.maximum(total - (setting.loss * per_growth).sum(axis=0), 0.0) / per_growth.sum(axis=0)
+    return 1.0 / (1.0 + growth), (growth + setting.loss) * per_growth
+
+
+def _balance(setting: Setting, probability: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Compute signals, (m,), and averages, (n, m), for fixed response probabilities."""
+    problem = setting.problem
+    signals, found = _found(setting, probability)
+    if setting.crossing and problem.n_agents <= _FEW:
+        keep, hit = 1.0 - problem.decrease, (1.0 - setting.loss) * probability
+        columns = [
+            exact_averages(problem.increase[:, j], keep[:, j], hit[:, j], found[:, j])
+            for j in range(problem.n_resources)
+        ]
+        return signals, np.stack(columns, axis=1)
+    spread = np.array([law.variation for law in cuts(problem, found, probability, setting.loss)])
+    tooth = 0.5 / signals * (1.0 + spread**2)
+    if setting.discrete:  # it stays where it is in the step of a signal
+        tooth = 0.5 * (1.0 / signals - 1.0) * (1.0 + spread**2 * (1.0 - signals))
+    average = found - problem.increase * tooth
+    if setting.crossing:
+        return signals, average
+    # Where signals come late, the total sways besides, all agents by as much as they grow: theory.md, Delay.
+    sway = problem.increase.sum(axis=0) * (tooth - setting.found + setting.mean)
+    part = problem.increase**2 / found
+    return signals, average + sway * part / part.sum(axis=0)

@@ -1,5 +1,6 @@
 """What a prediction is asked for, checked once: a problem, its agents, its control unit and its channel."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -31,8 +32,9 @@ class Setting(NamedTuple):
         As given to `predict`, one for each agent.
     refractory : float, optional
         As given to `predict`.
-    offset : ndarray, shape (m,), optional
-        Mean of total demand above its threshold, in units of growth, where it is known already.
+    mean, found : ndarray, shape (m,)
+        Total demand above its threshold, in units of growth: the mean over time, and at the signals that
+        act.  At first what they are where nearly every look has a signal.
     """
 
     problem: Problem
@@ -41,7 +43,13 @@ class Setting(NamedTuple):
     period: float
     loss: FloatArray
     refractory: float | None
-    offset: FloatArray | None = None
+    mean: FloatArray
+    found: FloatArray
+
+    @property
+    def crossing(self) -> bool:
+        """Whether one exact crossing is one signal."""
+        return not self.discrete and self.period == 0.0 and self.refractory is None
 
 
 def check_setting(
@@ -86,4 +94,14 @@ def check_setting(
     lost = checks.per_agent("loss", loss, low=0.0, high=1.0, high_open=True)
     checks.fits("loss", lost, problem.n_agents)
     column = np.full((problem.n_agents, 1), lost) if np.ndim(lost) == 0 else np.reshape(lost, (-1, 1))
-    return Setting(problem, dynamics == "discrete", delay, look, np.asarray(column), refractory)
+    discrete = dynamics == "discrete"
+    start = np.full(problem.n_resources, _offset(discrete, delay, look))
+    return Setting(problem, discrete, delay, look, np.asarray(column), refractory, start, start)
+
+
+def _offset(discrete: bool, latency: float, period: float) -> float:
+    """Compute how far the total is above its threshold where a signal acts, if nearly every look has one."""
+    if discrete:
+        return 0.5 * (math.ceil(latency) + 1)
+    lag = max(math.ceil(latency / period) - 1, 0) if period > 0.0 else 0
+    return latency - 0.5 * lag * period

@@ -17,7 +17,7 @@ from aimd_des.checks import FloatArray
 from aimd_des.errors import InputError, SimulationError
 from aimd_des.problem import Problem
 from aimd_des.theory.arguments import Dynamics
-from aimd_des.theory.prediction import follow, settle
+from aimd_des.theory.prediction import check_enough, follow, settle, walked
 from aimd_des.theory.setting import check_setting
 
 __all__ = ["partition_runaway", "safe_threshold"]
@@ -101,8 +101,10 @@ def safe_threshold(
     for turn in range(_ROUNDS):
         setting = setting._replace(problem=_with(problem, threshold))
         expected = settle(setting)
+        if turn > 0:
+            check_enough(setting, expected.signals)
         walks = follow(setting, expected)
-        setting = setting._replace(offset=np.array([walk.mean for walk in walks]))
+        setting = walked(setting, walks)
         peaks = np.array([walk.level_exceeded(_AIM * share) for walk in walks])
         wanted = np.minimum(1.0 - peaks * problem.increase.sum(axis=0) / problem.capacity, 1.0)
         if (wanted <= 0.0).any():

@@ -31,6 +31,7 @@ _WALKS = 200
 _SIGNALS = 300
 _SETTLING = 60
 _HALVINGS = 50
+_LONG_RUN = 10
 
 
 class Cuts(NamedTuple):
@@ -63,11 +64,14 @@ class Levels(NamedTuple):
         Both ends of each piece above the threshold, in units of growth.
     duration : ndarray, shape (q,)
         How long each took.
+    found : float
+        Mean of the total at the signals that act, in units of growth above the threshold.
     """
 
     bottom: FloatArray
     top: FloatArray
     duration: FloatArray
+    found: float
 
     @property
     def mean(self) -> float:
@@ -110,7 +114,8 @@ class Levels(NamedTuple):
             if _time_above(pieces, middle) > wanted:
                 low = middle
                 reach = pieces.top > low  # the others are below whatever comes
-                pieces = Levels(pieces.bottom[reach], pieces.top[reach], pieces.duration[reach])
+                bottom, top, duration, found = pieces
+                pieces = Levels(bottom[reach], top[reach], duration[reach], found)
             else:
                 high = middle
         return high
@@ -123,19 +128,15 @@ def _time_above(pieces: Levels, level: float) -> float:
     return float((part * pieces.duration).sum())
 
 
-def cuts(
-    problem: Problem, allocation: FloatArray, probability: FloatArray, teeth: FloatArray, loss: FloatArray
-) -> list[Cuts]:
+def cuts(problem: Problem, found: FloatArray, probability: FloatArray, loss: FloatArray) -> list[Cuts]:
     """Compute the moments of what a signal takes.
 
     Parameters
     ----------
     problem : Problem
         The agents' alpha and beta.
-    allocation, probability : ndarray, shape (n, m)
-        Averages, in units of the resources, and response probabilities there.
-    teeth : ndarray, shape (n, m)
-        How much more than its average a signal finds with an agent.
+    found, probability : ndarray, shape (n, m)
+        What a signal finds with an agent, in any unit, and the agent's response probability.
     loss : ndarray, shape (n, 1)
         Probability that a signal is lost on an agent.
 
@@ -153,7 +154,6 @@ def cuts(
     E y_i), with c the mean of the kappa_i; agents forget it at the rate c per signal.
     """
     keep, hit = 1.0 - problem.decrease, (1.0 - loss) * probability
-    found = allocation + teeth
     square = (2.0 - keep * hit) / (1.0 + problem.decrease)  # E y^2 / (E y)^2
     mean = (keep * hit * found).sum(axis=0)
     one = keep * found
@@ -188,30 +188,43 @@ def walk_by_looks(
     -------
     Levels
         In the steady state.
+
+    Notes
+    -----
+    Looks that see nothing while no signal is on its way are taken in one go.  On the clock they are a stair,
+    which then counts as the line with the same mean.
     """
     clock = lost is not None
     lag = math.ceil(latency / period) - (0 if clock else 1)
     lag = max(lag, 0)
     taker = _Taker(law)
     level = -taker.rng.random(_WALKS) * period
-    flags = deque([np.zeros(_WALKS, dtype=bool)] * lag)
+    flags, coming = deque([np.zeros(_WALKS, dtype=bool)] * lag), np.zeros(_WALKS, dtype=int)
     # After a look that many more units of growth until the signal of `lag` looks ago acts.
     offset = 0.0 if clock else latency - lag * period
     bottoms: list[FloatArray] = []
     tops: list[FloatArray] = []
-    least = 1 + lag  # looks with signals come in runs that are longer than this
-    for look in range((_SIGNALS + _SETTLING) * (1 + least)):
-        flags.append(level > 0.0)
+    durations: list[FloatArray] = []
+    found, signals = 0.0, 0
+    # Looks with signals come in runs that are longer than the lag; of long ones fewer will do.
+    least = 1 + min(lag, _LONG_RUN) + max(lag - _LONG_RUN, 0) / _LONG_RUN
+    for look in range(int((_SIGNALS + _SETTLING) * (1 + least))):
+        due = level > 0.0
+        looks = np.where(due | (coming > 0), 1.0, np.floor(-level / period) + 1.0)
+        flags.append(due)
         acts = flags.popleft()
+        coming += due.astype(int) - acts
         peak = level + offset
         left = peak - taker.taken(limit + peak, acts)
-        after = left + (period - offset if lost is None else np.where(acts, lost, 1.0))
+        after = left + (looks * period - offset if lost is None else np.where(acts, lost, looks))
         if look >= _SETTLING * (1 + least):
+            found, signals = found + float(peak[acts].sum()), signals + int(acts.sum())
             bottoms += [level] if clock else [level, left]
-            tops += [level] if clock else [peak, after]
+            tops += [level + looks - 1.0] if clock else [peak, after]
+            durations += [looks] if clock else [peak - level, after - left]
         level = after
-    bottom, top = np.concatenate(bottoms), np.concatenate(tops)
-    return Levels(bottom, top, np.ones_like(top) if clock else top - bottom)
+    bottom, top, duration = (np.concatenate(column) for column in (bottoms, tops, durations))
+    return Levels(bottom, top, duration, found / max(signals, 1))
 
 
 def walk_by_crossings(limit: float, law: Cuts, refractory: float, latency: float) -> Levels:
@@ -240,6 +253,7 @@ def walk_by_crossings(limit: float, law: Cuts, refractory: float, latency: float
     head, tail = np.zeros(_WALKS, dtype=int), np.zeros(_WALKS, dtype=int)
     bottoms: list[FloatArray] = []
     tops: list[FloatArray] = []
+    found, signals = 0.0, 0
     for event in range(2 * (_SIGNALS + _SETTLING)):
         broadcast = np.maximum(free, time + np.maximum(-level, 0.0))
         arrival = arrivals[walks, head]
@@ -247,6 +261,7 @@ def walk_by_crossings(limit: float, law: Cuts, refractory: float, latency: float
         now = np.where(acts, arrival, broadcast)
         top = level + (now - time)
         if event >= 2 * _SETTLING:
+            found, signals = found + float(top[acts].sum()), signals + int(acts.sum())
             bottoms.append(level)
             tops.append(top)
         level = top - taker.taken(limit + top, acts)
@@ -258,7 +273,7 @@ def walk_by_crossings(limit: float, law: Cuts, refractory: float, latency: float
         tail = np.where(sends, (tail + 1) % slots, tail)
         free = np.where(sends, now + refractory, free)
     bottom, top = np.concatenate(bottoms), np.concatenate(tops)
-    return Levels(bottom, top, top - bottom)
+    return Levels(bottom, top, top - bottom, found / max(signals, 1))
 
 
 class _Taker:
