@@ -13,6 +13,7 @@ from aimd_des.clock import Clock
 from aimd_des.compiled import formula
 from aimd_des.environment import Kind, Mailbox
 from aimd_des.errors import SimulationError
+from aimd_des.overload import Opportunities
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
 
@@ -67,6 +68,22 @@ class Sampled:
         object.__setattr__(self, "phase", clock.phase)
         delay = checks.number("sensing_delay", self.sensing_delay, low=0.0)
         object.__setattr__(self, "sensing_delay", delay)
+
+    def opportunities(self, start: float, end: float) -> Opportunities:
+        """Count when it may signal.
+
+        Parameters
+        ----------
+        start, end : float
+            From when to when.
+
+        Returns
+        -------
+        Opportunities
+            Its looks.
+        """
+        clock = Clock(self.period, self.phase)
+        return Opportunities(clock.next_tick(end) - clock.next_tick(start), self.period)
 
     def process(self, system: System) -> ProcessGenerator:
         """Look, and broadcast for each resource whose total demand is above its threshold.
@@ -214,6 +231,22 @@ class Crossing:
     def bounds(self) -> tuple[float, float]:
         """The shortest and the longest hold-off, in units of time."""
         return self.refractory, self.refractory if self.longest is None else self.longest
+
+    def opportunities(self, start: float, end: float) -> Opportunities:
+        """Count when it may signal.
+
+        Parameters
+        ----------
+        start, end : float
+            From when to when.
+
+        Returns
+        -------
+        Opportunities
+            As often as the shortest hold-off allows; without one nothing is told.
+        """
+        shortest, longest = self.bounds
+        return Opportunities((end - start) / shortest if shortest > 0.0 else math.inf, longest)
 
     def process(self, system: System) -> ProcessGenerator:
         """Sense each resource on its own.

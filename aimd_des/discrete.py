@@ -11,6 +11,7 @@ from aimd_des.averaging import Averaging
 from aimd_des.errors import InputError
 from aimd_des.gradients import cost_table
 from aimd_des.metrics import Stretch, overshoot_of
+from aimd_des.overload import Opportunities
 from aimd_des.problem import Problem
 from aimd_des.recording import Account, Observations, Recording, Signals
 from aimd_des.response import DISCRETE
@@ -66,6 +67,8 @@ def run_discrete(
     -----
     RuntimeWarning
         Once, if a response probability was above 1.
+    OverloadWarning
+        Once, if demand has run away from the capacity.
     """
     checks.instance("problem", problem, Problem, "a Problem")
     steps = check_steps("steps", steps, problem)
@@ -90,6 +93,8 @@ def run_discrete(
         above=np.zeros(m),
         excess=np.zeros(m),
         used=np.zeros(m),
+        middle=np.array([0.5 * steps]),
+        half=np.zeros(m),
     )
     watch = _openwatch_step(recording, steps, n, m)
     folded, average, gradient = np.zeros((3, m, n))
@@ -103,7 +108,10 @@ def run_discrete(
         take_custom_steps(problem.costs, state, law, steps, lag, key, control, watch, scratch)
     close_books(state, law, steps, control, watch)
     signals, observations, account = _outcome(problem, steps, state, control, watch)
-    return Result(problem, "discrete", seed, float(steps), signals, observations, account)
+    looks = Opportunities(float(steps - (steps + 1) // 2), 1.0)
+    return Result(
+        problem, "discrete", seed, float(steps), signals, observations, account, opportunities=looks
+    )
 
 
 def check_steps(field: str, steps: object, problem: Problem) -> int:
@@ -167,6 +175,7 @@ def _outcome(
         watch.demand,
         watch.average,
         overshoot_of(stretches),
+        (control.used - control.half) / (0.5 * steps) / problem.capacity,
         stretches,
     )
     nothing = np.zeros_like(state.responses)

@@ -1,14 +1,14 @@
-"""The two exceptions of the framework.
+"""The two exceptions of the framework, and its warning.
 
 `InputError` is raised at the door, before anything runs: its message names the field, the
 value, what is allowed and the remedy.  `SimulationError` ends a run that cannot go on.
 Both take one message, so that they survive being rebuilt from ``.args`` (SimPy and process
-pools do that).
+pools do that).  `OverloadWarning` says that a run did not hold its capacity.
 """
 
 import re
 
-__all__ = ["InputError", "SimulationError"]
+__all__ = ["InputError", "OverloadWarning", "SimulationError"]
 
 
 _LONGEST = 500
@@ -67,3 +67,7 @@ class SimulationError(RuntimeError):
     message : str
         Simulated time, resource, cause, and the setting to change.
     """
+
+
+class OverloadWarning(RuntimeWarning):
+    """Demand has run away from the capacity: `aimd_des.overload` says when that is so."""

@@ -15,6 +15,7 @@ __all__ = [
     "consensus_spread",
     "cost_ratio",
     "fold_overshoot",
+    "load_of",
     "overshoot_of",
     "relative_error",
     "utilisation",
@@ -77,6 +78,22 @@ class Stretch:
         """
         length = self.end - self.start
         return Overshoot(self.peak / self.capacity, self.above / length, self.excess / length / self.capacity)
+
+
+def load_of(stretches: Sequence[Stretch]) -> FloatArray:
+    """Integrate total demand over the capacity in force.
+
+    Parameters
+    ----------
+    stretches : sequence of Stretch
+        One after another from time 0 on, at least one.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        In units of time.
+    """
+    return np.asarray(np.sum([part.used / part.capacity for part in stretches], axis=0))
 
 
 def overshoot_of(stretches: Sequence[Stretch]) -> Overshoot:

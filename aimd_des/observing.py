@@ -14,7 +14,7 @@ import numpy as np
 from aimd_des.checks import FloatArray
 from aimd_des.compiled import kernel
 from aimd_des.environment import Kind
-from aimd_des.metrics import Overshoot, Stretch, fold_overshoot, overshoot_of
+from aimd_des.metrics import Overshoot, Stretch, fold_overshoot, load_of, overshoot_of
 from aimd_des.recording import Observations, Recording
 from aimd_des.system import System
 from aimd_des.transport import ProcessGenerator
@@ -86,6 +86,18 @@ class ConstantPieces:
             fold_overshoot(total, capacity, duration, self.peak, self.above, self.excess, self.used)
             self.measured[0] = now
 
+    def load(self) -> FloatArray:
+        """Integrate total demand over the capacity up to now, without closing anything.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            In units of time.
+        """
+        since = float(self.system.env.now - self.measured[0])
+        used = self.used + self.system.totals() * since
+        return np.asarray(used / self.system.law.capacity + _load_before(self.stretches))
+
     def close_stretch(self) -> None:
         """End what was measured with the present capacities: they change, or the run is over."""
         total, now = self.system.totals(), float(self.system.env.now)
@@ -97,6 +109,10 @@ class ConstantPieces:
             for row in measures:
                 row[:] = 0.0
             self._begun = now
+
+
+def _load_before(stretches: list[Stretch]) -> FloatArray | float:
+    return load_of(stretches) if stretches else 0.0
 
 
 @kernel
@@ -202,6 +218,20 @@ class LinearPieces:
         )
         self.times[resource], self.changes[resource] = array("d"), array("d")
 
+    def load(self) -> FloatArray:
+        """Integrate total demand over the capacity up to now, without closing anything.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            In units of time.
+        """
+        self.system.settle()
+        self.flush()
+        since = self.system.env.now - self.running[:, 0]
+        used = self.running[:, 5] + (self.running[:, 1] + 0.5 * self.slope * since) * since
+        return np.asarray(used / self.system.law.capacity + _load_before(self.stretches))
+
     def close_stretch(self) -> None:
         """End what was measured with the present capacities: they change, or the run is over."""
         now = float(self.system.env.now)
@@ -249,8 +279,15 @@ class Observer:
         self.meter: ConstantPieces | LinearPieces | None = None
         if recording.overshoot:
             self.meter = LinearPieces(system) if system.clocks is None else ConstantPieces(system)
+            system.env.process(self._weigh_half(self.meter))
+        self.half_load = np.zeros(m)
         system.env.process(self._watch_totals())
         system.env.process(self._watch_allocations())
+
+    def _weigh_half(self, meter: ConstantPieces | LinearPieces) -> ProcessGenerator:
+        """Keep what the first half of the run has come to."""
+        yield self.system.env.at(0.5 * self.system.until, Kind.OBSERVE)
+        self.half_load = meter.load()
 
     def _watch_totals(self) -> ProcessGenerator:
         """Keep the totals; the last look is left to `finish`."""
@@ -278,12 +315,13 @@ class Observer:
         self._keep_totals(len(self.demand_times) - 1)
         self.demand[-1], self.average[-1] = self.system.allocations()
         missing = np.full(self.system.problem.n_resources, np.nan)
-        overshoot = Overshoot(missing, missing, missing)
+        overshoot, second_half = Overshoot(missing, missing, missing), missing
         stretches: tuple[Stretch, ...] = ()
         if self.meter:
             self.meter.close_stretch()
             stretches = tuple(self.meter.stretches)
             overshoot = overshoot_of(stretches)
+            second_half = (load_of(stretches) - self.half_load) / (0.5 * self.system.until)
         return Observations(
             self.demand_times,
             self.total_demand,
@@ -292,5 +330,6 @@ class Observer:
             self.demand,
             self.average,
             overshoot,
+            second_half,
             stretches,
         )

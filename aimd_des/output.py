@@ -270,6 +270,7 @@ def write_run(place: Place, scenario: Scenario, result: Result, *, figures: bool
         provenance = {
             "digest": result.digest,
             "seed": result.seed,
+            "run_away": [result.problem.resource_names[j] for j in np.flatnonzero(result.run_away)],
             "versions": library_versions(),
         }
         (folder / PROVENANCE).write_text(json.dumps(provenance, indent=2) + "\n", encoding="utf-8")

@@ -37,7 +37,8 @@ class Recording:
     tail : int
         Over how many of the last units of time both are kept at every unit, besides the above.
     overshoot : bool
-        Whether to integrate total demand exactly: peak, time above capacity, mean excess.
+        Whether to integrate total demand exactly: peak, time above capacity, mean excess, and whether it has
+        run away from the capacity, which nobody tells otherwise.
         `run_discrete` always does; it costs nothing there.
     events : bool
         Whether to keep the event log; event-driven runs only.
@@ -189,6 +190,8 @@ class Observations:
         Of every agent, in units of the resources.
     overshoot : Overshoot
         Exact integrals over the whole run.
+    second_half : ndarray, shape (m,)
+        Mean total demand in the second half of the run over the capacity in force; NaN if not integrated.
     stretches : tuple of Stretch
         The same between interventions; empty if overshoot was not integrated.
     """
@@ -200,4 +203,5 @@ class Observations:
     demand: FloatArray
     average: FloatArray
     overshoot: Overshoot
+    second_half: FloatArray
     stretches: tuple[Stretch, ...] = ()

@@ -4,6 +4,7 @@ Frames are long: one row per time and resource (and agent).  Names are categoric
 average are in the units of the resource, times in steps or units of time.
 """
 
+import math
 import warnings
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
@@ -18,10 +19,11 @@ import pandas as pd
 from aimd_des import metrics
 from aimd_des.checks import FloatArray
 from aimd_des.conditions import Piece
-from aimd_des.errors import InputError
+from aimd_des.errors import InputError, OverloadWarning
 from aimd_des.frames import categorical
 from aimd_des.log import EventLog
 from aimd_des.optimum import Optimum, solve_optimum
+from aimd_des.overload import Opportunities, overload_words, run_away
 from aimd_des.problem import Problem
 from aimd_des.recording import Account, Observations, Signals
 from aimd_des.tracking import PieceOptima, piece_problem, pieces_frame, tracking_frame
@@ -57,17 +59,23 @@ class Result:
         The problems that were in force one after another; the one problem unless given.
     bits_per_signal : int
         What a signal costs.
+    opportunities : Opportunities, optional
+        When the control unit may signal, in the second half of the run.
 
     Attributes
     ----------
     history : tuple of Piece
         The problems that were in force.
+    run_away : ndarray of bool, shape (m,)
+        Whether demand has run away from the capacity; False where nobody can tell.
 
     Warns
     -----
     RuntimeWarning
         Once, if a response probability was above 1: the normalization factor is too large for
         these costs and Theorem 1 of the paper does not hold.
+    OverloadWarning
+        Once, if demand has run away from a capacity.
     """
 
     def __init__(
@@ -83,6 +91,7 @@ class Result:
         *,
         pieces: Sequence[Piece] = (),
         bits_per_signal: int = 1,
+        opportunities: Opportunities | None = None,
     ) -> None:
         self.problem = problem
         self.dynamics = dynamics
@@ -96,6 +105,12 @@ class Result:
         only = Piece(0.0, problem.capacity, everybody, problem.costs)
         self.history = tuple(pieces) or (only,)
         self.bits_per_signal = bits_per_signal
+        mean = observations.second_half
+        unknown = Opportunities(math.inf, 0.0)
+        self.run_away = run_away(signals_sent, mean, until, opportunities or unknown)
+        if self.run_away.any():
+            words = overload_words(problem.resource_names, mean, self.run_away)
+            warnings.warn(words, OverloadWarning, stacklevel=3)
         saturated = int(account.saturated.sum())
         if saturated:
             warnings.warn(

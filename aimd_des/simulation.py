@@ -196,6 +196,8 @@ class Simulation:
         -----
         RuntimeWarning
             Once, if a response probability was above 1.
+        OverloadWarning
+            Once, if demand has run away from the capacity.
         """
         until = checks.number("until", until, low=0.0, low_open=True)
         if watch is not None:
@@ -224,6 +226,8 @@ class Simulation:
             saturated=system.state.saturated,
         )
         observations = observer.finish()
+        # A control unit of the user's own need not say when it may signal.
+        opportunities = getattr(self.control_unit, "opportunities", None)
         return Result(
             self.problem,
             self.dynamics,
@@ -234,6 +238,7 @@ class Simulation:
             account,
             log,
             pieces=tuple(system.conditions.pieces),
+            opportunities=opportunities(0.5 * until, until) if opportunities else None,
             bits_per_signal=1 + (0 if self.compensation is None else self.compensation.bits),
         )
 

@@ -24,8 +24,8 @@ BoolArray = npt.NDArray[np.bool_]
 class Control(NamedTuple):
     """The control unit: the totals of this look, S(k) in force, what is broadcast, and measures.
 
-    All arrays have shape (m,) but `moment`, (1,), the step at hand, and `broadcast`, (K, m):
-    whether step k broadcast for resource j.
+    All arrays have shape (m,) but `moment`, (1,), the step at hand, `middle`, (1,), the middle of the run, at
+    which `used` is kept as `half`, and `broadcast`, (K, m): whether step k broadcast for resource j.
     """
 
     moment: FloatArray
@@ -37,6 +37,8 @@ class Control(NamedTuple):
     above: FloatArray
     excess: FloatArray
     used: FloatArray
+    middle: FloatArray
+    half: FloatArray
 
 
 class Scratch(NamedTuple):
@@ -64,6 +66,10 @@ class Watch(NamedTuple):
 @kernel
 def _measure(law: Law, control: Control) -> None:
     """Fold the totals of one step into peak, time above capacity and mean excess."""
+    first_half = control.middle[0] - (control.moment[0] - 1.0)
+    if 0.0 < first_half <= 1.0:
+        for j in range(control.total.shape[0]):
+            control.half[j] = control.used[j] + control.total[j] * first_half
     running = (control.peak, control.above, control.excess, control.used)
     fold_overshoot(control.total, law.capacity, 1.0, *running)
 

@@ -42,6 +42,8 @@ class StoredRun:
         For each resource, each measure by its name.
     checksums : mapping of str to str, or None
         Of the files, by their names; None for a folder without them.
+    run_away : tuple of str
+        The resources from whose capacity demand has run away.
     """
 
     folder: Path
@@ -50,6 +52,7 @@ class StoredRun:
     versions: dict[str, str]
     measures: dict[str, dict[str, Number]]
     checksums: Mapping[str, str] | None
+    run_away: tuple[str, ...] = ()
 
     def has(self, frame: str) -> bool:
         """Tell whether a frame was written; earlier versions wrote fewer.
@@ -132,6 +135,7 @@ def load_run(folder: str | Path) -> StoredRun:
     try:
         provenance = json.loads(text[name])
         digest, versions = str(provenance["digest"]), dict(provenance["versions"])
+        run_away = tuple(map(str, provenance.get("run_away", ())))
         name = "scenario.toml"
         scenario = tomllib.loads(text[name])
         name = "summary.csv"
@@ -150,7 +154,7 @@ def load_run(folder: str | Path) -> StoredRun:
             f"{folder}: has no {SUMS}, so nothing tells whether its files are as they were written; {_REMEDY}"
         )
         warnings.warn(said, UserWarning, stacklevel=2)
-    return StoredRun(folder, scenario, digest, versions, measures, sums)
+    return StoredRun(folder, scenario, digest, versions, measures, sums, run_away)
 
 
 def _read(folder: Path, name: str, sums: Mapping[str, str] | None) -> bytes:

@@ -38,6 +38,7 @@ ORDER = [
     "log",
     "metrics",
     "recording",
+    "overload",
     "tracking",
     "results",
     "steps",

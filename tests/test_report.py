@@ -182,11 +182,38 @@ def test_verdicts_name_the_worst_and_the_span_of_the_others() -> None:
     assert found is not None
     assert found.number == "150 %"
     assert found.words.endswith("This is the worst of the resources: b. The others: 90 % to 95 %.")
-    assert "run away" in found.words
+    assert "run away" not in found.words
+    assert found.words.startswith("Mean demand is 50 % above the capacity.")
+    away = verdict("utilisation", {"a": 0.9, "b": 1.5, "c": 0.95}, "resources", ["c"])
+    assert away is not None
+    assert away.number == "95 %"
+    assert "In the second half of the run demand has run away from it." in away.words
     assert verdict("misallocation", {"a": float("nan")}, "resources") is None
     one = verdict("overshoot_peak", {"a": 0.97}, "resources")
     assert one is not None
     assert one.words == "Demand never exceeded the capacity. This is a."
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("utilisation", 1.0, "Nearly all of the capacity is used."),
+        ("utilisation", 1.011, "Mean demand is 1.1 % above the capacity."),
+        ("utilisation", 0.9, "Nearly all of the capacity is used."),
+        ("utilisation", 0.7, "A part of the capacity is left unused."),
+        ("utilisation", 0.699, "Much of the capacity is left unused."),
+        ("misallocation", 0.0199, "What is used is shared almost as it is best."),
+        ("misallocation", 0.02, "What is used is shared about as it is best."),
+        ("misallocation", 0.1, "What is used is shared wrongly."),
+        ("overshoot_peak", 1.0, "Demand never exceeded the capacity."),
+        ("overshoot_peak", 1.0001, "Demand exceeded the capacity by a little."),
+        ("overshoot_peak", 1.15, "Demand exceeded the capacity by much."),
+    ],
+)
+def test_words_at_a_boundary(name: str, value: float, words: str) -> None:
+    found = verdict(name, {"a": value}, "resources")
+    assert found is not None
+    assert found.words == f"{words} This is a."
 
 
 def test_numbers_are_written_short() -> None:

@@ -345,8 +345,8 @@ def test_prediction_of_few_agents_is_exact(n: int, lot: str) -> None:
 
 
 def test_the_first_order_of_many_agents_is_next_to_exact() -> None:
-    # Equal agents: what lies idle is kappa / 2 (1 + v) to first order, v = 0.7 / (0.3 n) * 1.85 / 1.5 being the
-    # square of the coefficient of variation of a tooth.  Exactly, it differs by the order of v / n.
+    # Equal agents: what lies idle is kappa / 2 (1 + v) to first order, v = 0.7 / (0.3 n) * 1.85 / 1.5 being
+    # the square of the coefficient of variation of a tooth.  Exactly, it differs by the order of v / n.
     few, many = (theory.predict(equal_agents(n), "continuous") for n in (200, 201))
     assert few.signals == pytest.approx(many.signals, rel=1e-9)
     random = 0.7 / 0.3 * 1.85 / 1.5 * 0.075

@@ -1,5 +1,6 @@
 """`aimd-des run`: one scenario, and a folder with what came out."""
 
+import warnings
 from pathlib import Path
 
 import click
@@ -48,7 +49,9 @@ def command(
     SHA256SUMS (a checksum of each file).  The same scenario and seed give the same digest.
     """
     from aimd_des.cli.runs import print_measures
+    from aimd_des.errors import OverloadWarning
     from aimd_des.output import check_folder, write_run
+    from aimd_des.overload import overload_words
     from aimd_des.progress import RunProgress
     from aimd_des.scenario import load_scenario
     from aimd_des.stored import load_run
@@ -59,10 +62,14 @@ def command(
         loaded = load_scenario(scenario, **changes(settings, seed=seed, agents=agents))
     with writing(folder), refusing():
         place = check_folder(folder, overwrite=overwrite)
-    with refusing(scenario), RunProgress(loaded.until) as progress:
+    with refusing(scenario), RunProgress(loaded.until) as progress, warnings.catch_warnings():
+        warnings.simplefilter("ignore", OverloadWarning)  # said below, in one line
         result = loaded.run(progress.update)
     with writing(folder), refusing():
         write_run(place, loaded, result, figures=figures)
     with refusing():
         print_measures("Summary", load_run(folder))
+    if result.run_away.any():
+        names, mean = result.problem.resource_names, result.observations.second_half
+        say(f"Warning: {overload_words(names, mean, result.run_away)}", err=True)
     say(f"Results in {folder}")

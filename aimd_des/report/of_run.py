@@ -52,7 +52,12 @@ def report_run(run: StoredRun) -> Page:
         notes.append("Total demand over time: the scenario records it at the end only (recording.demand).")
     charts += _shares(run, allocations, names, notes)
     verdicts = [
-        verdict(name, {of: float(row[name]) for of, row in run.measures.items()}, "resources")
+        verdict(
+            name,
+            {of: float(row[name]) for of, row in run.measures.items()},
+            "resources",
+            run.run_away if name == "utilisation" else (),
+        )
         for name in MEASURES
     ]
     return Page(

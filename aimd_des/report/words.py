@@ -1,6 +1,6 @@
 """The numbers that matter, and what they say in words."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from math import isfinite, isnan
 from typing import Any, NamedTuple
 
@@ -35,7 +35,7 @@ class Measure(NamedTuple):
 
 def _used(share: float) -> str:
     if share > 1.0:
-        return "More than the capacity is used on average: demand has run away from it."
+        return f"Mean demand is {percent(share - 1.0)} above the capacity."
     if share >= 0.9:
         return "Nearly all of the capacity is used."
     return (
@@ -127,7 +127,9 @@ def shown(value: Any) -> str:
     return f"{value:,d}" if isinstance(value, int) else str(value)
 
 
-def verdict(name: str, values: Mapping[str, float], among: str) -> Verdict | None:
+def verdict(
+    name: str, values: Mapping[str, float], among: str, run_away: Collection[str] = ()
+) -> Verdict | None:
     """Say the worst of several values in words.
 
     Parameters
@@ -138,6 +140,8 @@ def verdict(name: str, values: Mapping[str, float], among: str) -> Verdict | Non
         The values, by what they are of.
     among : str
         What they are, in the plural.
+    run_away : collection of str
+        Of which of them demand has run away from the capacity.
 
     Returns
     -------
@@ -148,9 +152,11 @@ def verdict(name: str, values: Mapping[str, float], among: str) -> Verdict | Non
     known = {of: value for of, value in values.items() if isfinite(value)}
     if not known:
         return None
-    worst = max(known, key=lambda of: measure.badness(known[of]))
+    worst = max(known, key=lambda of: (of in run_away, measure.badness(known[of])))
     others = [value for of, value in known.items() if of != worst]
     words = [measure.words(known[worst])]
+    if worst in run_away:
+        words.append("In the second half of the run demand has run away from it.")
     if others:
         low, high = percent(min(others)), percent(max(others))
         span = low if low == high else f"{low} to {high}"

@@ -15,6 +15,7 @@ from typing import Literal
 import pyarrow as pa
 import tomli_w
 
+from aimd_des.errors import OverloadWarning
 from aimd_des.output import library_versions
 from aimd_des.results import Result
 from aimd_des.scenario import Scenario
@@ -96,6 +97,7 @@ def perform(task: Task, job: Job) -> Outcome:
         with warnings.catch_warnings():
             # Their number is a column; the sweep says it once for all runs.
             warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
+            warnings.simplefilter("ignore", OverloadWarning)
             scenario = Scenario.model_validate(job.scenario)
             result = _carry_out(scenario)
         summary = summary_of(scenario, result, task.measures)

@@ -26,6 +26,7 @@ from aimd_des import (
     solve_optimum,
 )
 from aimd_des.checks import FloatArray
+from aimd_des.errors import OverloadWarning
 from aimd_des.interventions import CapacityStep
 from aimd_des.latency import Constant
 from aimd_des.loss import Bernoulli
@@ -119,9 +120,10 @@ def sensed(problem: Problem, hold_off: float, **parts: Any) -> Simulation:
 
 
 def quietly(simulation: Simulation, until: float) -> Result:
-    """Run, and count responses with a probability above 1 instead of warning of them."""
+    """Run without warnings of probabilities above 1 and of overload: what is measured says so."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
+        warnings.simplefilter("ignore", OverloadWarning)
         return simulation.run(until)
 
 
