@@ -4,21 +4,23 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from aimd_des import averaging, compensation, interventions, latency, loss, theory, topology
-    from aimd_des.agents import Camera, Fleet
+    from aimd_des import (interventions, latency, loss, theory, topology)
+    from aimd_des.dynamics import averaging
+    from aimd_des.dynamics import loss_compensation as compensation
+    from aimd_des.fleet import Camera, Fleet
     from aimd_des.channel import BroadcastChannel
-    from aimd_des.clock import Clocks
-    from aimd_des.control_unit import Crossing, Sampled
-    from aimd_des.costs import CoupledCosts, CustomCosts, PolynomialCosts
-    from aimd_des.discrete import run_discrete
-    from aimd_des.errors import InputError, SimulationError
-    from aimd_des.optimum import Optimum, normalization_factors, solve_optimum
-    from aimd_des.problem import Problem, Resource
-    from aimd_des.recording import Recording
-    from aimd_des.registry import model
-    from aimd_des.results import Result
+    from aimd_des.dynamics.clocks import Clocks
+    from aimd_des.engine.control_unit import Crossing, Sampled
+    from aimd_des.problem.costs import CoupledCosts, CustomCosts, PolynomialCosts
+    from aimd_des.synchronous.synchronous import run_discrete
+    from aimd_des.utils.errors import InputError, SimulationError
+    from aimd_des.problem.optimum import Optimum, normalization_factors, solve_optimum
+    from aimd_des.problem.problem import Problem, Resource
+    from aimd_des.results.recording import Recording
+    from aimd_des.scenario.models import model
+    from aimd_des.results.result import Result
     from aimd_des.scenario import load_scenario
-    from aimd_des.simulation import Simulation
+    from aimd_des.engine.simulation import Simulation
     from aimd_des.study import Study, load_study, run_study
 
 __version__ = "0.1.0"

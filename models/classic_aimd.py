@@ -11,10 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aimd_des import checks
-from aimd_des.costs import PolynomialCosts
-from aimd_des.problem import Problem, Resource
-from aimd_des.registry import model
+from aimd_des.utils import validation as checks
+from aimd_des.problem.costs import PolynomialCosts
+from aimd_des.problem.problem import Problem, Resource
+from aimd_des.scenario.models import model
 
 __all__ = ["classic_aimd"]
 

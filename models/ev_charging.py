@@ -37,14 +37,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from aimd_des import checks, streams
-from aimd_des.checks import FloatArray
-from aimd_des.costs import PolynomialCosts
-from aimd_des.errors import InputError
-from aimd_des.optimum import solve_optimum
-from aimd_des.problem import Problem, Resource
-from aimd_des.registry import model
-from aimd_des.streams import Purpose
+from aimd_des.utils import validation as checks
+from aimd_des.utils import rng as streams
+from aimd_des.utils.validation import FloatArray
+from aimd_des.problem.costs import PolynomialCosts
+from aimd_des.utils.errors import InputError
+from aimd_des.problem.optimum import solve_optimum
+from aimd_des.problem.problem import Problem, Resource
+from aimd_des.scenario.models import model
+from aimd_des.utils.rng import Purpose
 
 __all__ = ["EVENING_PEAK", "Vehicles", "capacity_left", "daily_base_load", "ev_charging", "vehicle_schedule"]
 

@@ -19,13 +19,14 @@ from typing import Literal
 
 import numpy as np
 
-from aimd_des import checks, streams
-from aimd_des.checks import FloatArray
-from aimd_des.costs import PolynomialCosts
-from aimd_des.errors import InputError
-from aimd_des.problem import Problem, Resource
-from aimd_des.registry import model
-from aimd_des.streams import Purpose
+from aimd_des.utils import validation as checks
+from aimd_des.utils import rng as streams
+from aimd_des.utils.validation import FloatArray
+from aimd_des.problem.costs import PolynomialCosts
+from aimd_des.utils.errors import InputError
+from aimd_des.problem.problem import Problem, Resource
+from aimd_des.scenario.models import model
+from aimd_des.utils.rng import Purpose
 
 __all__ = ["INCREASES", "PRICES", "smart_cameras"]
 

@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aimd_des import Crossing, Sampled, theory
-from aimd_des.checks import FloatArray
+from aimd_des.utils.validation import FloatArray
 from aimd_des.plots import colour, shared_legend
 from aimd_des.study import jackknife
 from scenarios.common import figures

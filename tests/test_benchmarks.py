@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aimd_des import Fleet, Recording
-from aimd_des.checks import FloatArray
+from aimd_des.utils.validation import FloatArray
 from benchmarks import asynchronous
 from benchmarks.asynchronous import Outcome, Run, Task
 from benchmarks.harness import Alone

@@ -6,11 +6,11 @@ from itertools import accumulate
 import numpy as np
 import pytest
 
-from aimd_des import Camera, Clocks, InputError, Result, Sampled, Simulation, SimulationError, solve_optimum
-from aimd_des.channel.latency.rows import quantile_row
-from aimd_des.conditions import growth_of
+from aimd_des import (Camera, Clocks, InputError, Result, Sampled, Simulation, SimulationError, solve_optimum)
+from aimd_des.channel.latency.kernels import quantile_row
+from aimd_des.engine.conditions import growth_of
 from aimd_des.latency import Uniform
-from aimd_des.streams import Purpose, key
+from aimd_des.utils.rng import Purpose, key
 from tests.conftest import quadratic_problem, quietly, random_problem
 
 

@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des import BroadcastChannel, SimulationError, latency, loss, streams
-from aimd_des.channel import Broadcast, CompiledLink, Draws, Link
-from aimd_des.channel.table import transmit
-from aimd_des.checks import FloatArray
-from aimd_des.streams import Purpose
+from aimd_des import (BroadcastChannel, SimulationError, latency, loss)
+from aimd_des.utils import rng as streams
+from aimd_des.channel import (Broadcast, CompiledLink, Draws, Link)
+from aimd_des.channel.transmit_kernel import transmit
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.rng import Purpose
 
 N = 7
 KEYS = {purpose: streams.key(3, purpose) for purpose in Purpose}

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aimd_des import InputError, SimulationError, checks
+from aimd_des import InputError, SimulationError
+from aimd_des.utils import validation as checks
 
 
 def refusal(check: Callable[..., object], *arguments: Any, **options: Any) -> str:

@@ -11,7 +11,7 @@ import pytest
 
 from aimd_des import __version__
 from aimd_des.cli import main
-from aimd_des.progress import RunProgress
+from aimd_des.cli.progress import RunProgress
 from aimd_des.scenario import load_scenario
 from tests.command_line import digest, invoke, run, runner, words, write
 from tests.conftest import INLINE, ROOT, python, quietly

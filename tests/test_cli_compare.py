@@ -3,8 +3,8 @@
 import pandas as pd
 import pytest
 
-from aimd_des.cli.differences import differences, flat
-from aimd_des.cli.tables import shown
+from aimd_des.cli.scenario_diff import differences, flat
+from aimd_des.cli.terminal_tables import shown
 from tests.command_line import digest, refusal, run, said, words, write
 from tests.conftest import INLINE
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from aimd_des.cli.catalogue import TOPICS
+from aimd_des.cli.catalog import TOPICS
 from aimd_des.scenario.kinds import KINDS
 from tests.command_line import refusal, said, words, write
 from tests.conftest import INLINE, ROOT

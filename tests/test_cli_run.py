@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from aimd_des.errors import SimulationError
+from aimd_des.utils.errors import SimulationError
 from aimd_des.scenario import Scenario, load_scenario
 from tests.command_line import TABLES, digest, everything, invoke, refusal, run, write
 from tests.conftest import INLINE, quietly

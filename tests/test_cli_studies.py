@@ -13,8 +13,8 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from aimd_des.cli.tables import interval, shown
-from aimd_des.cli.tables import said as setting
+from aimd_des.cli.terminal_tables import interval, shown
+from aimd_des.cli.terminal_tables import said as setting
 from aimd_des.study import Study, load_study, run_study
 from tests.command_line import refusal, run, said, words, write
 from tests.conftest import INLINE, quietly

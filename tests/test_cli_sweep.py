@@ -11,8 +11,8 @@ import pytest
 from click.testing import Result
 
 from aimd_des import load_study
-from aimd_des.study import sweep as sweeping
-from aimd_des.study.pools import Processes
+from aimd_des.study import run as sweeping
+from aimd_des.study.workers import Processes
 from tests.command_line import invoke
 from tests.conftest import INLINE
 

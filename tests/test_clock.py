@@ -10,8 +10,8 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from aimd_des import InputError, Recording, Simulation
-from aimd_des.clock import AgentClocks, Clock, Clocks
-from aimd_des.streams import Purpose, key
+from aimd_des.dynamics.clocks import AgentClocks, Clock, Clocks
+from aimd_des.utils.rng import Purpose, key
 from tests.conftest import quadratic_problem, quietly, reference_draws
 
 PERIODS = st.one_of(st.sampled_from([0.1, 0.3, 1.0, 1 / 3, 7e-4]), st.floats(1e-4, 1e4))

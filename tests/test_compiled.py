@@ -16,9 +16,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numba.core.errors import TypingError
 
-from aimd_des.compiled import ABOVE_KERNELS
-from aimd_des.costs import Costs
-from aimd_des.gradients import cost_table, gradient_row, marginal_cost
+from aimd_des.utils.jit import ABOVE_KERNELS
+from aimd_des.problem.costs import Costs
+from aimd_des.problem.costs.kernels import cost_table, gradient_row, marginal_cost
 from aimd_des.scenario import Scenario
 from tests.conftest import INLINE, ROOT, python, random_problem
 from tests.test_layering import ORDER

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from aimd_des import InputError, Problem, Recording, run_discrete
-from aimd_des.streams import Purpose
+from aimd_des import (InputError, Problem, Recording, run_discrete)
+from aimd_des.utils.rng import Purpose
 from models import smart_cameras
 from tests.conftest import (
     as_custom,

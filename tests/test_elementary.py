@@ -12,8 +12,8 @@ import numba
 import numpy as np
 import pytest
 
-from aimd_des import elementary
-from aimd_des.checks import FloatArray
+from aimd_des.utils import portable_math as elementary
+from aimd_des.utils.validation import FloatArray
 
 ROOT = Path(__file__).resolve().parents[1]
 CELL = 2.0**-53  # uniform numbers are multiples of it

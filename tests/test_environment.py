@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aimd_des import InputError, SimulationError
-from aimd_des.environment import Kind, Mailbox, OrderedEnvironment
+from aimd_des.engine.environment import Kind, Mailbox, OrderedEnvironment
 
 Log = list[Any]
 

@@ -11,22 +11,11 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import (
-    InputError,
-    Recording,
-    Result,
-    Simulation,
-    Study,
-    interventions,
-    load_study,
-    plots,
-    run_study,
-    solve_optimum,
-)
+from aimd_des import (InputError, Recording, Result, Simulation, Study, interventions, load_study, plots, run_study, solve_optimum)
 from aimd_des.report import report_run
-from aimd_des.report.page import render
+from aimd_des.report.html_page import render
 from aimd_des.scenario import load_scenario
-from aimd_des.stored import load_run
+from aimd_des.scenario.stored_run import load_run
 from tests.command_line import invoke, run, said, write
 from tests.conftest import quietly, random_problem
 from tests.reports import values

@@ -17,21 +17,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from aimd_des import InputError, streams
+from aimd_des import InputError
+from aimd_des.utils import rng as streams
 from aimd_des.channel import BroadcastChannel, Draws
-from aimd_des.channel.latency.rows import quantile_row
-from aimd_des.checks import FloatArray
-from aimd_des.latency import (
-    Constant,
-    Empirical,
-    Exponential,
-    Latency,
-    LogNormal,
-    Pareto,
-    ShiftedGamma,
-    Uniform,
-)
-from aimd_des.streams import Purpose
+from aimd_des.channel.latency.kernels import quantile_row
+from aimd_des.utils.validation import FloatArray
+from aimd_des.latency import (Constant, Empirical, Exponential, Latency, LogNormal, Pareto, ShiftedGamma, Uniform)
+from aimd_des.utils.rng import Purpose
 
 SEED, SIZE = 31, 200_000
 HIGHEST = 1.0 - 2.0**-53  # the largest uniform number

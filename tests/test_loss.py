@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from aimd_des import InputError, SimulationError, streams
+from aimd_des import InputError, SimulationError
+from aimd_des.utils import rng as streams
 from aimd_des.channel import BroadcastChannel, Draws
-from aimd_des.checks import FloatArray
-from aimd_des.loss import Bernoulli, Combined, CommonMode, GilbertElliott, Loss, Trace
-from aimd_des.streams import Purpose
+from aimd_des.utils.validation import FloatArray
+from aimd_des.loss import (Bernoulli, Combined, CommonMode, GilbertElliott, Loss, Trace)
+from aimd_des.utils.rng import Purpose
 
 SEED, LINKS = 47, 2000
 

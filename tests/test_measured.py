@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from aimd_des import interventions, topology
-from aimd_des.errors import InputError
+from aimd_des.utils.errors import InputError
 from aimd_des.latency import Empirical
 from aimd_des.loss import Trace
 

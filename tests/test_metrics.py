@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aimd_des import PolynomialCosts, metrics, solve_optimum
-from aimd_des.checks import FloatArray
+from aimd_des import PolynomialCosts, solve_optimum
+from aimd_des.results import metrics
+from aimd_des.utils.validation import FloatArray
 from tests.conftest import random_problem
 
 SIZES = st.tuples(st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(1, 3))

@@ -15,21 +15,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aimd_des import (
-    BroadcastChannel,
-    Clocks,
-    Crossing,
-    Problem,
-    Recording,
-    Result,
-    Sampled,
-    Simulation,
-    latency,
-    observing,
-)
-from aimd_des.environment import Kind
-from aimd_des.system import System
-from aimd_des.transport import ProcessGenerator
+from aimd_des import (BroadcastChannel, Clocks, Crossing, Problem, Recording, Result, Sampled, Simulation, latency)
+from aimd_des.engine import observers as observing
+from aimd_des.engine.environment import Kind
+from aimd_des.engine.system import System
+from aimd_des.engine.delivery import ProcessGenerator
 from tests.conftest import assert_same_run, problems, quadratic_problem, quietly, random_problem
 from tests.test_camera import send_at, tick_times
 

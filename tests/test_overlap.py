@@ -6,28 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des import (
-    BroadcastChannel,
-    Camera,
-    Crossing,
-    Fleet,
-    InputError,
-    PolynomialCosts,
-    Problem,
-    Recording,
-    Result,
-    Sampled,
-    Simulation,
-    latency,
-    streams,
-)
+from aimd_des import (BroadcastChannel, Camera, Crossing, Fleet, InputError, PolynomialCosts, Problem, Recording, Result, Sampled, Simulation, latency)
+from aimd_des.utils import rng as streams
 from aimd_des.channel import Broadcast, Draws
-from aimd_des.costs import Costs, weighted_costs
-from aimd_des.environment import Kind
-from aimd_des.interventions import Failover, Partition, UnusualActivity, reconnect, recover, weigh
-from aimd_des.streams import Purpose
-from aimd_des.system import System
-from aimd_des.transport import ProcessGenerator
+from aimd_des.problem.costs import Costs, weighted_costs
+from aimd_des.engine.environment import Kind
+from aimd_des.interventions import (Failover, Partition, UnusualActivity, reconnect, recover, weigh)
+from aimd_des.utils.rng import Purpose
+from aimd_des.engine.system import System
+from aimd_des.engine.delivery import ProcessGenerator
 from tests.conftest import quadratic_problem, quietly, random_problem
 
 EVENTS = Recording(demand="end", events=True)

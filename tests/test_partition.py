@@ -11,18 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from aimd_des import (
-    BroadcastChannel,
-    Camera,
-    Crossing,
-    Fleet,
-    Problem,
-    Recording,
-    Sampled,
-    Simulation,
-    theory,
-)
-from aimd_des.costs import PolynomialCosts
+from aimd_des import (BroadcastChannel, Camera, Crossing, Fleet, Problem, Recording, Sampled, Simulation, theory)
+from aimd_des.problem.costs import PolynomialCosts
 from aimd_des.interventions import CapacityStep, Failover, Partition
 from tests.conftest import resource
 

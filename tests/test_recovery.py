@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des import Crossing, Fleet, Problem, Recording, Sampled, Simulation, theory
-from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
-from aimd_des.costs import PolynomialCosts
+from aimd_des import (Crossing, Fleet, Problem, Recording, Sampled, Simulation, theory)
+from aimd_des.dynamics.averaging import (Averaging, Cumulative, Forgetting, Window)
+from aimd_des.problem.costs import PolynomialCosts
 from aimd_des.interventions import CapacityStep
 from tests.conftest import resource
 

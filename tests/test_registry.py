@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from aimd_des import InputError, Problem
-from aimd_des.registry import made_by, models_of, named_model
+from aimd_des.scenario.models import made_by, models_of, named_model
 from aimd_des.scenario.kinds import kinds
-from aimd_des.sources import decorated, modules_in, source_of
+from aimd_des.scenario.module_source import decorated, modules_in, source_of
 from tests.command_line import invoke, refusal, said, write
 
 pytestmark = pytest.mark.usefixtures("own_folder")

@@ -11,9 +11,9 @@ import pytest
 
 from aimd_des import InputError
 from aimd_des.report import report_run, report_study, write_page
-from aimd_des.report.page import render
-from aimd_des.report.words import percent, shown, verdict
-from aimd_des.stored import load_run
+from aimd_des.report.html_page import render
+from aimd_des.report.verdicts import percent, shown, verdict
+from aimd_des.scenario.stored_run import load_run
 from tests.command_line import everything, invoke, refusal, run, write
 from tests.conftest import INLINE
 from tests.reports import HOSTILE, HOSTILE_SCENARIO, MEASURES, Parsed, results_of, study_of, values

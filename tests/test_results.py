@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aimd_des import PolynomialCosts, Problem, Recording, Result, run_discrete, solve_optimum
-from aimd_des.simulation import Simulation
+from aimd_des import (PolynomialCosts, Problem, Recording, Result, run_discrete, solve_optimum)
+from aimd_des.engine.simulation import Simulation
 from tests.conftest import quietly, random_problem, resource
 
 N, M, STEPS = 4, 2, 60
@@ -195,7 +195,7 @@ def test_an_optimum_that_is_known_is_taken(problem: Problem, result: Result) -> 
 
 
 def test_a_run_in_which_nobody_holds_anything_can_be_summed_up(problem: Problem) -> None:
-    from aimd_des.clock import Clocks
+    from aimd_des.dynamics.clocks import Clocks
 
     idle = Simulation(problem, clocks=Clocks(phase=100.0), seed=0).run(10.0)
     summary = idle.summary()

@@ -14,9 +14,9 @@ from pydantic import ValidationError
 
 from aimd_des import InputError, Recording, run_discrete
 from aimd_des.channel import BroadcastChannel
-from aimd_des.registry import model_parameters, named_model
+from aimd_des.scenario.models import model_parameters, named_model
 from aimd_des.scenario import Scenario, load_scenario
-from aimd_des.simulation import Simulation
+from aimd_des.engine.simulation import Simulation
 from models import smart_cameras
 from tests.conftest import INLINE, ROOT, quietly
 

@@ -6,7 +6,7 @@ Nights have 12 vehicles and the seeds 0 to 3; means over them are held to within
 import numpy as np
 import pytest
 
-from aimd_des.checks import FloatArray
+from aimd_des.utils.validation import FloatArray
 from scenarios.ev_day.runs import LOSS, Case, Night, night, run
 
 NIGHTS, VEHICLES, STEP = 4, 12, 120

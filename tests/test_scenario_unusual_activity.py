@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from aimd_des.averaging import Cumulative, Forgetting, Window
+from aimd_des.dynamics.averaging import Cumulative, Forgetting, Window
 from aimd_des.study import mean_and_error, replicate
 from scenarios.common.fluid import flow
 from scenarios.common.systems import memory_alone

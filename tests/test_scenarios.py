@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from matplotlib.image import imread
 
 from aimd_des import theory
-from aimd_des.control_unit import Crossing
+from aimd_des.engine.control_unit import Crossing
 from aimd_des.study import mean_and_error, replicate
 from models.smart_cameras import smart_cameras
 from scenarios.common.measure import Measures, Run, measure, measure_all

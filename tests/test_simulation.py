@@ -13,14 +13,14 @@ import simpy
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from aimd_des import InputError, Problem, Recording, Result, run_discrete
-from aimd_des.agents import Camera, Fleet
+from aimd_des import (InputError, Problem, Recording, Result, run_discrete)
+from aimd_des.fleet import Camera, Fleet
 from aimd_des.channel import BroadcastChannel
-from aimd_des.clock import Clock, Clocks
-from aimd_des.control_unit import Crossing, Sampled
-from aimd_des.environment import Kind
-from aimd_des.simulation import Simulation
-from aimd_des.streams import Purpose
+from aimd_des.dynamics.clocks import Clock, Clocks
+from aimd_des.engine.control_unit import Crossing, Sampled
+from aimd_des.engine.environment import Kind
+from aimd_des.engine.simulation import Simulation
+from aimd_des.utils.rng import Purpose
 from models import smart_cameras
 from tests.conftest import (
     assert_same_run,

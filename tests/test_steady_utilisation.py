@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des import BroadcastChannel, Clocks, Crossing, Fleet, InputError, Recording, Result, Simulation
+from aimd_des import (BroadcastChannel, Clocks, Crossing, Fleet, InputError, Recording, Result, Simulation)
 from aimd_des import run_discrete as run_synchronous
-from aimd_des.averaging import Forgetting, Window
+from aimd_des.dynamics.averaging import Forgetting, Window
 from aimd_des.interventions import Absence, CapacityStep
-from aimd_des.log import Entry
-from aimd_des.study.steady import batch_means
-from aimd_des.study.utilisation import steady_utilisation
+from aimd_des.results.event_log import Entry
+from aimd_des.study.statistics.steady_state import batch_means
+from aimd_des.study.statistics.steady_utilisation import steady_utilisation
 from tests.conftest import quadratic_problem, quietly
 
 PROBLEM = quadratic_problem([1.0, 2.0, 3.0, 4.0, 5.0])

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aimd_des import InputError, streams
-from aimd_des.checks import FloatArray
-from aimd_des.streams import Purpose
+from aimd_des import InputError
+from aimd_des.utils import rng as streams
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.rng import Purpose
 from tests.conftest import reference_draws
 
 SEEDS = st.one_of(st.integers(0, 2**64), st.just(10**40))

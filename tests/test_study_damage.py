@@ -14,7 +14,7 @@ import pytest
 
 from aimd_des import InputError, Study, load_study
 from aimd_des.study import StudyResults, read_study
-from aimd_des.study.growth import planned
+from aimd_des.study.plan import planned
 from aimd_des.study.seal import unsealed
 from aimd_des.study.store import Store
 from tests.test_study_runs import BASE, contents, design, in_a_thread, leftovers
@@ -357,7 +357,7 @@ def _swept(name: str, text: str, out: Path, monkeypatch: pytest.MonkeyPatch, rep
     """Sweep in a process that has just imported the model."""
     import sys
 
-    from aimd_des import registry
+    from aimd_des.scenario import models as registry
 
     Path(f"{name}.py").write_text(text)
     sys.modules.pop(name, None)

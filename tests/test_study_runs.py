@@ -25,16 +25,17 @@ import pytest
 import tomli_w
 
 import aimd_des
-from aimd_des import InputError, SimulationError, Study, load_study, run_study
-from aimd_des.study import StudyResults, Tally, worker
-from aimd_des.study.execution import execute
-from aimd_des.study.growth import planned
+from aimd_des import (InputError, SimulationError, Study, load_study, run_study)
+from aimd_des.study import StudyResults, Tally
+from aimd_des.study import worker_task as worker
+from aimd_des.study.executor import execute
+from aimd_des.study.plan import planned
 from aimd_des.study.locks import exclusive, private_folder
-from aimd_des.study.measure import run_schema
-from aimd_des.study.pools import dask_executor
+from aimd_des.study.run_tables import run_schema
+from aimd_des.study.workers import dask_executor
 from aimd_des.study.seal import write_sealed
 from aimd_des.study.store import Store
-from aimd_des.study.worker import Outcome, Task
+from aimd_des.study.worker_task import Outcome, Task
 from tests.conftest import INLINE, ROOT, python, quietly
 
 BASE = {**{key: value for key, value in tomllib.loads(INLINE).items() if key != "seed"}, "until": 30}

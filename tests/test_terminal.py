@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from aimd_des.terminal import fit
+from aimd_des.utils.terminal_text import fit
 from tests.command_line import invoke, refusal, run, runner, said, write
 from tests.conftest import INLINE, ROOT
 

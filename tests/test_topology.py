@@ -20,23 +20,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from networkx.readwrite.graphml import GraphML
 
-from aimd_des import (
-    BroadcastChannel,
-    Camera,
-    Crossing,
-    Fleet,
-    InputError,
-    Recording,
-    Simulation,
-    SimulationError,
-    latency,
-    loss,
-    streams,
-    topology,
-)
+from aimd_des import (BroadcastChannel, Camera, Crossing, Fleet, InputError, Recording, Simulation, SimulationError, latency, loss, topology)
+from aimd_des.utils import rng as streams
 from aimd_des.channel import Broadcast, CompiledLink, Draws
-from aimd_des.channel.table import transmit
-from aimd_des.streams import Purpose
+from aimd_des.channel.transmit_kernel import transmit
+from aimd_des.utils.rng import Purpose
 from tests.conftest import assert_same_run, quietly, random_problem
 
 HIGHEST_Z = 4.5

@@ -10,22 +10,10 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
-from aimd_des import (
-    BroadcastChannel,
-    Camera,
-    Crossing,
-    Fleet,
-    InputError,
-    Recording,
-    Result,
-    Simulation,
-    interventions,
-    latency,
-    loss,
-)
+from aimd_des import (BroadcastChannel, Camera, Crossing, Fleet, InputError, Recording, Result, Simulation, interventions, latency, loss)
 from aimd_des.scenario import load_scenario
-from aimd_des.watch import LiveView, Look, Looker, PlainView, last_look
-from aimd_des.watch.views import sparkline
+from aimd_des.watch import (LiveView, Look, Looker, PlainView, last_look)
+from aimd_des.watch.terminal import sparkline
 from tests.command_line import digest, invoke, refusal, run, write
 from tests.conftest import INLINE, assert_same_run, random_problem
 

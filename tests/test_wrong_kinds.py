@@ -10,24 +10,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from aimd_des import (
-    BroadcastChannel,
-    Clocks,
-    Crossing,
-    CustomCosts,
-    InputError,
-    PolynomialCosts,
-    Problem,
-    Recording,
-    Resource,
-    Sampled,
-    Simulation,
-    averaging,
-    interventions,
-    latency,
-    loss,
-    run_discrete,
-)
+from aimd_des import (BroadcastChannel, Clocks, Crossing, CustomCosts, InputError, PolynomialCosts, Problem, Recording, Resource, Sampled, Simulation, averaging, interventions, latency, loss, run_discrete)
 from tests.wrong_kinds import CALLS, PROBLEM, TAKEN, WRONG
 
 

@@ -7,27 +7,18 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import checks
-from aimd_des.channel.draws import Draws
-from aimd_des.channel.latency import (
-    Constant,
-    Empirical,
-    Exponential,
-    Latency,
-    LogNormal,
-    Pareto,
-    ShiftedGamma,
-    Uniform,
-)
+from aimd_des.utils import validation as checks
+from aimd_des.channel.random_draws import Draws
+from aimd_des.channel.latency import (Constant, Empirical, Exponential, Latency, LogNormal, Pareto, ShiftedGamma, Uniform)
 from aimd_des.channel.latency.base import Parametrised, draw_latency
-from aimd_des.channel.latency.rows import LatencyTable
+from aimd_des.channel.latency.kernels import LatencyTable
 from aimd_des.channel.loss import Bernoulli, Loss, LossProcess
 from aimd_des.channel.loss.base import draw_loss, start_loss
-from aimd_des.channel.loss.rows import LossTable, TabledLoss, refuse_loss
+from aimd_des.channel.loss.kernels import LossTable, TabledLoss, refuse_loss
 from aimd_des.channel.parameters import model_of
-from aimd_des.channel.table import ChannelTable, channel_table, put_in_order, transmit
-from aimd_des.checks import FloatArray
-from aimd_des.streams import Key, Purpose
+from aimd_des.channel.transmit_kernel import (ChannelTable, channel_table, put_in_order, transmit)
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.rng import Key, Purpose
 
 __all__ = [
     "Broadcast",

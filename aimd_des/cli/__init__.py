@@ -4,6 +4,6 @@ What is heavy (NumPy, pandas, Numba, rich) is imported inside the functions, so 
 completion are instant.
 """
 
-from aimd_des.cli.group import main
+from aimd_des.cli.main import main
 
 __all__ = ["main"]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from aimd_des.cli.refusals import Refusal, refusing
+from aimd_des.cli.errors import Refusal, refusing
 
 __all__ = ["command"]
 
@@ -22,18 +22,18 @@ def command(first: Path, second: Path, measures: tuple[str, ...]) -> None:
     the measures side by side.  Of studies: the keys that differ, and at each point that both have the
     difference of the means with its 95 % confidence interval, paired where seeds are equal, else by Welch.
     """
-    from aimd_des.cli.studies import is_study
+    from aimd_des.cli.study_tables import is_study
 
     with refusing():
         if is_study(first) and is_study(second):
-            from aimd_des.cli.pairs import compare_studies
+            from aimd_des.cli.compare_studies import compare_studies
 
             compare_studies(first, second, measures)
         elif is_study(first) or is_study(second):
             study = first if is_study(first) else second
             raise Refusal(f"only {study} is the folder of a study; give those of two runs, or of two studies")
         else:
-            from aimd_des.cli.runs import compare_runs
-            from aimd_des.stored import load_run
+            from aimd_des.cli.run_tables import compare_runs
+            from aimd_des.scenario.stored_run import load_run
 
             compare_runs(load_run(first), load_run(second), measures)

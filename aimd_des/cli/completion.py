@@ -4,7 +4,7 @@ import click
 from click.shell_completion import get_completion_class
 
 from aimd_des.cli.printing import say
-from aimd_des.cli.refusals import Refusal
+from aimd_des.cli.errors import Refusal
 
 __all__ = ["command"]
 

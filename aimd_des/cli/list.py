@@ -5,9 +5,9 @@ from dataclasses import asdict
 
 import click
 
-from aimd_des.cli.catalogue import TOPICS, Entry, entries
+from aimd_des.cli.catalog import TOPICS, Entry, entries
 from aimd_des.cli.printing import say
-from aimd_des.cli.refusals import refusing
+from aimd_des.cli.errors import refusing
 
 __all__ = ["command"]
 
@@ -37,7 +37,7 @@ def command(topic: str | None, as_json: bool) -> None:
 
 
 def _print_topic(topic: str, found: list[Entry]) -> None:
-    from aimd_des.cli.tables import print_table
+    from aimd_des.cli.terminal_tables import print_table
 
     title = TOPICS[topic].title
     if not found:
@@ -57,7 +57,7 @@ def _print_topic(topic: str, found: list[Entry]) -> None:
 
 def _short(default: str) -> str:
     """Shorten a long list; all of it is in the JSON."""
-    from aimd_des.cli.tables import said
+    from aimd_des.cli.terminal_tables import said
 
     return said(json.loads(default)) if default.startswith("[") else default
 
@@ -68,7 +68,7 @@ def _plain(text: str) -> str:
 
 
 def _print_names(found: dict[str, list[Entry]]) -> None:
-    from aimd_des.cli.tables import print_pairs
+    from aimd_des.cli.terminal_tables import print_pairs
 
     names = [(topic, ", ".join(dict.fromkeys(entry.name for entry in of))) for topic, of in found.items()]
     print_pairs("What there is; aimd-des list TOPIC tells more", names)

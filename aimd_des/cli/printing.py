@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from aimd_des.terminal import fit
+from aimd_des.utils.terminal_text import fit
 
 if TYPE_CHECKING:
     from rich.text import Text

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from aimd_des.cli.printing import say
-from aimd_des.cli.refusals import refusing, writing
+from aimd_des.cli.errors import refusing, writing
 
 __all__ = ["command"]
 
@@ -31,8 +31,8 @@ def command(folder: Path, out: Path | None, overwrite: bool) -> None:
     they come from.  Everything is in the file: it opens in a browser without a network, and can be sent.
     Needs the extra `report`: pip install 'aimd-des[report]'.
     """
-    from aimd_des.cli.studies import is_study
-    from aimd_des.report import check_page, report_run, report_study, write_page
+    from aimd_des.cli.study_tables import is_study
+    from aimd_des.report import (check_page, report_run, report_study, write_page)
 
     path = folder.resolve().with_name(f"{folder.resolve().name}.html") if out is None else out
     with refusing():
@@ -42,7 +42,7 @@ def command(folder: Path, out: Path | None, overwrite: bool) -> None:
 
             page = report_study(load_study(folder))
         else:
-            from aimd_des.stored import load_run
+            from aimd_des.scenario.stored_run import load_run
 
             page = report_run(load_run(folder))
     with writing(path):

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from aimd_des.cli.printing import say
-from aimd_des.cli.refusals import writing
+from aimd_des.cli.errors import writing
 
 __all__ = ["command", "schema_of"]
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from aimd_des.cli.refusals import Refusal, refusing
+from aimd_des.cli.errors import Refusal, refusing
 
 __all__ = ["command"]
 
@@ -25,7 +25,7 @@ def command(folder: Path, measures: tuple[str, ...], axes: tuple[str, ...]) -> N
     how many runs are there, failed or missing, and at each point the mean of the main measures over the
     replications, with the half-width of its 95 % confidence interval.
     """
-    from aimd_des.cli.studies import is_study, show_study
+    from aimd_des.cli.study_tables import is_study, show_study
 
     with refusing():
         if is_study(folder):
@@ -33,7 +33,7 @@ def command(folder: Path, measures: tuple[str, ...], axes: tuple[str, ...]) -> N
             return
         if axes:
             raise Refusal(f"--by: has a meaning for the folder of a study only, and {folder} is none")
-        from aimd_des.cli.runs import show_run
-        from aimd_des.stored import load_run
+        from aimd_des.cli.run_tables import show_run
+        from aimd_des.scenario.stored_run import load_run
 
         show_run(load_run(folder), measures)

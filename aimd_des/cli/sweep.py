@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import click
 
 from aimd_des.cli.printing import say
-from aimd_des.cli.refusals import INTERRUPTED, refusing
-from aimd_des.cli.settings import changes, check_command, set_option
+from aimd_des.cli.errors import INTERRUPTED, refusing
+from aimd_des.cli.set_option import changes, check_command, set_option
 
 if TYPE_CHECKING:
-    from aimd_des.study.design import Study
+    from aimd_des.study.study import Study
 
 __all__ = ["command"]
 
@@ -79,8 +79,8 @@ def command(
         with refusing(study):
             _list(design, folder)
         return
-    from aimd_des.study.progress import StudyProgress
-    from aimd_des.study.sweep import run_study
+    from aimd_des.cli.study_progress import StudyProgress
+    from aimd_des.study.run import run_study
 
     options = [("--set", setting) for setting in settings]
     options += [("--scheduler", scheduler)] if scheduler else []
@@ -118,7 +118,7 @@ def _executor(
     if scheduler is None and dask_workers is None:
         yield None, None
         return
-    from aimd_des.study.pools import dask_executor
+    from aimd_des.study.workers import dask_executor
 
     with dask_executor(scheduler, dask_workers) as found:
         yield found
@@ -126,8 +126,8 @@ def _executor(
 
 def _list(design: "Study", folder: Path) -> None:
     """Print the points of a study, and how many of their runs are there."""
-    from aimd_des.cli.tables import print_table
-    from aimd_des.study.growth import planned
+    from aimd_des.cli.terminal_tables import print_table
+    from aimd_des.study.plan import planned
     from aimd_des.study.store import Store
 
     frame = planned(design, Store(folder))
@@ -140,7 +140,7 @@ def _list(design: "Study", folder: Path) -> None:
 
 def _tell(folder: Path, again: str) -> None:
     """Say what the folder holds now."""
-    from aimd_des.study.loaded import load_study
+    from aimd_des.study.results import load_study
 
     results = load_study(folder)
     failed = results.failed

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from aimd_des.cli.printing import say
-from aimd_des.cli.settings import holds_a_study
+from aimd_des.cli.set_option import holds_a_study
 
 __all__ = ["command"]
 
@@ -22,7 +22,7 @@ def command(context: click.Context, files: tuple[Path, ...]) -> None:
     mistake, with file, line and key, and the exit code is 2.  The problem is built, its costs are
     checked, and numbers of values are held against the number of agents.
     """
-    from aimd_des.errors import InputError
+    from aimd_des.utils.errors import InputError
 
     wrong = 0
     for path in files:
@@ -46,7 +46,7 @@ def _described(path: Path) -> str:
     if holds_a_study(path):
         return _study(path)
     from aimd_des.scenario import load_scenario
-    from aimd_des.scenario.feasible import check_to_run
+    from aimd_des.scenario.dry_run import check_to_run
 
     scenario = load_scenario(path)
     problem = check_to_run(scenario)
@@ -55,8 +55,8 @@ def _described(path: Path) -> str:
 
 
 def _study(path: Path) -> str:
-    from aimd_des.errors import InputError
-    from aimd_des.scenario.feasible import check_to_run
+    from aimd_des.utils.errors import InputError
+    from aimd_des.scenario.dry_run import check_to_run
     from aimd_des.study.file import read_study
     from aimd_des.study.points import expand, run_of
 

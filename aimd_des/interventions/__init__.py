@@ -6,29 +6,16 @@ the functions here.
 
 from typing import Protocol, runtime_checkable
 
-from aimd_des.interventions.agents import Absence, Crash, Join, Prices, UnusualActivity
+from aimd_des.interventions.agents import (Absence, Crash, Join, Prices, UnusualActivity)
 from aimd_des.interventions.capacity import CapacityProfile, CapacityRamp, CapacityStep
-from aimd_des.interventions.changes import (
-    cut_off,
-    fail,
-    join,
-    leave,
-    reconnect,
-    recover,
-)
+from aimd_des.interventions.actions import (cut_off, fail, join, leave, reconnect, recover)
 from aimd_des.interventions.faults import Failover, Partition
-from aimd_des.interventions.overlap import check_absences, check_end
-from aimd_des.interventions.parameters import (
-    set_capacity,
-    set_decrease,
-    set_increase,
-    set_normalization,
-    set_threshold,
-)
+from aimd_des.engine.absences import check_absences, check_end
+from aimd_des.interventions.parameters import (set_capacity, set_decrease, set_increase, set_normalization, set_threshold)
 from aimd_des.interventions.prices import set_costs, weigh
-from aimd_des.problem import Problem
-from aimd_des.system import System
-from aimd_des.transport import ProcessGenerator
+from aimd_des.problem.problem import Problem
+from aimd_des.engine.system import System
+from aimd_des.engine.delivery import ProcessGenerator
 
 __all__ = [
     "Absence",

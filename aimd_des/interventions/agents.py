@@ -5,16 +5,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
 
-from aimd_des import checks
-from aimd_des.costs import Costs
-from aimd_des.environment import Kind
-from aimd_des.errors import InputError
-from aimd_des.interventions.changes import join, leave
+from aimd_des.utils import validation as checks
+from aimd_des.problem.costs import Costs
+from aimd_des.engine.environment import Kind
+from aimd_des.utils.errors import InputError
+from aimd_des.interventions.actions import join, leave
 from aimd_des.interventions.prices import checked_costs, set_costs, weigh
-from aimd_des.names import Agents, agent_indices
-from aimd_des.problem import Problem
-from aimd_des.system import System
-from aimd_des.transport import ProcessGenerator
+from aimd_des.problem.lookup import Agents, agent_indices
+from aimd_des.problem.problem import Problem
+from aimd_des.engine.system import System
+from aimd_des.engine.delivery import ProcessGenerator
 
 __all__ = ["Absence", "Crash", "Join", "Prices", "UnusualActivity"]
 

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from aimd_des import checks
-from aimd_des.channel.measured import read_columns
-from aimd_des.checks import FloatArray
-from aimd_des.environment import Kind
-from aimd_des.errors import InputError
+from aimd_des.utils import validation as checks
+from aimd_des.channel.csv_columns import read_columns
+from aimd_des.utils.validation import FloatArray
+from aimd_des.engine.environment import Kind
+from aimd_des.utils.errors import InputError
 from aimd_des.interventions.parameters import set_capacity
-from aimd_des.names import resource_index
-from aimd_des.problem import Problem
-from aimd_des.system import System
-from aimd_des.transport import ProcessGenerator
+from aimd_des.problem.lookup import resource_index
+from aimd_des.problem.problem import Problem
+from aimd_des.engine.system import System
+from aimd_des.engine.delivery import ProcessGenerator
 
 __all__ = ["CapacityProfile", "CapacityRamp", "CapacityStep"]
 

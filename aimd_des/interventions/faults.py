@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 
-from aimd_des import checks
-from aimd_des.environment import Kind
-from aimd_des.interventions.changes import cut_off, fail, reconnect, recover
-from aimd_des.names import Agents, agent_indices
-from aimd_des.problem import Problem
-from aimd_des.system import System
-from aimd_des.transport import ProcessGenerator
+from aimd_des.utils import validation as checks
+from aimd_des.engine.environment import Kind
+from aimd_des.interventions.actions import (cut_off, fail, reconnect, recover)
+from aimd_des.problem.lookup import Agents, agent_indices
+from aimd_des.problem.problem import Problem
+from aimd_des.engine.system import System
+from aimd_des.engine.delivery import ProcessGenerator
 
 __all__ = ["Failover", "Partition"]
 

@@ -6,12 +6,12 @@ agents that are processes and a fleet obey alike, and the log tells of it.
 
 from collections.abc import Sequence
 
-from aimd_des import checks
-from aimd_des.conditions import growth_of, put
-from aimd_des.interventions.books import begin_piece, end_piece, note
-from aimd_des.log import Entry
-from aimd_des.names import Agents, agent_indices, resource_index
-from aimd_des.system import System
+from aimd_des.utils import validation as checks
+from aimd_des.engine.conditions import growth_of, put
+from aimd_des.interventions.bookkeeping import begin_piece, end_piece, note
+from aimd_des.results.event_log import Entry
+from aimd_des.problem.lookup import Agents, agent_indices, resource_index
+from aimd_des.engine.system import System
 
 __all__ = ["set_capacity", "set_decrease", "set_increase", "set_normalization", "set_threshold"]
 

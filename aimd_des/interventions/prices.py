@@ -4,15 +4,15 @@ from collections.abc import Hashable
 
 import numpy as np
 
-from aimd_des import checks
-from aimd_des.conditions import locked
-from aimd_des.costs import Costs, weighted_costs
-from aimd_des.errors import InputError
-from aimd_des.interventions.books import begin_piece, end_piece, note
-from aimd_des.log import Entry
-from aimd_des.names import Agents, agent_indices
-from aimd_des.problem import Problem
-from aimd_des.system import System
+from aimd_des.utils import validation as checks
+from aimd_des.engine.conditions import locked
+from aimd_des.problem.costs import Costs, weighted_costs
+from aimd_des.utils.errors import InputError
+from aimd_des.interventions.bookkeeping import begin_piece, end_piece, note
+from aimd_des.results.event_log import Entry
+from aimd_des.problem.lookup import Agents, agent_indices
+from aimd_des.problem.problem import Problem
+from aimd_des.engine.system import System
 
 __all__ = ["checked_costs", "set_costs", "weigh"]
 

@@ -6,14 +6,15 @@ from typing import Literal
 import numpy as np
 from matplotlib.axes import Axes
 
-from aimd_des import checks, metrics
-from aimd_des.checks import FloatArray
-from aimd_des.errors import InputError
-from aimd_des.optimum import Optimum, solve_optimum
+from aimd_des.utils import validation as checks
+from aimd_des.results import metrics
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.errors import InputError
+from aimd_des.problem.optimum import Optimum, solve_optimum
 from aimd_des.plots import selection, style
 from aimd_des.plots.allocations import NOT_RECORDED
-from aimd_des.plots.in_force import NEVER, NOBODY, Look, measured
-from aimd_des.results import Result
+from aimd_des.plots.in_force import (NEVER, NOBODY, Look, measured)
+from aimd_des.results.result import Result
 
 __all__ = ["averages_against_optimum", "consensus", "error_decay"]
 

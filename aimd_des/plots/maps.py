@@ -12,9 +12,9 @@ from matplotlib.axis import Axis
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import CenteredNorm, Normalize
 
-from aimd_des import checks
-from aimd_des.checks import FloatArray
-from aimd_des.errors import InputError
+from aimd_des.utils import validation as checks
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.errors import InputError
 from aimd_des.plots import style
 
 __all__ = ["heat_map"]

@@ -4,12 +4,12 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 
-from aimd_des import checks
-from aimd_des.checks import FloatArray
-from aimd_des.errors import InputError
-from aimd_des.log import Entry, EventLog
+from aimd_des.utils import validation as checks
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.errors import InputError
+from aimd_des.results.event_log import Entry, EventLog
 from aimd_des.plots import capacity, style, units
-from aimd_des.results import Result
+from aimd_des.results.result import Result
 
 __all__ = ["demand_and_signals", "signal_raster"]
 

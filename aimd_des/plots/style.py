@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from aimd_des.problem import Problem, Resource
-from aimd_des.results import Result
+from aimd_des.problem.problem import Problem, Resource
+from aimd_des.results.result import Result
 
 __all__ = [
     "REFERENCE",

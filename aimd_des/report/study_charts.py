@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import altair as alt
 import pandas as pd
 
-from aimd_des.report.charts import chosen, data, finished, resource_colour, slid
-from aimd_des.report.page import Chart, Choice, Slider
-from aimd_des.report.words import MEASURES, Measure
+from aimd_des.report.charts import (chosen, data, finished, resource_colour, slid)
+from aimd_des.report.html_page import Chart, Choice, Slider
+from aimd_des.report.verdicts import MEASURES, Measure
 
 __all__ = ["Along", "line_chart", "map_chart", "study_controls"]
 

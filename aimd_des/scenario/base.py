@@ -4,7 +4,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, model_validator
 
-from aimd_des.errors import InputError
+from aimd_des.utils.errors import InputError
 from aimd_des.scenario.kinds import describe
 
 __all__ = ["Integer", "Table", "described"]

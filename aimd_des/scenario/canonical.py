@@ -9,7 +9,7 @@ from typing import Any, get_args, get_type_hints
 
 import numpy.typing as npt
 
-from aimd_des.errors import InputError
+from aimd_des.utils.errors import InputError
 
 __all__ = ["canonical_form", "typed_parameters"]
 

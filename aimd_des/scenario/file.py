@@ -5,11 +5,11 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from aimd_des import checks
-from aimd_des.errors import InputError
-from aimd_des.scenario.keys import MOST_PARTS, check_depth, with_settings
-from aimd_des.scenario.one_run import Scenario
-from aimd_des.scenario.refusals import Place, validate_scenario
+from aimd_des.utils import validation as checks
+from aimd_des.utils.errors import InputError
+from aimd_des.scenario.settings import MOST_PARTS, check_depth, with_settings
+from aimd_des.scenario.scenario import Scenario
+from aimd_des.scenario.messages import Place, validate_scenario
 
 __all__ = ["load_scenario", "read_toml"]
 

@@ -6,12 +6,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from aimd_des import checks
+from aimd_des.utils import validation as checks
 from aimd_des.channel import Channel, topology
 from aimd_des.channel.latency import Constant, Exponential
 from aimd_des.channel.loss import Bernoulli, GilbertElliott
 from aimd_des.channel.topology.attributes import Graph
-from aimd_des.errors import InputError
+from aimd_des.utils.errors import InputError
 
 __all__ = ["over_network", "refuse_vast"]
 

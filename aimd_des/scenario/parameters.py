@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aimd_des.errors import InputError
+from aimd_des.utils.errors import InputError
 
 __all__ = ["as_data", "refuse_no_data"]
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from aimd_des import checks
-from aimd_des.costs import Costs
-from aimd_des.errors import InputError
+from aimd_des.utils import validation as checks
+from aimd_des.problem.costs import Costs
+from aimd_des.utils.errors import InputError
 from aimd_des.interventions import Prices
-from aimd_des.registry import made_by, model_parameters
+from aimd_des.scenario.models import made_by, model_parameters
 
 __all__ = ["RedrawnPrices", "redraw_seed"]
 

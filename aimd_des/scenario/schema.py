@@ -4,7 +4,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from aimd_des.scenario.one_run import Scenario
+from aimd_des.scenario.scenario import Scenario
 
 __all__ = ["file_schema", "scenario_schema"]
 

@@ -7,12 +7,12 @@ from pydantic import model_validator
 
 from aimd_des.channel import BroadcastChannel, Channel
 from aimd_des.channel.loss import Combined, Loss
-from aimd_des.clock import Clocks
-from aimd_des.costs import PolynomialCosts
-from aimd_des.problem import Resource
-from aimd_des.recording import Recording
+from aimd_des.dynamics.clocks import Clocks
+from aimd_des.problem.costs import PolynomialCosts
+from aimd_des.problem.problem import Resource
+from aimd_des.results.recording import Recording
 from aimd_des.scenario.base import Table
-from aimd_des.scenario.generated import KindTable, one_of
+from aimd_des.scenario.kind_tables import KindTable, one_of
 
 __all__ = ["ChannelTable", "ClocksTable", "CostsTable", "RecordingTable", "ResourceChange", "ResourceTable"]
 

@@ -5,11 +5,11 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
-from aimd_des import checks
-from aimd_des.errors import InputError
+from aimd_des.utils import validation as checks
+from aimd_des.utils.errors import InputError
 from aimd_des.scenario.base import described
 from aimd_des.scenario.parameters import as_data
-from aimd_des.scenario.refusals import refused
+from aimd_des.scenario.messages import refused
 from aimd_des.study.columns import LABELS, MEASURES
 
 __all__ = ["Axis", "Setting", "StudyTable", "Value"]

@@ -3,7 +3,7 @@
 from difflib import get_close_matches
 from typing import Literal
 
-from aimd_des.errors import InputError
+from aimd_des.utils.errors import InputError
 
 __all__ = ["FRAMES", "LABELS", "MEASURES", "known_frame", "known_measure"]
 

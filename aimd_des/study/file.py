@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from aimd_des import checks
-from aimd_des.errors import InputError
+from aimd_des.utils import validation as checks
+from aimd_des.utils.errors import InputError
 from aimd_des.scenario.file import read_toml
-from aimd_des.scenario.keys import with_settings
-from aimd_des.scenario.refusals import Place, checked
-from aimd_des.study.design import Study
+from aimd_des.scenario.settings import with_settings
+from aimd_des.scenario.messages import Place, checked
+from aimd_des.study.study import Study
 from aimd_des.study.seal import unsealed
 from aimd_des.study.store import STUDY_FILE
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from aimd_des.problem import Problem
+from aimd_des.problem.problem import Problem
 
 __all__ = ["FORM", "fingerprint", "problem_digests"]
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 import aimd_des
-from aimd_des.errors import InputError
+from aimd_des.utils.errors import InputError
 from aimd_des.scenario import Scenario, validate_scenario
-from aimd_des.scenario.keys import with_settings
+from aimd_des.scenario.settings import with_settings
 from aimd_des.study.axis import Value
-from aimd_des.study.design import Study, place_of, shown_labels
+from aimd_des.study.study import Study, place_of, shown_labels
 from aimd_des.study.fingerprint import problem_digests
 
 __all__ = ["Job", "Point", "Run", "expand", "problem_words", "run_of"]

@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 import aimd_des
-from aimd_des import checks
-from aimd_des.checks import FloatArray
-from aimd_des.errors import InputError, SimulationError
-from aimd_des.output import check_folder
-from aimd_des.study.pools import Processes
+from aimd_des.utils import validation as checks
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.errors import InputError, SimulationError
+from aimd_des.scenario.run_folder import check_folder
+from aimd_des.study.workers import Processes
 from aimd_des.study.seal import write_file
 
 __all__ = ["jackknife", "mean_and_error", "replicate"]

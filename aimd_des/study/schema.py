@@ -3,7 +3,7 @@
 from typing import Any
 
 from aimd_des.scenario.schema import file_schema, scenario_schema
-from aimd_des.study.design import Study
+from aimd_des.study.study import Study
 
 __all__ = ["study_schema"]
 

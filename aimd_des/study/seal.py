@@ -12,7 +12,7 @@ from uuid import uuid4
 
 import pyarrow as pa
 
-from aimd_des.errors import InputError
+from aimd_des.utils.errors import InputError
 
 __all__ = ["read_sealed", "unsealed", "write_file", "write_sealed"]
 

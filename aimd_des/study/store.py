@@ -15,9 +15,9 @@ import pyarrow.parquet as pq
 import tomli_w
 
 import aimd_des
-from aimd_des.errors import InputError
+from aimd_des.utils.errors import InputError
 from aimd_des.study.columns import FRAMES
-from aimd_des.study.design import Study
+from aimd_des.study.study import Study
 from aimd_des.study.locks import exclusive
 from aimd_des.study.seal import read_sealed, write_file, write_sealed
 

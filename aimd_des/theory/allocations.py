@@ -6,12 +6,12 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import checks
-from aimd_des.checks import FloatArray
-from aimd_des.costs import Costs, weighted_costs
-from aimd_des.errors import InputError, SimulationError
-from aimd_des.optimum import Optimum, solve_optimum
-from aimd_des.problem import Problem
+from aimd_des.utils import validation as checks
+from aimd_des.utils.validation import FloatArray
+from aimd_des.problem.costs import Costs, weighted_costs
+from aimd_des.utils.errors import InputError, SimulationError
+from aimd_des.problem.optimum import Optimum, solve_optimum
+from aimd_des.problem.problem import Problem
 
 __all__ = ["allocation_at", "reweighted_optimum"]
 

@@ -19,10 +19,10 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import checks
-from aimd_des.checks import FloatArray
-from aimd_des.errors import InputError
-from aimd_des.problem import Problem
+from aimd_des.utils import validation as checks
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.errors import InputError
+from aimd_des.problem.problem import Problem
 from aimd_des.theory.arguments import arguments
 
 __all__ = ["averaging_spread", "recovery_time", "share_rates"]

@@ -17,11 +17,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
-from aimd_des import checks
-from aimd_des.checks import FloatArray
-from aimd_des.errors import InputError
-from aimd_des.optimum import solve_optimum
-from aimd_des.problem import Problem
+from aimd_des.utils import validation as checks
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.errors import InputError
+from aimd_des.problem.optimum import solve_optimum
+from aimd_des.problem.problem import Problem
 from aimd_des.theory.arguments import arguments
 from aimd_des.theory.signals import signal_rate
 

@@ -11,7 +11,7 @@ time of a line from B_i y_i on that rises for T = sum_u (1 - B_u) y_u / sum(alph
 
 import numpy as np
 
-from aimd_des.checks import FloatArray
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["exact_averages"]
 

@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import checks
-from aimd_des.checks import FloatArray
-from aimd_des.errors import InputError
-from aimd_des.problem import Problem
+from aimd_des.utils import validation as checks
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.errors import InputError
+from aimd_des.problem.problem import Problem
 from aimd_des.theory.arguments import Dynamics, check_dynamics
 
 __all__ = ["Setting", "check_setting"]

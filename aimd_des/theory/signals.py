@@ -13,8 +13,8 @@ Dynamics and Distributed Resource Allocation, SIAM, 2016, for the model; the res
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import checks
-from aimd_des.checks import FloatArray
+from aimd_des.utils import validation as checks
+from aimd_des.utils.validation import FloatArray
 from aimd_des.theory.arguments import arguments
 
 __all__ = ["clock_offset", "peak_lift", "price_in_bits", "signal_rate", "signal_share", "utilisation"]

@@ -12,12 +12,12 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import checks
-from aimd_des.checks import FloatArray
-from aimd_des.errors import InputError, SimulationError
-from aimd_des.problem import Problem
+from aimd_des.utils import validation as checks
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.errors import InputError, SimulationError
+from aimd_des.problem.problem import Problem
 from aimd_des.theory.arguments import Dynamics
-from aimd_des.theory.prediction import check_enough, follow, settle, walked
+from aimd_des.theory.prediction import (check_enough, follow, settle, walked)
 from aimd_des.theory.setting import check_setting
 
 __all__ = ["partition_runaway", "safe_threshold"]

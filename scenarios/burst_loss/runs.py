@@ -8,9 +8,9 @@ import networkx as nx
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import BroadcastChannel, Problem, Recording, Result, solve_optimum, topology
+from aimd_des import (BroadcastChannel, Problem, Recording, Result, solve_optimum, topology)
 from aimd_des.channel import Channel
-from aimd_des.checks import FloatArray
+from aimd_des.utils.validation import FloatArray
 from aimd_des.loss import Bernoulli, CommonMode, GilbertElliott
 from scenarios.common.measure import late, noted, quietly, sensed
 

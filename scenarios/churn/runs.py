@@ -5,10 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aimd_des import BroadcastChannel, Recording, Result, streams
-from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
-from aimd_des.checks import FloatArray
-from aimd_des.interventions import Absence, Crash, Intervention, Join
+from aimd_des import BroadcastChannel, Recording, Result
+from aimd_des.utils import rng as streams
+from aimd_des.dynamics.averaging import (Averaging, Cumulative, Forgetting, Window)
+from aimd_des.utils.validation import FloatArray
+from aimd_des.interventions import (Absence, Crash, Intervention, Join)
 from aimd_des.latency import Constant
 from scenarios.common.measure import quietly, sensed
 from scenarios.common.systems import memory_alone

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from aimd_des import theory
-from aimd_des.checks import FloatArray
+from aimd_des.utils.validation import FloatArray
 from aimd_des.study import jackknife, mean_and_error, replicate
 from scenarios.churn.figure import figure_of, still
 from scenarios.churn.runs import (

@@ -16,8 +16,9 @@ from rich.console import Console
 from rich.table import Table
 
 import aimd_des
-from aimd_des import InputError, checks
-from aimd_des.output import Place, check_folder, new_folder
+from aimd_des import InputError
+from aimd_des.utils import validation as checks
+from aimd_des.scenario.run_folder import Place, check_folder, new_folder
 
 _DPI = 200
 

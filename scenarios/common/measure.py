@@ -11,29 +11,17 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from aimd_des import (
-    BroadcastChannel,
-    Clocks,
-    Crossing,
-    Fleet,
-    Problem,
-    Recording,
-    Result,
-    Sampled,
-    Simulation,
-    metrics,
-    run_discrete,
-    solve_optimum,
-)
-from aimd_des.checks import FloatArray
-from aimd_des.errors import OverloadWarning
+from aimd_des import (BroadcastChannel, Clocks, Crossing, Fleet, Problem, Recording, Result, Sampled, Simulation, run_discrete, solve_optimum)
+from aimd_des.results import metrics
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.errors import OverloadWarning
 from aimd_des.interventions import CapacityStep
 from aimd_des.latency import Constant
 from aimd_des.loss import Bernoulli
 from aimd_des.study import replicate
-from aimd_des.system import System
+from aimd_des.engine.system import System
 from aimd_des.theory import reweighted_optimum
-from aimd_des.transport import ProcessGenerator
+from aimd_des.engine.delivery import ProcessGenerator
 from scenarios.common.tables import summarise
 
 _COLUMNS = ("signals", "utilisation", "misallocation", "peak", "saturated")

@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des.checks import FloatArray
+from aimd_des.utils.validation import FloatArray
 from aimd_des.plots import colour, shared_legend
 from aimd_des.study import mean_and_error, replicate
 from scenarios.common import figures

@@ -8,18 +8,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from aimd_des import (
-    BroadcastChannel,
-    Optimum,
-    Problem,
-    Recording,
-    Result,
-    Simulation,
-    checks,
-    run_discrete,
-    solve_optimum,
-)
-from aimd_des.output import Place
+from aimd_des import (BroadcastChannel, Optimum, Problem, Recording, Result, Simulation, run_discrete, solve_optimum)
+from aimd_des.utils import validation as checks
+from aimd_des.scenario.run_folder import Place
 from aimd_des.plots import paper_figures
 from aimd_des.study import replicate
 from models.smart_cameras import smart_cameras

@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des.checks import FloatArray
+from aimd_des.utils.validation import FloatArray
 from aimd_des.plots import colour
 from aimd_des.study import jackknife, mean_and_error, replicate
 from scenarios.common import figures

@@ -4,12 +4,12 @@ from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from aimd_des import handed
-from aimd_des.channel.draws import Draws
-from aimd_des.channel.latency.rows import LatencyTable, latency_row
+from aimd_des.utils import returned_values as handed
+from aimd_des.channel.random_draws import Draws
+from aimd_des.channel.latency.kernels import LatencyTable, latency_row
 from aimd_des.channel.parameters import fit
-from aimd_des.checks import FloatArray
-from aimd_des.streams import Purpose
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.rng import Purpose
 
 __all__ = ["Latency", "Parametrised", "draw_latency"]
 

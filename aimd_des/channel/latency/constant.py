@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import checks
+from aimd_des.utils import validation as checks
 from aimd_des.channel.latency.base import Parametrised
-from aimd_des.channel.latency.rows import Distribution, LatencyTable, latency_table
+from aimd_des.channel.latency.kernels import Distribution, LatencyTable, latency_table
 from aimd_des.channel.parameters import LONGEST, scalar_or_row
-from aimd_des.checks import FloatArray
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Constant"]
 

@@ -7,13 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from aimd_des import checks
+from aimd_des.utils import validation as checks
 from aimd_des.channel.latency.base import Parametrised
-from aimd_des.channel.latency.rows import Distribution, LatencyTable, latency_table
-from aimd_des.channel.measured import read_columns
+from aimd_des.channel.latency.kernels import Distribution, LatencyTable, latency_table
+from aimd_des.channel.csv_columns import read_columns
 from aimd_des.channel.parameters import LONGEST, scalar_or_row, take
-from aimd_des.checks import FloatArray
-from aimd_des.errors import InputError
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.errors import InputError
 
 __all__ = ["Empirical"]
 

@@ -6,12 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from aimd_des import checks
+from aimd_des.utils import validation as checks
 from aimd_des.channel.latency.base import Parametrised
-from aimd_des.channel.latency.rows import Distribution, LatencyTable, latency_table
-from aimd_des.channel.parameters import LONGEST, fit, refuse, scalar_or_row, take
-from aimd_des.checks import FloatArray
-from aimd_des.elementary import expm1, exps, log1p
+from aimd_des.channel.latency.kernels import Distribution, LatencyTable, latency_table
+from aimd_des.channel.parameters import (LONGEST, fit, refuse, scalar_or_row, take)
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.portable_math import expm1, exps, log1p
 
 __all__ = ["Exponential", "LogNormal", "Pareto", "Uniform"]
 

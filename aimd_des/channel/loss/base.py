@@ -5,8 +5,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import handed
-from aimd_des.channel.draws import Draws
+from aimd_des.utils import returned_values as handed
+from aimd_des.channel.random_draws import Draws
 
 __all__ = ["BoolArray", "Loss", "LossProcess", "draw_loss", "start_loss"]
 

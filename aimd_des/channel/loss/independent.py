@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import checks
-from aimd_des.channel.loss.rows import Cause, TabledLoss, loss_table
+from aimd_des.utils import validation as checks
+from aimd_des.channel.loss.kernels import Cause, TabledLoss, loss_table
 from aimd_des.channel.parameters import scalar_or_row
-from aimd_des.checks import FloatArray
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Bernoulli", "CommonMode"]
 

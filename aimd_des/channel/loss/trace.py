@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import checks
+from aimd_des.utils import validation as checks
 from aimd_des.channel.loss.base import BoolArray
-from aimd_des.channel.loss.rows import Cause, TabledLoss, loss_table
-from aimd_des.channel.measured import read_columns
+from aimd_des.channel.loss.kernels import Cause, TabledLoss, loss_table
+from aimd_des.channel.csv_columns import read_columns
 from aimd_des.channel.parameters import scalar_or_row
-from aimd_des.checks import FloatArray
-from aimd_des.errors import InputError
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.errors import InputError
 
 __all__ = ["Trace"]
 

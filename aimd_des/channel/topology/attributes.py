@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import networkx as nx
 
-from aimd_des import checks
+from aimd_des.utils import validation as checks
 from aimd_des.channel.parameters import LONGEST
-from aimd_des.errors import InputError
+from aimd_des.utils.errors import InputError
 
 if TYPE_CHECKING:  # the class has parameters in the stubs only
     Graph = nx.Graph[Any]

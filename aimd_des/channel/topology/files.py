@@ -8,10 +8,10 @@ from xml.etree import ElementTree as ET
 
 import networkx as nx
 
-from aimd_des import checks
-from aimd_des.channel.measured import read_columns
-from aimd_des.channel.topology.attributes import HIGHEST, Graph, edge_number, known_node, simple_graph
-from aimd_des.errors import InputError
+from aimd_des.utils import validation as checks
+from aimd_des.channel.csv_columns import read_columns
+from aimd_des.channel.topology.attributes import (HIGHEST, Graph, edge_number, known_node, simple_graph)
+from aimd_des.utils.errors import InputError
 
 __all__ = ["from_edges", "from_graphml"]
 

@@ -8,10 +8,11 @@ import networkx as nx
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import checks, streams
+from aimd_des.utils import validation as checks
+from aimd_des.utils import rng as streams
 from aimd_des.channel.parameters import LONGEST
 from aimd_des.channel.topology.attributes import HIGHEST, Graph, known_node
-from aimd_des.streams import Purpose
+from aimd_des.utils.rng import Purpose
 
 __all__ = ["balanced_tree", "grid", "random_geometric", "star"]
 

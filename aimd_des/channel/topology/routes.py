@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import checks
-from aimd_des.channel.network import NetworkTable, network_table
-from aimd_des.channel.topology.attributes import Graph, edge_number, known_node, simple_graph
-from aimd_des.checks import FloatArray
-from aimd_des.errors import InputError
+from aimd_des.utils import validation as checks
+from aimd_des.channel.network_kernel import NetworkTable, network_table
+from aimd_des.channel.topology.attributes import (Graph, edge_number, known_node, simple_graph)
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.errors import InputError
 
 __all__ = ["Routes", "find_routes"]
 

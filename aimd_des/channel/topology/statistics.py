@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aimd_des import checks, streams
+from aimd_des.utils import validation as checks
+from aimd_des.utils import rng as streams
 from aimd_des.channel.broadcast import Broadcast, CompiledLink, Link
 from aimd_des.channel.topology.routes import Routes
-from aimd_des.checks import FloatArray
-from aimd_des.errors import InputError
-from aimd_des.streams import Key, Purpose
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.rng import Key, Purpose
 
 __all__ = ["estimated_statistics", "tree_statistics"]
 

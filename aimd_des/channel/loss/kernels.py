@@ -1,0 +1,288 @@
+"""The losses of one broadcast as compiled code draws them, and what it remembers from one to the next."""
+
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.channel.random_draws import LANES_PER_PART, Draws
+from aimd_des.channel.loss.base import BoolArray
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.jit import routine
+from aimd_des.utils.portable_math import exp
+from aimd_des.utils.errors import SimulationError
+from aimd_des.utils.rng import (Key, Purpose, uniform_at, uniforms_row)
+
+__all__ = ["Cause", "LossTable", "TabledLoss", "join", "loss_row", "loss_table", "refuse_loss"]
+
+IntArray = npt.NDArray[np.int64]
+
+
+class Cause(IntEnum):
+    """What makes copies get lost."""
+
+    NOTHING = 0
+    CHANCE = 1
+    COMMON = 2
+    BURSTS = 3
+    RECORD = 4
+
+
+_NOTHING, _CHANCE, _COMMON, _BURSTS, _RECORD = (int(cause) for cause in Cause)
+
+# What keeps a broadcast from being sent at all.
+_SENT, _RECORD_ENDED, _BACK_IN_TIME = 0, 1, 2
+
+
+class LossTable(NamedTuple):
+    """One or several causes of loss, for compiled code, with their memory; a copy is lost to any of them.
+
+    Attributes
+    ----------
+    cause : ndarray of int, shape (p,)
+        Of `Cause`.
+    probability, rate : ndarray, shape (p, n)
+        Probability of loss, and the rate at which links forget.
+    bad : ndarray of bool, shape (p, n)
+        State of the links at the last broadcast.
+    time : ndarray, shape (p,)
+        When that was; not a number before the first.
+    record : ndarray of bool, shape (r,)
+        The rows of all records, one after another.
+    begin, rows, width : ndarray of int, shape (p,)
+        Where a record begins, how many rows it has, and how many columns: 1 or n.
+    repeat : ndarray of bool, shape (p,)
+        Whether a record begins anew after its last row.
+    row : ndarray of int, shape (p,)
+        How many rows have been read.
+    """
+
+    cause: IntArray
+    probability: FloatArray
+    rate: FloatArray
+    bad: BoolArray
+    time: FloatArray
+    record: BoolArray
+    begin: IntArray
+    rows: IntArray
+    width: IntArray
+    repeat: BoolArray
+    row: IntArray
+
+
+def loss_table(
+    cause: Cause,
+    n_agents: int,
+    probability: npt.ArrayLike = 0.0,
+    rate: npt.ArrayLike = 0.0,
+    record: BoolArray | None = None,
+    repeat: bool = False,
+) -> LossTable:
+    """Lay out a model for compiled code, at the start of a run.
+
+    Parameters
+    ----------
+    cause : Cause
+        What makes copies get lost.
+    n_agents : int
+        n.
+    probability, rate : float or array_like, shape (n,)
+        As in `LossTable`.
+    record : ndarray of bool, shape (r,) or (r, n)
+        Rows for all agents, or for each.
+    repeat : bool
+        Whether it begins anew.
+
+    Returns
+    -------
+    LossTable
+        With one part.
+    """
+    rows = np.zeros((0, 1), dtype=np.bool_) if record is None else record.reshape(len(record), -1)
+    return LossTable(
+        cause=np.array([cause], dtype=np.int64),
+        probability=np.array(np.broadcast_to(probability, (1, n_agents)), dtype=np.float64),
+        rate=np.array(np.broadcast_to(rate, (1, n_agents)), dtype=np.float64),
+        bad=np.zeros((1, n_agents), dtype=np.bool_),
+        time=np.array([np.nan]),
+        record=rows.ravel().copy(),
+        begin=np.zeros(1, dtype=np.int64),
+        rows=np.array([rows.shape[0]]),
+        width=np.array([rows.shape[1]]),
+        repeat=np.array([repeat]),
+        row=np.zeros(1, dtype=np.int64),
+    )
+
+
+def join(tables: Sequence[LossTable]) -> LossTable:
+    """Put several causes into one table.
+
+    Parameters
+    ----------
+    tables : sequence of LossTable
+        At the start of a run.
+
+    Returns
+    -------
+    LossTable
+        With all their parts.
+    """
+    columns = zip(*tables, strict=True)
+    joined = LossTable(*(np.concatenate(column) for column in columns))
+    sizes = joined.rows * joined.width
+    return joined._replace(begin=np.cumsum(sizes) - sizes)
+
+
+@routine
+def _bursts(table: LossTable, part: int, uniform: FloatArray, time: float) -> None:
+    """Move all links to the time of the broadcast."""
+    first, since = np.isnan(table.time[part]), time - table.time[part]
+    for i in range(uniform.shape[0]):
+        chance = table.probability[part, i]
+        if not first:
+            # At the same instant the memory is 1 and the chance 0 or 1: the state stays.
+            was = 1.0 if table.bad[part, i] else 0.0
+            chance = chance + (was - chance) * exp(-table.rate[part, i] * since)
+        table.bad[part, i] = uniform[i] < chance
+    table.time[part] = time
+
+
+@routine
+def loss_row(
+    table: LossTable,
+    key: Key,
+    resource: int,
+    number: int,
+    time: float,
+    lane: int,
+    lost: BoolArray,
+    spare: FloatArray,
+) -> int:
+    """Draw the losses of one broadcast; every part is asked, for what it remembers must be kept up.
+
+    Parameters
+    ----------
+    table : LossTable
+        The model; its memory moves on.
+    key : tuple of two uint64
+        The run's key for losses.
+    resource, number : int
+        The broadcast.
+    time : float
+        When it leaves.
+    lane : int
+        The first lane of the first part.
+    lost : ndarray of bool, shape (n,)
+        Receives whether each copy is lost.
+    spare : ndarray, shape (n,)
+        Working memory.
+
+    Returns
+    -------
+    int
+        0, or what `refuse_loss` has words for.
+    """
+    lost[:] = False
+    n = lost.shape[0]
+    for part in range(table.cause.shape[0]):
+        cause, own = table.cause[part], lane + part * LANES_PER_PART
+        if cause == _CHANCE:
+            uniforms_row(key, resource, number, own, spare)
+            for i in range(n):
+                lost[i] |= spare[i] < table.probability[part, i]
+        elif cause == _COMMON:
+            # The first agent's number decides for all: it is there however many agents there are.
+            if uniform_at(key, resource, number, own, 0) < table.probability[part, 0]:
+                lost[:] = True
+        elif cause == _BURSTS:
+            if time < table.time[part]:
+                return _BACK_IN_TIME
+            uniforms_row(key, resource, number, own, spare)
+            _bursts(table, part, spare, time)
+            for i in range(n):
+                lost[i] |= table.bad[part, i]
+        elif cause == _RECORD:
+            rows, width = table.rows[part], table.width[part]
+            if table.row[part] >= rows and not table.repeat[part]:
+                return _RECORD_ENDED
+            begin = table.begin[part] + (table.row[part] % rows) * width
+            for i in range(n):
+                lost[i] |= table.record[begin + (i if width > 1 else 0)]
+            table.row[part] += 1
+    return _SENT
+
+
+def refuse_loss(table: LossTable, code: int, resource: int, time: float) -> SimulationError:
+    """Say why a broadcast cannot be sent.
+
+    Parameters
+    ----------
+    table : LossTable
+        The model.
+    code : int
+        As `loss_row` has returned it.
+    resource : int
+        j.
+    time : float
+        When the broadcast leaves.
+
+    Returns
+    -------
+    SimulationError
+        To be raised.
+    """
+    where = f"time {time!r}, resource {resource}"
+    if code == _RECORD_ENDED:
+        # Parts before the one that has ended have read a row for this broadcast, perhaps their last.
+        record = table.cause == _RECORD
+        ended = record & (table.rows <= table.row[record].min()) & ~table.repeat
+        part = int(np.argmax(ended))
+        return SimulationError(
+            f"{where}: broadcast {table.row[part]} of the run has no row in a trace of {table.rows[part]}; "
+            "give Trace more rows, or repeat=True to begin anew"
+        )
+    part = int(np.nanargmax(np.where(table.cause == _BURSTS, table.time, np.nan)))
+    return SimulationError(
+        f"{where}: a broadcast that is earlier than the one before it, at {float(table.time[part])!r}; "
+        "bursts of loss need broadcasts in the order of time"
+    )
+
+
+class TabledLoss:
+    """The losses of one run as compiled code draws them.
+
+    Parameters
+    ----------
+    table : LossTable
+        The model, at the start of the run.
+    """
+
+    def __init__(self, table: LossTable) -> None:
+        self.table = table
+
+    def draw(self, draws: Draws) -> BoolArray:
+        """Return whether each agent's copy is lost.
+
+        Parameters
+        ----------
+        draws : Draws
+            The broadcast's random numbers.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+            True where the copy is lost.
+
+        Raises
+        ------
+        SimulationError
+            If a record has ended, or broadcasts are not in the order of time where that matters.
+        """
+        lost, spare = np.empty(draws.n_agents, dtype=np.bool_), np.empty(draws.n_agents)
+        key, lane = draws.keys[Purpose.LOSS], draws.lane(0)
+        code = loss_row(self.table, key, draws.resource, draws.number, draws.time, lane, lost, spare)
+        if code != _SENT:
+            raise refuse_loss(self.table, code, draws.resource, draws.time)
+        return lost

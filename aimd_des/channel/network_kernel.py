@@ -1,0 +1,122 @@
+"""How copies spread over a network of arcs, in compiled code.
+
+An arc is one direction of an edge.  A node forwards the first copy that reaches it over all its
+arcs, so that a broadcast reaches node v at
+
+    t(root) = departure,    t(v) = min of t(u) + latency(u, v) over arcs that lose nothing.
+
+which is the least sum, added from the root on, over all paths that survive.  Rounded sums of numbers
+that are not negative are monotone, so it is the same to the last bit in whatever order arcs are looked
+at.  Nodes are looked at in the order of their nominal distance, again and again until nothing changes;
+a tree needs one round, and v nodes v rounds at most.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.jit import routine
+
+__all__ = ["NetworkTable", "network_table", "spread"]
+
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+class NetworkTable(NamedTuple):
+    """A network for compiled code, with working memory; all arrays are empty where there is none.
+
+    Attributes
+    ----------
+    first : ndarray of int, shape (v + 1,)
+        Where the arcs out of each node begin in `arc` and `head`, and where the last ones end; node 0
+        is the control unit's, and nodes stand in the order of their nominal distance from it.
+    arc, head : ndarray of int, shape (a,)
+        Number of an arc, which is the address of its draws, and the node to which it leads.
+    agent : ndarray of int, shape (n,)
+        The node of each agent.
+    latency : ndarray, shape (a,)
+        Receives the latencies of a broadcast, by number of the arc.
+    time : ndarray, shape (v,)
+        Working memory, and so is `fresh`, (v,): nodes whose time the next ones have not seen.
+    fresh : ndarray of bool, shape (v,)
+        See there.
+    """
+
+    first: IntArray
+    arc: IntArray
+    head: IntArray
+    agent: IntArray
+    latency: FloatArray
+    time: FloatArray
+    fresh: BoolArray
+
+
+def network_table(
+    tail: npt.ArrayLike = (), head: npt.ArrayLike = (), agent: npt.ArrayLike = ()
+) -> NetworkTable:
+    """Lay out a network for compiled code; without arguments, none.
+
+    Parameters
+    ----------
+    tail, head : array_like of int, shape (a,)
+        From which node each arc leads to which, in the order of the arcs' numbers.
+    agent : array_like of int, shape (n,)
+        The node of each agent.
+
+    Returns
+    -------
+    NetworkTable
+        With working memory of its own.
+    """
+    tails, heads = np.array(tail, dtype=np.int64), np.array(head, dtype=np.int64)
+    n_nodes = int(heads.max()) + 1 if len(heads) else 0
+    arc = np.argsort(tails, kind="stable")
+    return NetworkTable(
+        first=np.searchsorted(tails[arc], np.arange(n_nodes + 1)).astype(np.int64),
+        arc=arc.astype(np.int64),
+        head=heads[arc],
+        agent=np.array(agent, dtype=np.int64),
+        latency=np.zeros(len(arc)),
+        time=np.zeros(n_nodes),
+        fresh=np.zeros(n_nodes, dtype=np.bool_),
+    )
+
+
+@routine
+def spread(network: NetworkTable, lost: BoolArray, departure: float, arrival: FloatArray) -> None:
+    """Let a broadcast run over the arcs.
+
+    Parameters
+    ----------
+    network : NetworkTable
+        With the latencies of the broadcast, each at least 0.
+    lost : ndarray of bool, shape (a,)
+        Whether each arc loses it, by number of the arc.
+    departure : float
+        When it leaves the control unit.
+    arrival : ndarray, shape (n,)
+        Receives when it reaches each agent; inf where it does not.
+    """
+    time, fresh = network.time, network.fresh
+    time[:] = np.inf
+    fresh[:] = False
+    time[0], fresh[0] = departure, True
+    again = True
+    while again:
+        again = False
+        for node in range(time.shape[0]):
+            if not fresh[node]:
+                continue
+            fresh[node] = False
+            for place in range(network.first[node], network.first[node + 1]):
+                arc, head = network.arc[place], network.head[place]
+                reached = time[node] + network.latency[arc]
+                if reached < time[head] and not lost[arc]:
+                    time[head], fresh[head] = reached, True
+                    # Nodes that stand later will be seen in this round.
+                    again |= head < node
+    for i in range(arrival.shape[0]):
+        arrival[i] = time[network.agent[i]]

@@ -1,0 +1,179 @@
+"""What becomes of a broadcast, in compiled code: the one way for processes and for compiled agents."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.channel.random_draws import LANES_PER_COPY
+from aimd_des.channel.latency.kernels import LatencyTable, latency_row
+from aimd_des.channel.loss.kernels import LossTable, loss_row
+from aimd_des.channel.network_kernel import NetworkTable, network_table, spread
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.jit import kernel, routine
+from aimd_des.utils.rng import Key, Purpose, uniforms_row
+
+__all__ = ["ChannelTable", "channel_table", "put_in_order", "transmit"]
+
+BoolArray = npt.NDArray[np.bool_]
+
+
+class ChannelTable(NamedTuple):
+    """A channel in one run, for compiled code, with its memory.
+
+    Its a links are those of the n agents or, where there is a network, the arcs of that.
+
+    Attributes
+    ----------
+    latency : LatencyTable
+        The model of latency, for each link.
+    loss : LossTable
+        The model of loss, for each link.
+    duplication : ndarray, shape (n,)
+        Probability that a copy which is not lost arrives twice.
+    duplicates : bool
+        Whether any can.
+    fifo : bool
+        Whether each agent's link keeps the order of what is sent over it.
+    latest : ndarray, shape (n,)
+        The last arrival on each link, kept where links are FIFO.
+    latency_key, loss_key, duplication_key : tuple of two uint64
+        The run's keys.
+    lost : ndarray of bool, shape (a,)
+        Working memory, and so is `spare`, (a,).
+    spare : ndarray, shape (a,)
+        See there.
+    network : NetworkTable
+        Over which copies travel; empty where each agent has a link of its own.
+    """
+
+    latency: LatencyTable
+    loss: LossTable
+    duplication: FloatArray
+    duplicates: bool
+    fifo: bool
+    latest: FloatArray
+    latency_key: Key
+    loss_key: Key
+    duplication_key: Key
+    lost: BoolArray
+    spare: FloatArray
+    network: NetworkTable
+
+
+def channel_table(
+    latency: LatencyTable,
+    loss: LossTable,
+    duplication: npt.ArrayLike,
+    fifo: bool,
+    keys: Mapping[Purpose, Key],
+    network: NetworkTable | None = None,
+) -> ChannelTable:
+    """Lay out a channel for compiled code, at the start of a run.
+
+    Parameters
+    ----------
+    latency : LatencyTable
+        The model of latency, for each link.
+    loss : LossTable
+        The model of loss, for each link.
+    duplication : float or array_like, shape (n,)
+        Probability that a copy which is not lost arrives twice; 0 where there is a network.
+    fifo : bool
+        Whether links are; not where there is a network.
+    keys : mapping of Purpose to Key
+        The run's keys of random numbers.
+    network : NetworkTable, optional
+        Whose arcs the links are.
+
+    Returns
+    -------
+    ChannelTable
+        Nothing has been sent yet.
+    """
+    links = len(latency.first)
+    n = links if network is None else len(network.agent)
+    return ChannelTable(
+        latency=latency,
+        loss=loss,
+        duplication=np.array(np.broadcast_to(duplication, (n,)), dtype=np.float64),
+        duplicates=bool(np.any(duplication)),
+        fifo=fifo,
+        latest=np.zeros(n),
+        latency_key=keys[Purpose.LATENCY],
+        loss_key=keys[Purpose.LOSS],
+        duplication_key=keys[Purpose.DUPLICATION],
+        lost=np.zeros(links, dtype=np.bool_),
+        spare=np.zeros(links),
+        network=network_table() if network is None else network,
+    )
+
+
+@kernel
+def put_in_order(latest: FloatArray, arrival: FloatArray) -> None:
+    """Let no copy overtake another one on its link.
+
+    Parameters
+    ----------
+    latest : ndarray, shape (n,)
+        The last arrival on each link; moves on.
+    arrival : ndarray, shape (n,)
+        When copies arrive if nothing is in their way, in the order in which they leave; inf where they are
+        lost, or cut.  Receives when they arrive.
+    """
+    for i in range(arrival.shape[0]):
+        arrival[i] = max(arrival[i], latest[i])
+        if arrival[i] < np.inf:
+            latest[i] = arrival[i]
+
+
+@routine
+def _transmit_seconds(
+    table: ChannelTable, resource: int, number: int, departure: float, second: FloatArray
+) -> None:
+    latency, key, lost, spare = table.latency, table.latency_key, table.lost, table.spare
+    latency_row(latency, key, resource, number, LANES_PER_COPY, second, spare)
+    uniforms_row(table.duplication_key, resource, number, 0, spare)
+    for i in range(second.shape[0]):
+        twice = not lost[i] and spare[i] < table.duplication[i]
+        second[i] = departure + second[i] if twice else np.inf
+
+
+@routine
+def transmit(
+    table: ChannelTable, resource: int, number: int, departure: float, arrival: FloatArray, second: FloatArray
+) -> int:
+    """Draw loss, latency and duplication of every copy of a broadcast; `put_in_order` comes after it.
+
+    Parameters
+    ----------
+    table : ChannelTable
+        The channel; its memory of losses moves on.
+    resource, number : int
+        The broadcast.
+    departure : float
+        When it leaves the control unit.
+    arrival : ndarray, shape (n,)
+        Receives when each agent's copy arrives; inf where it is lost.
+    second : ndarray, shape (n,)
+        Receives when a duplicate arrives, inf where there is none; left alone if there cannot be any.
+
+    Returns
+    -------
+    int
+        0, or what `refuse_loss` has words for.
+    """
+    lost, spare, network = table.lost, table.spare, table.network
+    code = loss_row(table.loss, table.loss_key, resource, number, departure, 0, lost, spare)
+    networked = network.head.shape[0] > 0
+    drawn = network.latency if networked else arrival
+    latency_row(table.latency, table.latency_key, resource, number, 0, drawn, spare)
+    if networked:
+        spread(network, lost, departure, arrival)
+        return code
+    for i in range(arrival.shape[0]):
+        arrival[i] = np.inf if lost[i] else departure + arrival[i]
+    if table.duplicates:
+        _transmit_seconds(table, resource, number, departure, second)
+    return code

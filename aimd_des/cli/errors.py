@@ -1,0 +1,77 @@
+"""How the command ends where something is wrong: one sentence, and an exit code."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+
+from aimd_des.utils.errors import InputError, SimulationError
+
+__all__ = ["INTERRUPTED", "Refusal", "refusing", "writing"]
+
+#: The exit code where Ctrl-C has ended a command, as shells have it.
+INTERRUPTED = 130
+
+
+class Refusal(click.ClickException):
+    """A user's mistake: the sentence, and exit code 2."""
+
+    exit_code = 2
+
+
+@contextmanager
+def refusing(about: object = "") -> Iterator[None]:
+    """End the command with a sentence where its block raises one of our exceptions.
+
+    Parameters
+    ----------
+    about : object
+        What a mistake is about, such as the path of a file; it is named before the sentence.
+
+    Yields
+    ------
+    None
+        Nothing.
+
+    Raises
+    ------
+    Refusal
+        For an `InputError`: exit code 2.
+    click.ClickException
+        For a `SimulationError`, or where there is not enough memory: exit code 1.
+    """
+    try:
+        yield
+    except InputError as refusal:
+        raise Refusal(f"{about}: {refusal}" if about else str(refusal)) from None
+    except SimulationError as failure:
+        raise click.ClickException(str(failure)) from None
+    except MemoryError as failure:
+        words = f"the memory of this machine is too small for it ({failure})".replace(" ()", "")
+        raise click.ClickException(f"{about}: {words}" if about else words) from None
+
+
+@contextmanager
+def writing(place: Path) -> Iterator[None]:
+    """End the command with a sentence where its block cannot write.
+
+    Parameters
+    ----------
+    place : Path
+        The file or folder that is written.
+
+    Yields
+    ------
+    None
+        Nothing.
+
+    Raises
+    ------
+    Refusal
+        For an `OSError`: exit code 2.
+    """
+    try:
+        yield
+    except OSError as failure:
+        raise Refusal(f"{place}: cannot be written ({failure.strerror})") from None

@@ -1,0 +1,121 @@
+"""Runs as tables: what was run, what came out, and how two of them differ."""
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+
+from aimd_des.cli.scenario_diff import HEADS, differences, print_differences
+from aimd_des.cli.printing import say
+from aimd_des.cli.terminal_tables import print_pairs, print_table
+from aimd_des.utils.errors import InputError
+from aimd_des.scenario.stored_run import StoredRun
+
+__all__ = ["compare_runs", "print_measures", "show_run"]
+
+# What a scenario says of the problem, and how long it is.
+_PROBLEM = ("resources", "costs")
+
+
+def show_run(run: StoredRun, measures: Sequence[str] = ()) -> None:
+    """Print what was run, with which versions, and the measures of each resource.
+
+    Parameters
+    ----------
+    run : StoredRun
+        The folder.
+    measures : sequence of str
+        Which; all unless given.
+
+    Raises
+    ------
+    InputError
+        If the run has no such measure.
+    """
+    _chosen(run, measures)
+    of_model = "model" in run.scenario
+    given = {key: value for key, value in run.scenario.items() if of_model or key not in _PROBLEM}
+    problem = [] if of_model else [("problem", _written_out(run))]
+    pairs = [(key.replace("_", " "), value) for key, value in given.items() if value not in ("", {}, [])]
+    versions = ("versions", run.versions)
+    print_pairs(f"Run in {run.folder}", [*pairs, *problem, ("digest", run.digest), versions])
+    say()
+    print_measures("Measures", run, measures)
+
+
+def _written_out(run: StoredRun) -> str:
+    agents = len(run.scenario.get("costs", {}).get("coefficients", []))
+    return f"written out: {agents} agents, {len(run.measures)} resources"
+
+
+def print_measures(title: str, run: StoredRun, measures: Sequence[str] = ()) -> None:
+    """Print a line for each measure and a column for each resource.
+
+    Parameters
+    ----------
+    title : str
+        Above the table.
+    run : StoredRun
+        The folder.
+    measures : sequence of str
+        Which; all unless given.
+
+    Raises
+    ------
+    InputError
+        If the run has no such measure.
+    """
+    rows = [[_words(name), *(of[name] for of in run.measures.values())] for name in _chosen(run, measures)]
+    print_table(title, ["measure", *run.measures], rows)
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _chosen(run: StoredRun, measures: Sequence[str]) -> list[str]:
+    """Take the measures that are asked for, or all of the run."""
+    known = list(next(iter(run.measures.values()), {}))
+    for name in measures:
+        if name not in known:
+            near = get_close_matches(name, known, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else ""
+            raise InputError.of("measure", name, f"one of {', '.join(known)}", hint)
+    return list(measures) or known
+
+
+def compare_runs(first: StoredRun, second: StoredRun, measures: Sequence[str] = ()) -> None:
+    """Print in which keys two runs differ, whether their digests are equal, and their measures side by side.
+
+    Parameters
+    ----------
+    first, second : StoredRun
+        The folders.
+    measures : sequence of str
+        Which; all that both have unless given.
+
+    Raises
+    ------
+    InputError
+        If they have no resource in common, or a run has no such measure.
+    """
+    shared = [name for name in first.measures if name in second.measures]
+    if not shared:
+        own = f"{', '.join(first.measures)} and {', '.join(second.measures)}"
+        raise InputError(f"{first.folder} and {second.folder}: no resource is in both (they have {own})")
+    of_second = _chosen(second, measures)
+    names = [name for name in _chosen(first, measures) if name in of_second]
+    equal = first.digest == second.digest
+    print_pairs(
+        "The digests are equal: the same events, to the last bit" if equal else "The digests are different",
+        [(name, f"{run.folder}\n{run.digest}") for name, run in zip(HEADS, (first, second), strict=True)],
+    )
+    say()
+    found = differences({**first.scenario, **first.versions}, {**second.scenario, **second.versions})
+    print_differences(found, "The scenarios and the versions are the same.")
+    say()
+    rows = [
+        [_words(name), resource, *pair, pair[1] - pair[0]]
+        for name in names
+        for resource in shared
+        for pair in [(first.measures[resource][name], second.measures[resource][name])]
+    ]
+    print_table("Measures", ["measure", "resource", *HEADS, "difference"], rows, labels=2)

@@ -1,0 +1,174 @@
+"""The option `--set` of commands that read a file: values in place of the file's, by their dotted keys."""
+
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+from click.shell_completion import CompletionItem
+
+from aimd_des.utils.errors import InputError
+
+__all__ = ["changes", "check_command", "holds_a_study", "set_option"]
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+# What a study file has at its top and a scenario file has not.
+_OF_A_STUDY = {"axes", "base", "extends", "precision", "replications", "scenario"}
+
+# Tables are no deeper than this: channel, loss, a number, its kind.
+_DEPTH = 6
+
+
+def holds_a_study(path: Path) -> bool:
+    """Tell files of studies and of scenarios apart.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    bool
+        Whether it has a key that only studies have.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    from aimd_des.scenario.file import read_toml
+
+    return bool(_OF_A_STUDY & set(read_toml(path)[0]))
+
+
+def check_command(path: Path, *, study: bool) -> None:
+    """Refuse the file of a study where that of a scenario is due, and the reverse.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    study : bool
+        Which is due.
+
+    Raises
+    ------
+    InputError
+        Naming the command to use.
+    """
+    if holds_a_study(path) != study:
+        found, command = ("scenario", "run") if study else ("study", "sweep")
+        raise InputError(f"{path}: is the file of a {found}: say aimd-des {command} {path}")
+
+
+def set_option(examples: str) -> Callable[[_Function], _Function]:
+    """Make the option, for a command whose first argument is the file.
+
+    Parameters
+    ----------
+    examples : str
+        Keys that the file may have, with values.
+
+    Returns
+    -------
+    callable
+        A decorator.
+    """
+    return click.option(
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="KEY=VALUE",
+        shell_complete=_complete,
+        help=f"Replaces a value of the file, such as {examples}; may be repeated.",
+    )
+
+
+def changes(settings: Sequence[str], **options: Any) -> dict[str, Any]:
+    """Put together what the command line says about a file.
+
+    Parameters
+    ----------
+    settings : sequence of str
+        What was given to `--set`: dotted keys with their values.
+    **options
+        Keys that have an option of their own, which goes before; None where it was not given.
+
+    Returns
+    -------
+    dict
+        Values by dotted keys.
+
+    Raises
+    ------
+    InputError
+        If a setting is none.
+    """
+    from aimd_des.scenario.settings import parse_setting
+
+    given = {name: value for name, value in options.items() if value is not None}
+    return {**dict(map(parse_setting, settings)), **given}
+
+
+def _complete(context: click.Context, _: click.Parameter, incomplete: str) -> "list[CompletionItem[str]]":
+    """Offer the keys that begin so; a value is the user's own affair."""
+    from aimd_des.cli.schema import schema_of
+
+    # The first argument is the file, and called by what it holds.
+    kind = next(str(part.name) for part in context.command.params if isinstance(part, click.Argument))
+    schema = schema_of(kind)
+    found: dict[str, str] = {}
+    # The option that is being typed lacks its value: click then gives arguments as they are.
+    path = context.params.get(kind) or next(iter(context.args), None)
+    for key, meaning in _keys(schema, schema["definitions"], _read(path)):
+        found.setdefault(key, meaning)
+    return [
+        CompletionItem(f"{key}=", help=meaning)
+        for key, meaning in found.items()
+        if key.startswith(incomplete)
+    ]
+
+
+def _read(path: Any) -> dict[str, Any]:
+    """Read the file, if there is one: it says how many tables a list has, and which model it is."""
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, TypeError, ValueError, RecursionError):
+        return {}
+
+
+def _keys(
+    part: Mapping[str, Any], definitions: Mapping[str, Any], data: Any, above: str = "", depth: int = 0
+) -> Iterator[tuple[str, str]]:
+    """Name every key that a part of a schema allows, with its meaning."""
+    if depth > _DEPTH:
+        return
+    if "$ref" in part:
+        part = {**part, **definitions[part["$ref"].rpartition("/")[2]]}
+    for form in (form for word in ("allOf", "anyOf", "oneOf") for form in part.get(word, ())):
+        yield from _keys(form, definitions, data, above, depth + 1)
+    for name, inner in part.get("properties", {}).items():
+        here = f"{above}.{name}" if above else name
+        yield here, inner.get("description", "")
+        below = data.get(name) if isinstance(data, dict) else None
+        if here.endswith("parameters") and isinstance(data, dict):
+            yield from _parameters(here, data.get("model"))
+        yield from _keys(inner, definitions, below, here, depth + 1)
+    if isinstance(data, list):
+        for place, item in enumerate(data):
+            if isinstance(item, dict):
+                yield from _keys(part.get("items", {}), definitions, item, f"{above}.{place}", depth + 1)
+
+
+def _parameters(above: str, model: Any) -> Iterator[tuple[str, str]]:
+    """Name the parameters of a model."""
+    from aimd_des.scenario.models import model_parameters
+
+    try:
+        names = model_parameters(str(model), {}, 0)
+    except InputError:
+        return
+    yield from ((f"{above}.{name}", "") for name in names)

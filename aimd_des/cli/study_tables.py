@@ -1,0 +1,156 @@
+"""Studies as tables: means with what they are known to, what failed, and what is missing."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from aimd_des.cli.printing import say
+from aimd_des.cli.terminal_tables import (interval, plus_minus, print_pairs, print_table)
+from aimd_des.utils.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from aimd_des.study import Study, StudyResults
+
+__all__ = ["chosen_measures", "is_study", "show_study"]
+
+# What is shown unless measures are chosen, where a study keeps it.
+_MAIN = ("utilisation", "misallocation", "cost_ratio", "overshoot_peak")
+_MOST_FAILURES = 10
+
+
+def is_study(folder: Path) -> bool:
+    """Tell whether a folder is that of a study.
+
+    Parameters
+    ----------
+    folder : Path
+        Any.
+
+    Returns
+    -------
+    bool
+        Whether it has the file by which one is recognised.
+    """
+    return (folder / "manifest.json").is_file()
+
+
+def chosen_measures(kept: Sequence[str], measures: Sequence[str]) -> list[str]:
+    """Take the measures that are asked for, or those that matter most.
+
+    Parameters
+    ----------
+    kept : sequence of str
+        Those that the study keeps.
+    measures : sequence of str
+        What is asked for.
+
+    Returns
+    -------
+    list of str
+        Measures that the study keeps.
+
+    Raises
+    ------
+    InputError
+        If it does not keep one.
+    """
+    from aimd_des.study.columns import known_measure
+
+    for name in measures:
+        known_measure("measure", name)
+        if name not in kept:
+            raise InputError.of("measure", name, f"one that the study keeps: {', '.join(kept)}")
+    return list(measures) or [name for name in _MAIN if name in kept] or list(kept)
+
+
+def show_study(folder: Path, measures: Sequence[str] = (), by: Sequence[str] = ()) -> None:
+    """Print what a study is, the means at each point, and what failed or is missing.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the study.
+    measures : sequence of str
+        Which; the main ones unless given.
+    by : sequence of str
+        The axes whose points are told apart; over the others means are taken.  All unless given.
+
+    Raises
+    ------
+    InputError
+        If the study has no such measure or axis.
+    """
+    from aimd_des.study import load_study
+
+    results = load_study(folder)
+    names = chosen_measures(results.study.columns(), measures)
+    axes = _chosen_axes(results.study, by)
+    runs = results.runs
+    print_pairs(f"Study in {folder}", _about(results))
+    say()
+    if runs.empty:
+        say("No run is there yet.")
+    else:
+        columns, rows = _means(runs, axes, names)
+        title = f"Means {plus_minus()} half-widths of their 95 % confidence intervals"
+        print_table(title, columns, rows, labels=len(axes) + 1)
+    _print_failures(results)
+
+
+def _chosen_axes(study: "Study", by: Sequence[str]) -> list[str]:
+    known = [axis.name for axis in study.axes]
+    for name in by:
+        if name not in (*known, "resource"):
+            raise InputError.of("by", name, f"one of {', '.join([*known, 'resource'])}")
+    return [name for name in known if name in by or not by]
+
+
+def _about(results: "StudyResults") -> list[tuple[str, Any]]:
+    study = results.study
+    axes = {axis.name: [value for value, _ in axis.settings()] for axis in study.axes}
+    failed, missing = len(results.failed), len(results.missing)
+    counts = [f"{len(results.plan) - failed - missing:,} of {len(results.plan):,} are there"]
+    counts += [f"{count:,} {word}" for count, word in ((failed, "failed"), (missing, "missing")) if count]
+    seeds = "the same at all points" if study.paired else "different at all points"
+    return [
+        *([("title", study.title)] if study.title else []),
+        *((f"axis {name}", values) for name, values in axes.items()),
+        ("runs", ", ".join(counts)),
+        ("seed", f"{study.seed}; seeds are {seeds}"),
+        ("versions", results.versions),
+    ]
+
+
+def _means(runs: "pd.DataFrame", axes: list[str], names: list[str]) -> tuple[list[str], list[list[Any]]]:
+    """Make a row for each point and resource."""
+    from aimd_des.study import summarise
+
+    points = [*axes, "resource"]
+    # One number of each replication: runs of one replication may have the same seed.
+    groups = runs.groupby([*points, "replication"], observed=True, sort=False)
+    sizes = groups.size()
+    whole = groups[names].mean()[sizes == sizes.max()].reset_index()
+    table = summarise(whole, points, names)
+    rows: list[list[Any]] = []
+    for labels, part in table.groupby(points, observed=True, sort=False):
+        found = part.set_index("measure")
+        half_widths = (found["high"] - found["low"]) / 2.0
+        cells = [interval(float(found["mean"][name]), float(half_widths[name])) for name in names]
+        rows.append([*labels, int(found["replications"].max()), *cells])
+    return [*points, "replications", *(name.replace("_", " ") for name in names)], rows
+
+
+def _print_failures(results: "StudyResults") -> None:
+    failed = results.failed
+    if failed.empty:
+        return
+    axes = [axis.name for axis in results.study.axes]
+    columns = [*axes, "replication", "message"]
+    rows = [list(row) for row in failed[columns].head(_MOST_FAILURES).itertuples(index=False)]
+    say()
+    title = f"Runs that failed: {len(failed):,}"
+    if len(failed) > _MOST_FAILURES:
+        title += f", the first {_MOST_FAILURES}; all are described in {results.folder / 'failed'}"
+    print_table(title, columns, rows, labels=len(axes) + 1)

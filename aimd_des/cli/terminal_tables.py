@@ -1,0 +1,212 @@
+"""Tables in the terminal: numbers with four digits, and several parts where a line is too short."""
+
+from collections.abc import Iterator, Sequence
+from math import floor, isfinite, log10
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.cells import cell_len
+from rich.console import Console
+from rich.table import Table
+
+from aimd_des.cli.printing import styled
+from aimd_des.utils.terminal_text import fit
+
+__all__ = ["interval", "plus_minus", "print_pairs", "print_table", "said", "shown"]
+
+_DIGITS = 4
+_LONGEST_LIST = 6
+_PADDING = 3  # on both sides of a column together
+_NARROWEST = 20
+
+
+def shown(value: Any) -> str:
+    """Write what was measured.
+
+    Parameters
+    ----------
+    value : int, float, str or None
+        A value of a table.
+
+    Returns
+    -------
+    str
+        Integers with separators, other numbers with four digits, words as they are.
+    """
+    if isinstance(value, int):
+        return f"{value:,d}"
+    if isinstance(value, float):
+        return _number(value)
+    return value or ""
+
+
+def _number(value: float) -> str:
+    if not isfinite(value):
+        return str(value)
+    decimals = _DIGITS - 1 - _magnitude(value)
+    return f"{value:.{_DIGITS - 1}e}" if decimals > 6 or decimals < -6 else f"{value:,.{max(decimals, 0)}f}"
+
+
+def _magnitude(value: float) -> int:
+    """Find the power of ten of the first digit."""
+    return floor(log10(abs(value))) if value else 0
+
+
+def said(value: Any) -> str:
+    """Write what was set.
+
+    Parameters
+    ----------
+    value : object
+        Whatever a scenario file may say.
+
+    Returns
+    -------
+    str
+        Numbers with up to six digits, tables in one line, long lists by their ends and their length.
+    """
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_inner(item)}" for key, item in value.items())
+    if isinstance(value, list):
+        return _list(value)
+    return str(value)
+
+
+def _inner(value: Any) -> str:
+    """Write a value that stands in a table: one that is a table itself is put into parentheses."""
+    return f"({said(value)})" if isinstance(value, dict) else said(value)
+
+
+def _list(values: Sequence[Any]) -> str:
+    if len(values) <= _LONGEST_LIST:
+        return f"[{', '.join(map(_inner, values))}]"
+    return f"[{_inner(values[0])}, {_inner(values[1])}, ... {_inner(values[-1])}] ({len(values)} values)"
+
+
+def plus_minus() -> str:
+    """Give the sign that the terminal can show.
+
+    Returns
+    -------
+    str
+        A plus over a minus, or both one after the other.
+    """
+    return "+/-" if Console().options.ascii_only else "±"
+
+
+def interval(mean: float, half_width: float) -> str:
+    """Write a mean with what it is known to.
+
+    Parameters
+    ----------
+    mean, half_width : float
+        Of a confidence interval; a half-width that is not finite is left out.
+
+    Returns
+    -------
+    str
+        With as many decimals as give the half-width two digits.
+    """
+    if not (isfinite(mean) and isfinite(half_width)):
+        return shown(mean)
+    if half_width == 0:
+        return f"{shown(mean)} {plus_minus()} 0"
+    decimals = 1 - _magnitude(half_width)
+    if decimals > 6:
+        return f"{mean:.3e} {plus_minus()} {half_width:.1e}"
+    decimals = max(decimals, 0)
+    return f"{mean:,.{decimals}f} {plus_minus()} {half_width:,.{decimals}f}"
+
+
+def print_pairs(title: str, pairs: Sequence[tuple[str, Any]]) -> None:
+    """Print names and values, one pair a line.
+
+    Parameters
+    ----------
+    title : str
+        Above the table.
+    pairs : sequence of (str, object)
+        What is shown.
+    """
+    console = Console()
+    table = _table(show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    for name, value in pairs:
+        table.add_row(styled(name), styled(said(value)))
+    console.print(styled(title, "bold"))
+    console.print(table)
+
+
+def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], labels: int = 1) -> None:
+    """Print a table, in several parts one below the other where it is wider than the terminal.
+
+    Parameters
+    ----------
+    title : str
+        Above the table.
+    columns : sequence of str
+        The heads.
+    rows : sequence of sequence
+        A value for each column.
+    labels : int
+        How many columns, from the left, say what a row is, as it was set; each part begins with them.
+    """
+    console = Console()
+    heads = [*map(fit, columns)]
+    cells = [[*map(fit, map(said, row[:labels])), *map(fit, map(shown, row[labels:]))] for row in rows]
+    right = [_is_numeric([row[place] for row in rows]) for place in range(len(columns))]
+    console.print(styled(title, "bold"))
+    for number, part in enumerate(_parts(_least_widths(heads, cells, right), labels, console.width)):
+        if number:
+            console.print()
+        table = _table()
+        for place in part:
+            # A text may be broken, a number may not: 12 in one line and 34 in the next are another number.
+            table.add_column(
+                styled(heads[place]),
+                justify="right" if right[place] else "left",
+                overflow="fold",
+                no_wrap=right[place],
+            )
+        for row in cells:
+            table.add_row(*(styled(row[place]) for place in part))
+        console.print(table)
+
+
+def _table(*, show_header: bool = True) -> Table:
+    return Table(box=SIMPLE_HEAD, pad_edge=False, show_edge=False, show_header=show_header)
+
+
+def _is_numeric(values: Sequence[Any]) -> bool:
+    """Tell whether a column holds numbers, or texts that are written from numbers by `interval`."""
+    return all(
+        value is None or isinstance(value, int | float) or str(value)[:1] in "-0123456789" for value in values
+    )
+
+
+def _least_widths(columns: Sequence[str], cells: Sequence[Sequence[str]], right: Sequence[bool]) -> list[int]:
+    """Say how narrow each column may become: numbers stay whole, texts go on in the next line."""
+    widths = []
+    for place, head in enumerate(columns):
+        texts = [head, *(row[place] for row in cells)]
+        widest = max(map(cell_len, texts))
+        widths.append(_PADDING + (widest if right[place] else min(widest, _NARROWEST)))
+    return widths
+
+
+def _parts(widths: Sequence[int], labels: int, width: int) -> Iterator[list[int]]:
+    """Share the columns among tables that fit; one that is too wide by itself stands alone."""
+    first = list(range(labels))
+    left = width - sum(widths[:labels])
+    part: list[int] = []
+    for place in range(labels, len(widths)):
+        if part and sum(widths[other] for other in [*part, place]) > left:
+            yield [*first, *part]
+            part = []
+        part.append(place)
+    yield [*first, *part]

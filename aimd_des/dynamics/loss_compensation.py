@@ -1,0 +1,270 @@
+r"""What agents can do about signals that they lose: respond more often to those that they hear.
+
+An agent that loses a share p of the signals and answers with lambda times
+
+    continuous      1 / (1 - p)
+    discrete clock  (1 - h) / (1 - p - h)
+
+gives back, in the mean, what it would without loss.  On the clock a lost signal also costs the agent its
+hold; h is the share of its own ticks in which it answered a signal, which it can count.
+
+Where p is not known it can be estimated, if signals carry a running number: of those since the first one
+that was heard, which are missing?  The number costs bits, and a field of w bits counts modulo 2**w, so that
+an agent is mistaken once it has lost half of that in a row.
+
+The formulas are compiled into kernels, and called as they stand by processes.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.utils import validation as checks
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.jit import formula
+
+__all__ = [
+    "ESTIMATED",
+    "KNOWN",
+    "NOTHING",
+    "Answering",
+    "Compensation",
+    "EstimatedLoss",
+    "KnownLoss",
+    "compensation_factor",
+    "estimated_loss",
+    "no_compensation",
+    "read_number",
+]
+
+#: What an agent knows of its loss.
+NOTHING, KNOWN, ESTIMATED = 0, 1, 2
+
+# Where hardly a tick is left without a signal there is no bound to the factor; this is the largest.
+_MOST = 20.0
+_LEAST_GROWTH = 1.0 / _MOST
+
+_MOST_BITS = 62
+
+
+class Answering(NamedTuple):
+    """How agents make good for losses, for formulas.
+
+    Attributes
+    ----------
+    rule : int
+        `NOTHING`, `KNOWN` or `ESTIMATED`.
+    loss : ndarray, shape (n,)
+        What they know.
+    period : int
+        Running numbers are sent modulo this; 0 if none are sent.
+    """
+
+    rule: int
+    loss: FloatArray
+    period: int
+
+
+@runtime_checkable
+class Compensation(Protocol):
+    """A way of making good for losses."""
+
+    @property
+    def bits(self) -> int:
+        """How many bits a signal has besides the one."""
+        ...
+
+    def answering(self, n_agents: int) -> Answering:
+        """Return what the formulas need, for n agents."""
+        ...
+
+
+def no_compensation(n_agents: int) -> Answering:
+    """Return what the formulas need where agents do nothing about loss.
+
+    Parameters
+    ----------
+    n_agents : int
+        n.
+
+    Returns
+    -------
+    Answering
+        With no loss known.
+    """
+    return Answering(NOTHING, np.zeros(n_agents), 0)
+
+
+@dataclass(frozen=True, eq=False)
+class KnownLoss:
+    """Every agent knows the probability with which signals are lost on it.
+
+    Parameters
+    ----------
+    loss : float or array_like, shape (n,)
+        p of all agents or of each, at least 0 and less than 1.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range.
+    """
+
+    loss: npt.ArrayLike
+
+    def __post_init__(self) -> None:
+        remedy = "an agent that hears nothing cannot answer"
+        clean = checks.per_agent(
+            "KnownLoss.loss", self.loss, low=0.0, high=1.0, high_open=True, remedy=remedy
+        )
+        object.__setattr__(self, "loss", clean)
+
+    @property
+    def bits(self) -> int:
+        """How many bits a signal has besides the one: none."""
+        return 0
+
+    def answering(self, n_agents: int) -> Answering:
+        """Return what the formulas need.
+
+        Parameters
+        ----------
+        n_agents : int
+            n.
+
+        Returns
+        -------
+        Answering
+            With the loss of each agent.
+
+        Raises
+        ------
+        InputError
+            If there is a loss for each agent and their number is not n.
+        """
+        checks.fits("KnownLoss.loss", self.loss, n_agents)
+        return Answering(KNOWN, np.array(np.broadcast_to(self.loss, (n_agents,)), dtype=np.float64), 0)
+
+
+@dataclass(frozen=True)
+class EstimatedLoss:
+    """Every agent estimates its loss from the running numbers of the signals that it hears.
+
+    Parameters
+    ----------
+    number_bits : int
+        Width of the field with the running number, 2 to 62: what a signal costs besides its one bit.
+
+    Raises
+    ------
+    InputError
+        If the value is outside its range.
+    """
+
+    number_bits: int = 8
+
+    def __post_init__(self) -> None:
+        bits = checks.integer("EstimatedLoss.number_bits", self.number_bits, low=2, high=_MOST_BITS)
+        object.__setattr__(self, "number_bits", bits)
+
+    @property
+    def bits(self) -> int:
+        """How many bits a signal has besides the one."""
+        return self.number_bits
+
+    def answering(self, n_agents: int) -> Answering:
+        """Return what the formulas need.
+
+        Parameters
+        ----------
+        n_agents : int
+            n.
+
+        Returns
+        -------
+        Answering
+            With nothing known.
+        """
+        return Answering(ESTIMATED, np.zeros(n_agents), 1 << self.number_bits)
+
+
+@formula
+def read_number(number: int, heard: int, first: int, latest: int, period: int) -> tuple[int, int, int]:
+    """Count a signal that has been heard.
+
+    Parameters
+    ----------
+    number : int
+        Its running number; it is sent, and read, modulo the period.
+    heard, first, latest : int
+        How many were heard so far, and the numbers of the first and the latest as the agent counts.
+    period : int
+        A power of 2.
+
+    Returns
+    -------
+    heard, first, latest : int
+        With this one.  It is taken for the number nearest to the latest, of two for the later one; what is
+        older than the first is not counted, since it is not among those that can be missing.
+    """
+    received = number % period
+    if heard == 0:
+        return 1, received, received
+    ahead = (received - latest) % period
+    meant = latest + (ahead if 2 * ahead <= period else ahead - period)
+    if meant <= first:
+        return heard, first, latest
+    return heard + 1, first, max(latest, meant)
+
+
+@formula
+def estimated_loss(heard: int, first: int, latest: int) -> float:
+    """Estimate the share of signals that are lost on an agent.
+
+    Parameters
+    ----------
+    heard : int
+        How many it heard, the first and the latest included.
+    first, latest : int
+        Numbers of the first that was heard, and the highest.
+
+    Returns
+    -------
+    float
+        Missing ones over all between the first and the latest, with one more that was heard: below 1.
+    """
+    if heard < 2:
+        return 0.0
+    between = latest - first - 1
+    missing = between - (heard - 2)
+    # Numbers that were misread can make it look as if more had been heard than were sent.
+    return max(missing, 0) / (between + 1.0) if between > 0 else 0.0
+
+
+@formula
+def compensation_factor(loss: float, answered: int, age: float, grain: float) -> float:
+    """Return what an agent multiplies its response probability by.
+
+    Parameters
+    ----------
+    loss : float
+        p, below 1.
+    answered : int
+        In how many of its ticks a discrete agent has answered a signal, this one included.
+    age : float
+        How many ticks it has had.
+    grain : float
+        Grain of time.
+
+    Returns
+    -------
+    float
+        1 without loss.
+    """
+    if grain == 0.0 or loss == 0.0:
+        return 1.0 / (1.0 - loss)
+    silent = 1.0 - answered / age
+    grown = silent - loss
+    return silent / grown if grown > _LEAST_GROWTH * silent else _MOST

@@ -1,0 +1,165 @@
+r"""The agent's rule: how demand grows, what the average is, and how a capacity signal is answered.
+
+Between two signals demand is a line, so nothing is stepped.  The state of an agent is kept at its
+*anchor*, the last moment at which the line broke (a response, or a tick that held): the demand just
+after it, and the demand accumulated up to it.  With c the moments since the anchor,
+
+                 discrete, at tick k           continuous, at time t
+    moment       k                             t
+    demand       x + alpha * (c - 1)           x + alpha * c
+
+and they differ in one number, the *grain*: 1 where a tick folds in a whole demand before it acts
+(eq. (average_eqn) of the paper), 0 where the average is an integral.  A signal is answered with
+probability lambda = Gamma * grad_j f(average) / average^j, eq. (prob_x).  The formulas below are
+the rule, written once: kernels compile them, processes call them as they stand.
+"""
+
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.jit import formula, kernel
+from aimd_des.dynamics.averaging_formulas import (CUMULATIVE, WINDOW, accumulated_at, age_at, average_at, folded_at, keep_parts, time_average)
+from aimd_des.dynamics.state import Law, State
+
+__all__ = [
+    "CONTINUOUS",
+    "DISCRETE",
+    "answer_row",
+    "average_row",
+    "demand_at",
+    "response_probability",
+]
+
+#: The grain of time: what the moment at hand itself counts for in the average.
+DISCRETE, CONTINUOUS = 1.0, 0.0
+
+
+@formula
+def demand_at(demand: float, increase: float, since: float, grain: float) -> float:
+    """Return the demand after growth.
+
+    Parameters
+    ----------
+    demand : float
+        Demand just after the anchor, in units of the resource.
+    increase : float
+        alpha.
+    since : float
+        Moments since the anchor.
+    grain : float
+        Grain of time.
+
+    Returns
+    -------
+    float
+        In units of the resource.
+    """
+    return demand + increase * (since - grain)
+
+
+@formula
+def response_probability(normalization: float, gradient: float, average: float) -> float:
+    """Return lambda of eq. (prob_x), not cut off at 1.
+
+    Parameters
+    ----------
+    normalization : float
+        Gamma.
+    gradient : float
+        Derivative of the private cost at the averages.
+    average : float
+        The average; at 0 the agent has nothing to give back and lambda is 0.
+
+    Returns
+    -------
+    float
+        At least 0.
+    """
+    return normalization * gradient / average if average > 0.0 else 0.0
+
+
+@kernel
+def average_row(
+    state: State,
+    law: Law,
+    resource: int,
+    moment: float,
+    grain: float,
+    folded: FloatArray,
+    average: FloatArray,
+) -> None:
+    """Compute the averages that all agents have at one moment.
+
+    Parameters
+    ----------
+    state, law : State, Law
+        State of all agents, and the parameters of their rule.
+    resource : int
+        j.
+    moment : float
+        The moment at hand, common to all.
+    grain : float
+        Grain of time.
+    folded, average : ndarray, shape (n,)
+        Receive the demand accumulated up to this moment, and the average.
+    """
+    j, memory = resource, law.memory
+    demand, accumulated, anchor = state.demand[j], state.accumulated[j], state.anchor[j]
+    increase, origin = law.increase[j], state.origin[j]
+    if memory.kind == CUMULATIVE:  # on its own, so that it is computed for several agents at once
+        for i in range(demand.shape[0]):
+            since = moment - anchor[i]
+            folded[i] = accumulated_at(accumulated[i], demand[i], increase[i], since, grain)
+            average[i] = time_average(folded[i], age_at(moment, origin[i], grain))
+    else:
+        for i in range(demand.shape[0]):
+            held, kept, alpha, since = demand[i], accumulated[i], increase[i], moment - anchor[i]
+            folded[i] = folded_at(memory, kept, held, alpha, since, grain)
+            line = (folded[i], kept, held, alpha, anchor[i], origin[i])
+            average[i] = average_at(memory, state.parts, j, i, *line, moment, grain)
+
+
+@kernel
+def answer_row(
+    state: State,
+    law: Law,
+    resource: int,
+    folded: FloatArray,
+    average: FloatArray,
+    gradient: FloatArray,
+    uniform: FloatArray,
+    moment: float,
+    grain: float,
+) -> None:
+    """Let all agents answer one capacity signal at the same moment.
+
+    Parameters
+    ----------
+    state, law : State, Law
+        State of all agents, which is moved to this moment, and the parameters of their rule.
+    resource : int
+        The signal's.
+    folded, average, gradient : ndarray, shape (n,)
+        Demand accumulated up to this moment, averages, and derivatives of the costs there.
+    uniform : ndarray, shape (n,)
+        The draw of each agent for this broadcast.
+    moment : float
+        The moment at hand.
+    grain : float
+        Grain of time.
+    """
+    j, memory, normalization = resource, law.memory, law.normalization[resource]
+    demand, accumulated, anchor = state.demand[j], state.accumulated[j], state.anchor[j]
+    increase, decrease, origin = law.increase[j], law.decrease[j], state.origin[j]
+    responses, saturated = state.responses[j], state.saturated[j]
+    if memory.kind == WINDOW:
+        for i in range(demand.shape[0]):
+            line = (accumulated[i], demand[i], increase[i], anchor[i], origin[i])
+            keep_parts(memory, state.parts, j, i, *line, moment, grain)
+    for i in range(demand.shape[0]):
+        present = demand_at(demand[i], increase[i], moment - anchor[i], grain)
+        probability = response_probability(normalization, gradient[i], average[i])
+        decreases = uniform[i] < probability
+        demand[i] = present * decrease[i] if decreases else present
+        accumulated[i] = folded[i]
+        anchor[i] = moment
+        responses[i] += decreases
+        saturated[i] += probability > 1.0

@@ -1,0 +1,191 @@
+"""The state of all agents and the parameters of their rule, in arrays with one row per resource."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.utils import validation as checks
+from aimd_des.utils import returned_values as handed
+from aimd_des.dynamics.averaging import Averaging, Cumulative
+from aimd_des.utils.validation import FloatArray
+from aimd_des.dynamics.loss_compensation import (ESTIMATED, KNOWN, NOTHING, Answering, Compensation, no_compensation)
+from aimd_des.engine.conditions import locked
+from aimd_des.utils.errors import InputError
+from aimd_des.dynamics.averaging_formulas import (CUMULATIVE, FORGETTING, WINDOW, Memory)
+from aimd_des.problem.problem import Problem
+
+__all__ = ["Law", "State", "law_of", "start"]
+
+IntArray = npt.NDArray[np.int64]
+
+
+class State(NamedTuple):
+    """What changes: every array has shape (m, n), `parts` has (m, n, parts).
+
+    Attributes
+    ----------
+    demand : ndarray
+        Demand just after the anchor, in units of the resource.
+    accumulated : ndarray
+        Demand accumulated up to the anchor: over ticks, or over time.
+    anchor : ndarray
+        The last moment at which growth was broken: index of the tick (-1 before the first), or time.
+    responses, saturated : ndarray of int
+        Decreases, and those of them that had a response probability above 1.
+    origin : ndarray
+        Moments that count for nothing, since the agent was away.
+    pause : ndarray
+        The last moment that counts for an agent that is away; inf for those that are here.
+    parts : ndarray
+        Accumulated demand at the boundaries of a window's parts; empty without a window.
+    heard, first, latest : ndarray of int
+        Signals heard, and the numbers of the first and the latest as the agent counts; kept where
+        agents estimate their loss.
+    answered : ndarray of int
+        Ticks or times at which a signal was answered; kept where agents compensate.
+    """
+
+    demand: FloatArray
+    accumulated: FloatArray
+    anchor: FloatArray
+    responses: IntArray
+    saturated: IntArray
+    origin: FloatArray
+    pause: FloatArray
+    parts: FloatArray
+    heard: IntArray
+    first: IntArray
+    latest: IntArray
+    answered: IntArray
+
+
+class Law(NamedTuple):
+    """The parameters of the agents' rule; nobody but the functions of interventions can write there.
+
+    Attributes
+    ----------
+    increase, decrease : ndarray, shape (m, n)
+        alpha and beta; alpha is 0 while an agent is away.
+    normalization : ndarray, shape (m,)
+        Gamma.
+    limit : ndarray, shape (m,)
+        Total demand above which a capacity event is due.
+    capacity : ndarray, shape (m,)
+        C.
+    memory : Memory
+        How demand is averaged.
+    answering : Answering
+        How losses are made good for.
+    """
+
+    increase: FloatArray
+    decrease: FloatArray
+    normalization: FloatArray
+    limit: FloatArray
+    capacity: FloatArray
+    memory: Memory
+    answering: Answering
+
+
+def law_of(
+    problem: Problem,
+    grain: float,
+    averaging: Averaging | None = None,
+    compensation: Compensation | None = None,
+) -> Law:
+    """Lay out a problem's parameters with agents along the contiguous axis.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is shared, by how many.
+    grain : float
+        Grain of time.
+    averaging : Averaging, optional
+        Cumulative unless given.
+    compensation : Compensation, optional
+        None unless given.
+
+    Returns
+    -------
+    Law
+        Its arrays are copies.
+
+    Raises
+    ------
+    InputError
+        If the averaging does not go with the grain, a loss known for each agent is not for n, or one of them
+        hands back what is no memory, or no answering.
+    """
+    return Law(
+        increase=locked(problem.increase.T.copy()),
+        decrease=locked(problem.decrease.T.copy()),
+        normalization=locked(problem.normalization.copy()),
+        limit=locked(problem.limit.copy()),
+        capacity=locked(problem.capacity.copy()),
+        memory=_memory_of(Cumulative() if averaging is None else averaging, grain),
+        answering=_answering_of(compensation, problem.n_agents),
+    )
+
+
+def _memory_of(averaging: Averaging, grain: float) -> Memory:
+    field = handed.said_by(averaging, "memory")
+    memory = handed.instance(field, averaging.memory(grain), Memory, "a Memory, see aimd_des.memory")
+    if memory.kind not in (CUMULATIVE, WINDOW, FORGETTING):
+        raise InputError.of(f"{field}.kind", memory.kind, "CUMULATIVE, WINDOW or FORGETTING")
+    for name in ("rate", "span", "part"):
+        checks.number(f"{field}.{name}", getattr(memory, name), low=0.0)
+    checks.integer(f"{field}.parts", memory.parts, low=0)
+    return memory
+
+
+def _answering_of(compensation: Compensation | None, n_agents: int) -> Answering:
+    if compensation is None:
+        answering = no_compensation(n_agents)
+    else:
+        field = handed.said_by(compensation, "answering")
+        answering = handed.instance(
+            field, compensation.answering(n_agents), Answering, "an Answering, see aimd_des.compensation"
+        )
+        if answering.rule not in (NOTHING, KNOWN, ESTIMATED):
+            raise InputError.of(f"{field}.rule", answering.rule, "NOTHING, KNOWN or ESTIMATED")
+        checks.array(f"{field}.loss", answering.loss, (n_agents,), low=0.0, high=1.0, high_open=True)
+        checks.integer(f"{field}.period", answering.period, low=0)
+        checks.integer(f"{type(compensation).__name__}.bits", compensation.bits, low=0)
+    return answering._replace(loss=locked(np.array(answering.loss, dtype=np.float64)))
+
+
+def start(n_resources: int, n_agents: int, grain: float, memory: Memory) -> State:
+    """Give the state before anything has happened: nobody holds anything.
+
+    Parameters
+    ----------
+    n_resources, n_agents : int
+        m and n.
+    grain : float
+        Grain of time.
+    memory : Memory
+        How demand is averaged.
+
+    Returns
+    -------
+    State
+        Fresh arrays.
+    """
+    shape = (n_resources, n_agents)
+    counts = np.zeros((6, *shape), dtype=np.int64)
+    return State(
+        demand=np.zeros(shape),
+        accumulated=np.zeros(shape),
+        anchor=np.full(shape, 0.0 - grain),
+        responses=counts[0],
+        saturated=counts[1],
+        origin=np.zeros(shape),
+        pause=np.full(shape, np.inf),
+        parts=np.zeros((*shape, memory.parts)),
+        heard=counts[2],
+        first=counts[3],
+        latest=counts[4],
+        answered=counts[5],
+    )

@@ -1,0 +1,212 @@
+"""One agent as one SimPy process: the reference, to be read and to be extended."""
+
+from collections.abc import Sequence
+
+from aimd_des.utils.validation import FloatArray
+from aimd_des.dynamics.loss_compensation import (ESTIMATED, KNOWN, NOTHING, compensation_factor, estimated_loss, read_number)
+from aimd_des.problem.costs import Costs
+from aimd_des.engine.environment import Kind, Mailbox
+from aimd_des.problem.costs.kernels import marginal_cost
+from aimd_des.results.event_log import Entry
+from aimd_des.dynamics.averaging_formulas import (CUMULATIVE, WINDOW, accumulated_at, age_at, average_at, folded_at, keep_parts, time_average)
+from aimd_des.dynamics.response import demand_at, response_probability
+from aimd_des.engine.system import System
+from aimd_des.engine.delivery import ProcessGenerator, Signal
+
+__all__ = ["Camera"]
+
+# Views of the rows of demand, accumulated, anchor and origin for one resource; alpha, beta and Gamma.
+_Row = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float, float, float]
+
+
+class Camera:
+    """An agent that works on its own column of the system's state.
+
+    A discrete agent has a one-bit latch for each resource, which the first signal to arrive sets;
+    it answers at its next tick.  A tick without a latch set is plain growth and needs no event.
+    A continuous agent answers a signal when it arrives.
+
+    Parameters
+    ----------
+    agent : int
+        i, its index.
+    system : System
+        The run in progress.
+
+    Attributes
+    ----------
+    resources : range
+        Indices of the resources.
+    marginal_cost : callable
+        ``marginal_cost(averages, resource)``: the partial derivative of the agent's cost.
+    increase, decrease, normalization : tuple of float, length m
+        alpha, beta and Gamma as they are now.
+    """
+
+    def __init__(self, agent: int, system: System) -> None:
+        self.agent = agent
+        self.system = system
+        self.marginal_cost = marginal_cost(system.conditions.costs, agent)
+        self.separable = system.problem.costs.separable
+        system.conditions.on_costs.append(self._reprice)
+        self._discrete = system.clocks is not None
+        self._mailbox = Mailbox(system.env)
+        self._latch: dict[int, Signal] = {}
+        self._late: list[Signal] = []
+        self._averages = [0.0] * system.problem.n_resources
+        law, rows = system.law, system.rows
+        self.resources = range(system.problem.n_resources)
+        self._take_law()
+        system.conditions.on_law.append(self._take_law)
+        self._responses, self._saturated = rows.responses, rows.saturated
+        self._memory, self._answering = law.memory, law.answering
+        self._cumulative = law.memory.kind == CUMULATIVE
+        self._compensates = law.answering.rule != NOTHING
+        self._env, self._grain, self._log = system.env, system.grain, system.log
+        self._on_response = system.on_response
+
+    def _take_law(self) -> None:
+        """Put at hand what an answer needs, as it is now: most of a run is spent there."""
+        law, rows, i = self.system.law, self.system.rows, self.agent
+        # In the law, alpha is 0 while the agent is away.
+        self.increase: tuple[float, ...] = tuple(self.system.conditions.increase[:, i].tolist())
+        self.decrease: tuple[float, ...] = tuple(law.decrease[:, i].tolist())
+        self.normalization: tuple[float, ...] = tuple(law.normalization.tolist())
+        lines = rows.demand, rows.accumulated, rows.anchor, rows.origin
+        parameters = self.increase, self.decrease, self.normalization
+        self._rows: list[_Row] = list(zip(*lines, *parameters, strict=True))
+
+    def receive(self, signal: Signal) -> None:
+        """Take note of a capacity signal that arrives now; a continuous agent answers it at once.
+
+        Parameters
+        ----------
+        signal : Signal
+            The bit.
+        """
+        if not self._discrete:
+            self.answer((signal,), self._env.now)
+        elif signal.resource in self._latch:
+            self._late.append(signal)
+        else:
+            waiting = not self._latch
+            self._latch[signal.resource] = signal
+            if waiting:
+                self._mailbox.hand(signal)
+
+    def forget(self) -> None:
+        """Clear what is latched: the agent goes away."""
+        self._latch.clear()
+        self._late.clear()
+
+    def process(self) -> ProcessGenerator:
+        """Live: wait for a latch to be set, then for the next tick, and answer what is latched.
+
+        Yields
+        ------
+        simpy.Event
+            The first signal since the last tick; then the tick.  A continuous agent waits for
+            nothing: its demand is a line until a signal arrives.
+        """
+        clocks = self.system.clocks
+        while clocks is not None:
+            yield self._mailbox
+            tick = clocks.next_tick(self.agent, self.system.clock_time(self.agent))
+            yield self._env.at(clocks.time(self.agent, tick), Kind.ACT, self.agent)
+            self.answer(sorted(self._latch.values()), tick)
+            if self._answering.rule == ESTIMATED:
+                for signal in self._late:  # a latch is answered once, but the numbers are read
+                    self._read_number(signal)
+            self.forget()
+
+    def answer(self, signals: Sequence[Signal], moment: float) -> None:
+        """Answer signals for different resources: Algorithm 2, the branch S = 1.
+
+        Parameters
+        ----------
+        signals : sequence of Signal
+            In the order of their resources.
+        moment : float
+            Index of the tick, or time.
+        """
+        if not self.separable:
+            self._take_averages(moment)
+        i, grain, averages = self.agent, self._grain, self._averages
+        for signal in signals:
+            j = signal.resource
+            demand, accumulated, anchor, origin, increase, decrease, normalization = self._rows[j]
+            held, since = demand[i], moment - anchor[i]
+            if self._cumulative:
+                folded = accumulated_at(accumulated[i], held, increase, since, grain)
+                averages[j] = average = time_average(folded, age_at(moment, origin[i], grain))
+            else:
+                folded, average = self._fold(j, moment)
+                averages[j] = average
+            present = demand_at(held, increase, since, grain)
+            probability = response_probability(normalization, self.marginal_cost(averages, j), average)
+            if self._compensates:
+                probability *= self._factor(signal, moment)
+            if self.system.response_draws(signal)[i] < probability:
+                kept = present * decrease
+                self._break_line(j, kept, folded, moment)
+                self._responses[j][i] += 1
+                if probability > 1.0:
+                    self._saturated[j][i] += 1
+                for tell in self._on_response:
+                    tell(self._env.now, j, kept - present)
+                if self._log is not None:
+                    entry = (j, i, signal.number, present - kept)
+                    self._log.add((self._env.now, Entry.RESPOND, *entry))
+            else:
+                # A tick that holds is a tick without growth; a continuous agent just grows on.
+                if self._discrete:
+                    self._break_line(j, present, folded, moment)
+                if self._log is not None:
+                    self._log.add((self._env.now, Entry.HOLD, j, i, signal.number, 0.0))
+
+    def _break_line(self, resource: int, demand: float, folded: float, moment: float) -> None:
+        """Begin a new line with what is held now."""
+        i, row = self.agent, self._rows[resource]
+        if self._memory.kind == WINDOW:
+            line = row[1][i], row[0][i], row[4], row[2][i], row[3][i]
+            parts = self.system.state.parts
+            keep_parts(self._memory, parts, resource, i, *line, moment, self._grain)
+        row[0][i], row[1][i], row[2][i] = demand, folded, moment
+
+    def _fold(self, resource: int, moment: float) -> tuple[float, float]:
+        """Compute what is accumulated, and the average, in whatever way demand is averaged."""
+        i, memory, grain = self.agent, self._memory, self._grain
+        demand, accumulated, anchor, origin, increase, _, _ = self._rows[resource]
+        line = accumulated[i], demand[i], increase
+        folded = folded_at(memory, *line, moment - anchor[i], grain)
+        parts, span = self.system.state.parts, (anchor[i], origin[i], moment, grain)
+        return folded, average_at(memory, parts, resource, i, folded, *line, *span)
+
+    def _take_averages(self, moment: float) -> None:
+        """Compute all averages before anything is answered: costs that couple resources read them."""
+        for j in self.resources:
+            _, self._averages[j] = self._fold(j, moment)
+
+    def _read_number(self, signal: Signal) -> None:
+        """Count a signal that has been heard, by its running number; a duplicate is known by it."""
+        if signal.copy:
+            return
+        rows, i, j, period = self.system.rows, self.agent, signal.resource, self._answering.period
+        heard, first, latest = rows.heard[j], rows.first[j], rows.latest[j]
+        heard[i], first[i], latest[i] = read_number(signal.number, heard[i], first[i], latest[i], period)
+
+    def _factor(self, signal: Signal, moment: float) -> float:
+        """Return what makes good for the signals that the agent loses, or estimates that it loses."""
+        rows, i, j = self.system.rows, self.agent, signal.resource
+        rows.answered[j][i] += 1
+        if self._answering.rule == KNOWN:
+            loss = float(self._answering.loss[i])
+        else:
+            self._read_number(signal)
+            loss = estimated_loss(rows.heard[j][i], rows.first[j][i], rows.latest[j][i])
+        age = age_at(moment, rows.origin[j][i], self._grain)
+        return compensation_factor(loss, rows.answered[j][i], age, self._grain)
+
+    def _reprice(self, costs: Costs) -> None:
+        """Take in new private costs."""
+        self.marginal_cost = marginal_cost(costs, self.agent)

@@ -1,0 +1,185 @@
+"""The conditions of a run that interventions change, and who wants to know when they do."""
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.utils.validation import FloatArray
+from aimd_des.problem.costs import Costs
+from aimd_des.problem.problem import Problem
+
+__all__ = ["Conditions", "Piece", "growth_of", "locked", "put"]
+
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
+
+_Array = TypeVar("_Array", bound=npt.NDArray[Any])
+
+
+def locked(array: _Array) -> _Array:
+    """Let nobody write into an array but `put`.
+
+    Parameters
+    ----------
+    array : ndarray
+        With memory of its own.
+
+    Returns
+    -------
+    ndarray
+        The same.
+    """
+    array.setflags(write=False)
+    return array
+
+
+def put(array: npt.NDArray[Any], where: Any, value: Any) -> None:
+    """Write into an array that is locked: for the functions of `interventions` alone.
+
+    Who holds the array sees the change.  A part that writes there itself would be obeyed by those who look
+    and not by those who have copied, and no log would tell of it.
+
+    Parameters
+    ----------
+    array : ndarray
+        Locked before and after.
+    where : index
+        Which elements.
+    value : scalar or array_like
+        What they are from now on.
+    """
+    array.setflags(write=True)
+    array[where] = value
+    array.setflags(write=False)
+
+
+class Piece(NamedTuple):
+    """The problem that is in force from one intervention to the next.
+
+    Attributes
+    ----------
+    start : float
+        Since when, in units of time.
+    capacity : ndarray, shape (m,)
+        C, in units of the resources.
+    present : ndarray of bool, shape (n,)
+        Which agents take part.
+    costs : Costs
+        The private costs of all agents.
+    """
+
+    start: float
+    capacity: FloatArray
+    present: BoolArray
+    costs: Costs
+
+
+@dataclass(eq=False)
+class Conditions:
+    """What holds at the moment; the arrays are shared with whoever works on them, and written by `put`.
+
+    Attributes
+    ----------
+    away : ndarray of bool, shape (n,)
+        Agents that are not here: they hold nothing, do not grow, and hear nothing.
+    cut : ndarray of bool, shape (n,)
+        Agents to which no signal gets through that is sent now.
+    cuts : ndarray of int, shape (n,)
+        By how many partitions each agent is cut off.
+    failed : ndarray of bool, shape (1,)
+        Whether the control unit is down.
+    failures : int
+        By how many faults it is.
+    threshold : ndarray, shape (m,)
+        gamma, the share of the capacity.
+    increase : ndarray, shape (m, n)
+        alpha of each agent while it is here.
+    growth : ndarray, shape (m,)
+        Growth of total demand, in units of the resource per unit of time (or per tick of all).
+    base_costs, costs : Costs
+        The private costs, without and with the weights.
+    weights : ndarray, shape (n,)
+        What the costs of each agent are multiplied by: the product of all in `weighing`.
+    weighing : dict
+        The weights of each who weighs, shape (n,), in the order in which they began.
+    pieces : list of Piece
+        The problems that have been in force, the present one included.
+    on_tightening : list of callable
+        Called with (time, resource) when the threshold may be reached sooner than it looked.
+    on_recovery : list of callable
+        Called with the time when a control unit takes over.
+    on_costs : list of callable
+        Called with the costs when they have changed.
+    on_law : list of callable
+        Called when parameters of the agents' rule have changed.
+    on_piece : list of callable
+        Called just before the problem changes.
+    """
+
+    away: BoolArray
+    cut: BoolArray
+    cuts: IntArray
+    failed: BoolArray
+    threshold: FloatArray
+    increase: FloatArray
+    growth: FloatArray
+    base_costs: Costs
+    costs: Costs
+    weights: FloatArray
+    pieces: list[Piece]
+    failures: int = 0
+    weighing: dict[Hashable, FloatArray] = field(default_factory=dict)
+    on_tightening: list[Callable[[float, int], None]] = field(default_factory=list)
+    on_recovery: list[Callable[[float], None]] = field(default_factory=list)
+    on_costs: list[Callable[[Costs], None]] = field(default_factory=list)
+    on_law: list[Callable[[], None]] = field(default_factory=list)
+    on_piece: list[Callable[[], None]] = field(default_factory=list)
+
+    @classmethod
+    def at_start(cls, problem: Problem) -> "Conditions":
+        """Give the conditions before anything has happened: all are here and hear.
+
+        Parameters
+        ----------
+        problem : Problem
+            What is shared, by how many.
+
+        Returns
+        -------
+        Conditions
+            Of one run.
+        """
+        n = problem.n_agents
+        nobody = locked(np.zeros(n, dtype=np.bool_))
+        return cls(
+            away=nobody,
+            cut=locked(nobody.copy()),
+            cuts=locked(np.zeros(n, dtype=np.int64)),
+            failed=locked(np.zeros(1, dtype=np.bool_)),
+            threshold=locked(problem.threshold.copy()),
+            increase=locked(problem.increase.T.copy()),
+            growth=locked(growth_of(problem.increase.T)),
+            base_costs=problem.costs,
+            costs=problem.costs,
+            weights=locked(np.ones(n)),
+            pieces=[Piece(0.0, problem.capacity, locked(~nobody), problem.costs)],
+        )
+
+
+def growth_of(increase: FloatArray) -> FloatArray:
+    """Sum up what all agents add.
+
+    Parameters
+    ----------
+    increase : ndarray, shape (m, n)
+        alpha.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        Added up in the order of the agents, as totals are.
+    """
+    return np.cumsum(increase, axis=1)[:, -1].copy()

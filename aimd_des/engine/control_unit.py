@@ -1,0 +1,357 @@
+"""The control unit: it looks at total demand and broadcasts one bit where that is too high (Algorithm 1)."""
+
+import math
+from dataclasses import dataclass
+from itertools import count
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import simpy
+
+from aimd_des.utils import validation as checks
+from aimd_des.dynamics.clocks import Clock
+from aimd_des.utils.jit import formula
+from aimd_des.engine.environment import Kind, Mailbox
+from aimd_des.utils.errors import SimulationError
+from aimd_des.results.overload import Opportunities
+from aimd_des.engine.system import System
+from aimd_des.engine.delivery import ProcessGenerator
+
+__all__ = ["ControlUnit", "Crossing", "Sampled", "Unanswered", "adapted", "soonest_crossing"]
+
+# Broadcasts at one instant, one after another without anybody responding, after which time is
+# taken to stand still.  If responses were possible at all, with a chance of 1/100 say, to get here
+# would have a probability of 1e-43.
+MOST_AT_ONE_INSTANT = 10_000
+
+
+# Below this share of the total, a difference is rounding and nobody's answer.
+_ROUNDING = 1e-9
+
+
+@runtime_checkable
+class ControlUnit(Protocol):
+    """Anything that decides when capacity signals are broadcast."""
+
+    def process(self, system: System) -> ProcessGenerator:
+        """Live: the SimPy process of the control unit."""
+        ...
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A control unit that looks at ``phase + q * period``.
+
+    Parameters
+    ----------
+    period : float
+        Time between two looks, greater than 0.
+    phase : float
+        Time of the first look, at least 0.
+    sensing_delay : float
+        How long after a look its signals leave the control unit, at least 0; a partition, or a fault of the
+        control unit, cuts those that leave while it lasts.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range.
+    """
+
+    period: float = 1.0
+    phase: float = 0.0
+    sensing_delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        clock = Clock(self.period, self.phase)
+        object.__setattr__(self, "period", clock.period)
+        object.__setattr__(self, "phase", clock.phase)
+        delay = checks.number("sensing_delay", self.sensing_delay, low=0.0)
+        object.__setattr__(self, "sensing_delay", delay)
+
+    def opportunities(self, start: float, end: float) -> Opportunities:
+        """Count when it may signal.
+
+        Parameters
+        ----------
+        start, end : float
+            From when to when.
+
+        Returns
+        -------
+        Opportunities
+            Its looks.
+        """
+        clock = Clock(self.period, self.phase)
+        return Opportunities(clock.next_tick(end) - clock.next_tick(start), self.period)
+
+    def process(self, system: System) -> ProcessGenerator:
+        """Look, and broadcast for each resource whose total demand is above its threshold.
+
+        Parameters
+        ----------
+        system : System
+            The run in progress.
+
+        Yields
+        ------
+        simpy.Event
+            The next look.
+        """
+        clock = Clock(self.period, self.phase)
+        for look in count():
+            yield system.env.at(clock.time(look), Kind.SENSE)
+            if not system.conditions.failed[0]:
+                for resource in np.flatnonzero(system.totals() > system.law.limit).tolist():
+                    system.broadcast(resource, self.sensing_delay)
+
+
+@formula
+def soonest_crossing(now: float, limit: float, total: float, growth: float) -> float:
+    """Return when total demand can reach its threshold at the earliest.
+
+    Parameters
+    ----------
+    now : float
+        The time.
+    limit, total : float
+        Threshold and total demand, in units of the resource.
+    growth : float
+        Of the total, per unit of time.
+
+    Returns
+    -------
+    float
+        Now, if it is there already; inf if nobody is here who could grow.
+    """
+    if total >= limit:
+        return now
+    return now + (limit - total) / growth if growth > 0.0 else math.inf
+
+
+@formula
+def adapted(hold_off: float, shortest: float, longest: float, expected: float, total: float) -> float:
+    """Return the next hold-off where one has ended with demand still at its threshold.
+
+    Parameters
+    ----------
+    hold_off : float
+        The one that has ended.
+    shortest, longest : float
+        Bounds.
+    expected, total : float
+        What total demand would be if nobody had answered since the last signal, and what it is.
+
+    Returns
+    -------
+    float
+        Twice as long if nobody has answered yet, since the signal may be on its way; half as long if it was
+        answered and did not suffice.
+    """
+    if expected - total > _ROUNDING * expected:
+        return max(0.5 * hold_off, shortest)
+    return min(2.0 * hold_off, longest)
+
+
+class Unanswered:
+    """What total demand would be if nobody had answered since the last signal, whatever else has changed.
+
+    Parameters
+    ----------
+    system : System
+        The run in progress.
+
+    Attributes
+    ----------
+    level, since : ndarray, shape (m,)
+        What it was, in units of the resources, and when; it grows as total demand does.
+    """
+
+    def __init__(self, system: System) -> None:
+        self.level, self.since = np.zeros((2, system.problem.n_resources))
+        self._env, self._growth = system.env, system.conditions.growth
+        system.conditions.on_piece.append(self._before_growth_changes)
+        system.on_intervention.append(self._changed)
+
+    def _before_growth_changes(self) -> None:
+        self.level += self._growth * (self._env.now - self.since)
+        self.since[:] = self._env.now
+
+    def _changed(self, time: float, resource: int, change: float) -> None:
+        self.level[resource] += change
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A control unit that senses the instant at which total demand reaches its threshold.
+
+    It broadcasts at that instant and then holds off.  At the end of the hold-off it broadcasts
+    again at once if demand is still at or above the threshold, else at the next upward crossing.
+    The instant is solved for: demand is piecewise linear.
+
+    Parameters
+    ----------
+    refractory : float
+        The hold-off, at least 0 and in units of time; 0 is the ideal model of the literature,
+        which takes signals that arrive at once.
+    sensing_delay : float
+        How long after a crossing its signal leaves the control unit, at least 0; the hold-off
+        counts from the crossing.
+    longest : float, optional
+        Lets the hold-off adapt between `refractory`, which must then be greater than 0, and this.  Where
+        demand is still at the threshold at its end, it is doubled if nobody has answered yet, and halved if
+        the signal was answered and did not suffice.  Keep it below the mean time between the signals that are
+        needed, 1 over `theory.signal_rate`: beyond, too few can be sent whatever the latency.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range.
+
+    Notes
+    -----
+    The adaptive hold-off saves signals while others are on their way, without being told of latencies, and
+    shrinks where losses make more signals necessary.  It is to a signal what the back-off of the
+    retransmission timer is to a packet of TCP (RFC 6298).
+    """
+
+    refractory: float
+    sensing_delay: float = 0.0
+    longest: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("refractory", "sensing_delay"):
+            object.__setattr__(self, name, checks.number(name, getattr(self, name), low=0.0))
+        if self.longest is not None:
+            checks.number("refractory", self.refractory, low=0.0, low_open=True, remedy="0 cannot be doubled")
+            longest = checks.number("longest", self.longest, low=self.refractory)
+            object.__setattr__(self, "longest", longest)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The shortest and the longest hold-off, in units of time."""
+        return self.refractory, self.refractory if self.longest is None else self.longest
+
+    def opportunities(self, start: float, end: float) -> Opportunities:
+        """Count when it may signal.
+
+        Parameters
+        ----------
+        start, end : float
+            From when to when.
+
+        Returns
+        -------
+        Opportunities
+            As often as the shortest hold-off allows; without one nothing is told.
+        """
+        shortest, longest = self.bounds
+        return Opportunities((end - start) / shortest if shortest > 0.0 else math.inf, longest)
+
+    def process(self, system: System) -> ProcessGenerator:
+        """Sense each resource on its own.
+
+        Parameters
+        ----------
+        system : System
+            The run in progress.
+
+        Yields
+        ------
+        simpy.Event
+            Nothing: there is a process for each resource.
+        """
+        unanswered = Unanswered(system)
+        for resource in range(system.problem.n_resources):
+            system.env.process(self._sense(system, resource, unanswered))
+        yield from ()
+
+    def _sense(self, system: System, resource: int, unanswered: Unanswered) -> ProcessGenerator:
+        """Go from one possible crossing to the next: responses only lower the total, growth bounds it."""
+        env, limit, growth = system.env, system.law.limit, system.conditions.growth
+        shortest, longest = self.bounds
+        alarm = _Alarm(system, resource, shortest)
+        at_this_instant, instant = 0, -1.0
+        level, since = unanswered.level, unanswered.since
+        yield alarm.at(env.now, sooner_if_raised=False)
+        while True:
+            now, total = env.now, system.total(resource)
+            soonest = soonest_crossing(now, float(limit[resource]), total, float(growth[resource]))
+            if soonest > now or system.conditions.failed[0]:
+                alarm.holding = False
+                yield alarm.at(math.inf if soonest <= now else soonest, sooner_if_raised=True)
+                continue
+            # At the threshold, or so near below it that no representable time lies in between.
+            at_this_instant = at_this_instant + 1 if now == instant else 1
+            if at_this_instant > MOST_AT_ONE_INSTANT:
+                raise SimulationError(self.standstill(system, resource))
+            if alarm.holding:
+                expected = float(level[resource] + growth[resource] * (now - since[resource]))
+                alarm.hold_off = adapted(alarm.hold_off, shortest, longest, expected, total)
+            instant, alarm.holding = now, True
+            level[resource], since[resource] = total, now
+            system.broadcast(resource, self.sensing_delay)
+            yield alarm.at(now + alarm.hold_off, sooner_if_raised=False)
+
+    def standstill(self, system: System, resource: int) -> str:
+        """Say why time cannot advance.
+
+        Parameters
+        ----------
+        system : System
+            The run in progress.
+        resource : int
+            j.
+
+        Returns
+        -------
+        str
+            With what to do about it.
+        """
+        name = system.problem.resource_names[resource]
+        return (
+            f"time {system.env.now!r}, resource {name}: after {MOST_AT_ONE_INSTANT} signals at this instant "
+            "total demand is still at its threshold, and time cannot advance since refractory = "
+            f"{self.refractory!r}; set refractory greater than 0, or let signals arrive at once and reach "
+            "somebody who can respond"
+        )
+
+
+class _Alarm:
+    """Wakes the sensing of one resource at a time, or before it when things have become tighter.
+
+    `hold_off` is the present one, and `holding` says whether it is what is waited for.
+    """
+
+    def __init__(self, system: System, resource: int, shortest: float) -> None:
+        self.env = system.env
+        self.resource = resource
+        self.shortest = self.hold_off = shortest
+        self.mailbox = Mailbox(system.env)
+        self.latest = 0
+        self.watchful = self.holding = False
+        system.conditions.on_tightening.append(self._tightened)
+        system.conditions.on_recovery.append(self._recovered)
+
+    def at(self, time: float, *, sooner_if_raised: bool) -> Mailbox:
+        """Set the alarm, for no time at all if it is infinite; an earlier setting no longer counts."""
+        self.watchful = sooner_if_raised
+        self.latest += 1
+        setting = self.latest
+
+        def ring(_: simpy.Event) -> None:
+            if setting == self.latest:
+                self.mailbox.hand(None)
+
+        if time < math.inf:
+            self.env.at(time, Kind.SENSE, self.resource).callbacks.append(ring)
+        return self.mailbox
+
+    def _tightened(self, time: float, resource: int) -> None:
+        if self.watchful and resource == self.resource:
+            self.at(time, sooner_if_raised=True)
+
+    def _recovered(self, time: float) -> None:
+        """Let the unit that takes over look at once; it knows of no hold-off."""
+        self.holding, self.hold_off = False, self.shortest
+        self.at(time, sooner_if_raised=True)

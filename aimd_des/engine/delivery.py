@@ -1,0 +1,222 @@
+"""What travels and to whom: the bit, those who take part, and copies on their way."""
+
+from collections.abc import Callable, Generator, Iterator, Mapping
+from heapq import heappop, heappush, heapreplace
+from itertools import repeat
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+import simpy
+
+from aimd_des.utils import rng as streams
+from aimd_des.utils.validation import FloatArray
+from aimd_des.engine.environment import Kind, OrderedEnvironment
+from aimd_des.results.event_log import Entry, EventLog
+from aimd_des.utils.rng import Key
+
+__all__ = ["Agent", "Carrier", "Collective", "ProcessGenerator", "ResponseDraws", "Signal"]
+
+ProcessGenerator = Generator[simpy.Event, Any, Any]
+
+
+class Signal(NamedTuple):
+    """What arrives at an agent: one bit.  That it arrives is the 1; silence is the 0.
+
+    Attributes
+    ----------
+    resource : int
+        j: which of the m one-bit signals is set.
+    number, copy : int
+        The address of the agent's draw, and of entries in the log: no agent decides by them.
+    """
+
+    resource: int
+    number: int
+    copy: int = 0
+
+
+class Agent(Protocol):
+    """Anything that takes part in the sharing.
+
+    One that keeps signals for later has a method ``forget()`` besides, which is called when it goes away.
+    """
+
+    def receive(self, signal: Signal) -> None:
+        """Take note of a capacity signal that arrives now."""
+        ...
+
+    def process(self) -> ProcessGenerator:
+        """Live: the SimPy process of the agent."""
+        ...
+
+
+class Collective(Protocol):
+    """Agents that are advanced together, when somebody looks, and not one by one.
+
+    Attributes
+    ----------
+    members : ndarray of bool, shape (n,)
+        Who belongs to it.
+    """
+
+    @property
+    def members(self) -> npt.NDArray[np.bool_]: ...  # noqa: D102 - described with the class
+
+    def send(self, signal: Signal, arrival: FloatArray, first_order: int) -> None:
+        """Put the members' copies of a broadcast on their way; those of others are none of its business."""
+        ...
+
+    def settle(self) -> None:
+        """Bring the members to where events have come: all that is due before happens now."""
+        ...
+
+    def forget(self, agent: int, *, lost: bool) -> None:
+        """Drop a member's copies that have arrived by now; they are lost on it, or were delivered."""
+        ...
+
+
+# Rows of response draws kept at hand; one that is gone is drawn again, to the same bits.
+_ROWS_KEPT = 256
+
+
+class ResponseDraws(dict[Signal, list[float]]):
+    """What decides how each agent responds to a signal; drawn when it is first asked for.
+
+    Parameters
+    ----------
+    key : tuple of two uint64
+        The key of the response draws.
+    n_agents : int
+        n.
+    """
+
+    def __init__(self, key: Key, n_agents: int) -> None:
+        super().__init__()
+        self.key = key
+        self.n_agents = n_agents
+
+    def __missing__(self, signal: Signal) -> list[float]:
+        if len(self) == _ROWS_KEPT:
+            del self[next(iter(self))]
+        row = streams.uniforms(self.key, signal.resource, signal.number, self.n_agents, signal.copy)
+        draws: list[float] = row.tolist()
+        self[signal] = draws
+        return draws
+
+
+class _Flight:
+    """A broadcast on its way: the signal, and the copies that are not yet among the next to land."""
+
+    __slots__ = ("copies", "signal")
+    copies: "Iterator[_Due]"
+
+    def __init__(self, signal: Signal) -> None:
+        self.signal = signal
+
+
+# When a copy lands, its order number, its receiver, and the broadcast it belongs to.
+_Due = tuple[float, int, int, _Flight]
+
+
+class Carrier:
+    """All copies on their way: those of a broadcast are sorted, and a heap holds the next of each.
+
+    The environment knows only the earliest copy.  When that has landed, the next one lands within the
+    same event unless something else is due first.
+
+    Parameters
+    ----------
+    env : OrderedEnvironment
+        Decides when copies land.
+    agents : mapping of int to Agent
+        All receivers, by their index.
+    away : ndarray of bool, shape (n,)
+        Who is not here at the moment.
+    log : EventLog, optional
+        Where landings are written.
+
+    Attributes
+    ----------
+    missed : callable
+        Called with (signal, agent) when a copy has landed where nobody is.
+    """
+
+    def __init__(
+        self,
+        env: OrderedEnvironment,
+        agents: Mapping[int, Agent],
+        away: npt.NDArray[np.bool_],
+        log: EventLog | None,
+    ) -> None:
+        self.env = env
+        self.agents = agents
+        self.away = memoryview(away)  # type: ignore[arg-type]  # typeshed knows no buffers of bools
+        self.log = log
+        self.missed: Callable[[Signal, int], None] = lambda signal, agent: None
+        self._next: list[_Due] = []
+        # Order numbers of the copies that are scheduled.  One is scheduled only if it is earlier than
+        # all others, so they form a stack with the earliest on top.
+        self._scheduled: list[int] = []
+
+    def send(self, signal: Signal, times: list[float], receivers: list[int], first_order: int) -> None:
+        """Put copies of one broadcast on their way.
+
+        Parameters
+        ----------
+        signal : Signal
+            What is on its way.
+        times : list of float
+            When copies land, ascending and before the end of the run; at least one.
+        receivers : list of int
+            To whom; in the order of their index where times are equal.
+        first_order : int
+            The first of n order numbers that are set aside for these copies.
+        """
+        orders = [first_order + receiver for receiver in receivers]
+        flight = _Flight(signal)
+        flight.copies = zip(times, orders, receivers, repeat(flight), strict=False)
+        first = next(flight.copies)
+        heappush(self._next, first)
+        if self._next[0] is first:
+            self._schedule(times[0], orders[0])
+
+    def _schedule(self, time: float, order: int) -> None:
+        self._scheduled.append(order)
+        self.env.at(time, Kind.DELIVER, order).callbacks.append(self._land)
+
+    def _land(self, event: simpy.Event) -> None:
+        """Hand copies to their receivers one by one, for as long as nothing else comes in between."""
+        due, scheduled, agents, away, log, advance = (
+            self._next,
+            self._scheduled,
+            self.agents,
+            self.away,
+            self.log,
+            self.env.advance,
+        )
+        scheduled.pop()
+        while True:
+            time, _, agent, flight = due[0]
+            following = next(flight.copies, None)
+            if following is None:
+                heappop(due)
+                del flight.copies  # they name the flight in turn: nothing is left for the garbage collector
+            else:
+                heapreplace(due, following)
+            signal, gone = flight.signal, away[agent]
+            if log is not None:
+                entry = (signal.resource, agent, signal.number, float(signal.copy))
+                log.add((time, Entry.LOST if gone else Entry.DELIVER, *entry))
+            if gone:
+                self.missed(signal, agent)
+            else:
+                agents[agent].receive(signal)
+            if not due:
+                return
+            time, order = due[0][0], due[0][1]
+            if scheduled and scheduled[-1] == order:
+                return
+            if not advance(time, Kind.DELIVER, order):
+                self._schedule(time, order)
+                return

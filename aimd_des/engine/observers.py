@@ -1,0 +1,335 @@
+"""Observers: they look at the times asked for, and integrate total demand exactly.
+
+Total demand is constant between ticks (discrete) or a line between responses (continuous), so
+peak, time above capacity and mean excess are integrals in closed form, piece by piece.  What the total is
+for no time, between two events of one instant, is in none of them: the peak is the least upper bound over
+intervals of time.
+"""
+
+from array import array
+from heapq import heapify, heapreplace
+
+import numpy as np
+
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.jit import kernel
+from aimd_des.engine.environment import Kind
+from aimd_des.results.metrics import (Overshoot, Stretch, fold_overshoot, load_of, overshoot_of)
+from aimd_des.results.recording import Observations, Recording
+from aimd_des.engine.system import System
+from aimd_des.engine.delivery import ProcessGenerator
+
+__all__ = ["ConstantPieces", "LinearPieces", "Observer", "fold_change"]
+
+# Changes of the total kept back before they are integrated in one go.
+_BUFFERED = 1 << 16
+
+
+class ConstantPieces:
+    """Overshoot of discrete agents: at every tick an interval of constant demand is closed.
+
+    Parameters
+    ----------
+    system : System
+        The run in progress.
+
+    Attributes
+    ----------
+    peak, above, excess, used : ndarray, shape (m,)
+        Running maximum of the total, time above capacity, and integrals of what exceeds it and of all,
+        since the problem last changed.
+    measured : ndarray, shape (1,)
+        Up to when.
+    following : bool
+        Whether it follows the ticks itself; set to False before the run by whoever does so instead.
+    stretches : list of Stretch
+        What was measured before the problem last changed.
+    """
+
+    def __init__(self, system: System) -> None:
+        m = system.problem.n_resources
+        self.system = system
+        self.peak, self.above, self.excess, self.used = np.zeros((4, m))
+        self.measured = np.zeros(1)
+        self.stretches: list[Stretch] = []
+        self._begun = 0.0
+        system.on_intervention.append(self._changed)
+        system.conditions.on_piece.append(self.close_stretch)
+        self.following = True
+        system.env.process(self._follow_ticks())
+
+    def _follow_ticks(self) -> ProcessGenerator:
+        """Look just before every agent's every tick, in the order of time."""
+        clocks, env = self.system.clocks, self.system.env
+        assert clocks is not None  # noqa: S101 - discrete agents have clocks
+        agents = range(1 if clocks.common else self.system.problem.n_agents)
+        ticks = [(clocks.time(agent, 0), agent, 0) for agent in agents]
+        heapify(ticks)
+        while self.following:
+            time, agent, tick = ticks[0]
+            if time > env.now or self.measured[0] < time:
+                yield env.at(time, Kind.OBSERVE)
+                self._close(self.system.totals())
+            heapreplace(ticks, (clocks.time(agent, tick + 1), agent, tick + 1))
+
+    def _changed(self, time: float, resource: int, change: float) -> None:
+        """Close an interval that is cut short from outside; ticks have closed theirs before anybody acts."""
+        if time > self.measured[0]:
+            before = self.system.totals()
+            before[resource] -= change
+            self._close(before)
+
+    def _close(self, total: FloatArray) -> None:
+        now, capacity = self.system.env.now, self.system.law.capacity
+        duration = now - self.measured[0]
+        if duration > 0.0:
+            fold_overshoot(total, capacity, duration, self.peak, self.above, self.excess, self.used)
+            self.measured[0] = now
+
+    def load(self) -> FloatArray:
+        """Integrate total demand over the capacity up to now, without closing anything.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            In units of time.
+        """
+        since = float(self.system.env.now - self.measured[0])
+        used = self.used + self.system.totals() * since
+        return np.asarray(used / self.system.law.capacity + _load_before(self.stretches))
+
+    def close_stretch(self) -> None:
+        """End what was measured with the present capacities: they change, or the run is over."""
+        total, now = self.system.totals(), float(self.system.env.now)
+        self._close(total)
+        if now > self._begun:
+            measures = (self.peak, self.above, self.excess, self.used)
+            capacity = self.system.law.capacity.copy()
+            self.stretches.append(Stretch(self._begun, now, capacity, *(row.copy() for row in measures)))
+            for row in measures:
+                row[:] = 0.0
+            self._begun = now
+
+
+def _load_before(stretches: list[Stretch]) -> FloatArray | float:
+    return load_of(stretches) if stretches else 0.0
+
+
+@kernel
+def fold_change(running: FloatArray, time: float, change: float, slope: float, capacity: float) -> None:
+    """Close a piece of a line with a change of the total.
+
+    Parameters
+    ----------
+    running : ndarray, shape (6,)
+        Time and total at the last change, peak, time above capacity, and integrals of what exceeds it and
+        of all.
+    time, change : float
+        When the total changes, and by how much.
+    slope, capacity : float
+        Growth of the total per unit of time, and C.
+    """
+    total = running[1]
+    duration = time - running[0]
+    end = total + slope * duration
+    if duration > 0.0:  # what is so for no time, between two events of one instant, is no demand
+        running[2] = max(running[2], total, end)
+    running[5] += 0.5 * (total + end) * duration
+    if end > capacity:
+        over = end - capacity
+        under = max(capacity - total, 0.0)
+        # Where nobody is here to grow, nothing is crossed on the way.
+        crossed = duration - under / slope if under > 0.0 else duration
+        running[3] += crossed
+        running[4] += 0.5 * (over + max(total - capacity, 0.0)) * crossed
+    running[0], running[1] = time, end + change
+
+
+@kernel
+def _fold_line(
+    times: FloatArray, changes: FloatArray, slope: float, capacity: float, running: FloatArray
+) -> None:
+    for change in range(times.shape[0]):
+        fold_change(running, times[change], changes[change], slope, capacity)
+
+
+class LinearPieces:
+    """Overshoot of continuous agents: total demand is a line between two changes.
+
+    Parameters
+    ----------
+    system : System
+        The run in progress.
+
+    Attributes
+    ----------
+    slope : ndarray, shape (m,)
+        Growth of the total, in units of the resource per unit of time.
+    running : ndarray, shape (m, 6)
+        As `fold_change` has them, since the problem last changed.
+    stretches : list of Stretch
+        What was measured before the problem last changed.
+    """
+
+    def __init__(self, system: System) -> None:
+        m = system.problem.n_resources
+        self.system = system
+        self.slope = system.conditions.growth
+        self.running = np.zeros((m, 6))
+        self.stretches: list[Stretch] = []
+        self._begun = 0.0
+        self.times = [array("d") for _ in range(m)]
+        self.changes = [array("d") for _ in range(m)]
+        system.on_response.append(self.changed)
+        system.on_intervention.append(self.changed)
+        system.conditions.on_piece.append(self.close_stretch)
+
+    def changed(self, time: float, resource: int, change: float) -> None:
+        """Take note of a change of the total.
+
+        Parameters
+        ----------
+        time : float
+            When: now.
+        resource : int
+            j.
+        change : float
+            In units of the resource.
+        """
+        self.system.settle()
+        self.times[resource].append(time)
+        self.changes[resource].append(change)
+        if len(self.times[resource]) == _BUFFERED:
+            self._fold(resource)
+
+    def flush(self) -> None:
+        """Fold what has been kept back."""
+        for resource, times in enumerate(self.times):
+            if times:
+                self._fold(resource)
+
+    def _fold(self, resource: int) -> None:
+        _fold_line(
+            np.array(self.times[resource]),
+            np.array(self.changes[resource]),
+            float(self.slope[resource]),
+            float(self.system.law.capacity[resource]),
+            self.running[resource],
+        )
+        self.times[resource], self.changes[resource] = array("d"), array("d")
+
+    def load(self) -> FloatArray:
+        """Integrate total demand over the capacity up to now, without closing anything.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            In units of time.
+        """
+        self.system.settle()
+        self.flush()
+        since = self.system.env.now - self.running[:, 0]
+        used = self.running[:, 5] + (self.running[:, 1] + 0.5 * self.slope * since) * since
+        return np.asarray(used / self.system.law.capacity + _load_before(self.stretches))
+
+    def close_stretch(self) -> None:
+        """End what was measured with the present capacities: they change, or the run is over."""
+        now = float(self.system.env.now)
+        for resource in range(len(self.slope)):
+            self.changed(now, resource, 0.0)
+        self.flush()
+        if now > self._begun:
+            measures = self.running.T[2:]
+            capacity = self.system.law.capacity.copy()
+            self.stretches.append(Stretch(self._begun, now, capacity, *(row.copy() for row in measures)))
+            self.running[:, 2:] = 0.0
+            self._begun = now
+
+
+class Observer:
+    """Looks at the system at the times asked for.
+
+    Parameters
+    ----------
+    system : System
+        The run in progress.
+    recording : Recording
+        What to keep.
+
+    Attributes
+    ----------
+    demand_times : ndarray, shape (q,)
+        When totals are kept.
+    total_demand, total_average : ndarray, shape (q, m)
+        The totals.
+    watching : bool
+        Whether it keeps them itself; set to False before the run by whoever does so instead.
+    """
+
+    def __init__(self, system: System, recording: Recording) -> None:
+        n, m = system.problem.n_agents, system.problem.n_resources
+        self.system = system
+        self.demand_times = recording.times("demand", system.until, whole=False)
+        self.allocation_times = recording.times("allocations", system.until, whole=False)
+        self.total_demand = np.zeros((len(self.demand_times), m))
+        self.total_average = np.zeros((len(self.demand_times), m))
+        self.demand = np.zeros((len(self.allocation_times), m, n))
+        self.average = np.zeros((len(self.allocation_times), m, n))
+        self.watching = True
+        self.meter: ConstantPieces | LinearPieces | None = None
+        if recording.overshoot:
+            self.meter = LinearPieces(system) if system.clocks is None else ConstantPieces(system)
+            system.env.process(self._weigh_half(self.meter))
+        self.half_load = np.zeros(m)
+        system.env.process(self._watch_totals())
+        system.env.process(self._watch_allocations())
+
+    def _weigh_half(self, meter: ConstantPieces | LinearPieces) -> ProcessGenerator:
+        """Keep what the first half of the run has come to."""
+        yield self.system.env.at(0.5 * self.system.until, Kind.OBSERVE)
+        self.half_load = meter.load()
+
+    def _watch_totals(self) -> ProcessGenerator:
+        """Keep the totals; the last look is left to `finish`."""
+        for row, time in enumerate(self.demand_times[:-1].tolist() if self.watching else ()):
+            yield self.system.env.at(time, Kind.OBSERVE)
+            self._keep_totals(row)
+
+    def _watch_allocations(self) -> ProcessGenerator:
+        """Keep demand and average of every agent; the last look is left to `finish`."""
+        for page, time in enumerate(self.allocation_times[:-1].tolist()):
+            yield self.system.env.at(time, Kind.OBSERVE)
+            self.demand[page], self.average[page] = self.system.allocations()
+
+    def _keep_totals(self, row: int) -> None:
+        self.system.observe_totals(self.total_demand[row], self.total_average[row])
+
+    def finish(self) -> Observations:
+        """Take the last look, at the end of the run.
+
+        Returns
+        -------
+        Observations
+            All that was kept.
+        """
+        self._keep_totals(len(self.demand_times) - 1)
+        self.demand[-1], self.average[-1] = self.system.allocations()
+        missing = np.full(self.system.problem.n_resources, np.nan)
+        overshoot, second_half = Overshoot(missing, missing, missing), missing
+        stretches: tuple[Stretch, ...] = ()
+        if self.meter:
+            self.meter.close_stretch()
+            stretches = tuple(self.meter.stretches)
+            overshoot = overshoot_of(stretches)
+            second_half = (load_of(stretches) - self.half_load) / (0.5 * self.system.until)
+        return Observations(
+            self.demand_times,
+            self.total_demand,
+            self.total_average,
+            self.allocation_times,
+            self.demand,
+            self.average,
+            overshoot,
+            second_half,
+            stretches,
+        )

@@ -1,0 +1,271 @@
+"""Puts control unit, channel, agents and observers together and runs them: wiring, no rules."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, cast, get_args
+
+from aimd_des.utils import validation as checks
+from aimd_des.utils import returned_values as handed
+from aimd_des.fleet import Autopilot, Camera, Fleet
+from aimd_des.dynamics.averaging import Averaging, Cumulative
+from aimd_des.channel import BroadcastChannel, Channel
+from aimd_des.dynamics.clocks import Clocks
+from aimd_des.dynamics.loss_compensation import Compensation
+from aimd_des.engine.control_unit import ControlUnit, Crossing, Sampled
+from aimd_des.utils.errors import InputError
+from aimd_des.interventions import Intervention, check_absences, check_end
+from aimd_des.results.event_log import EventLog
+from aimd_des.engine.observers import Observer
+from aimd_des.problem.problem import Problem
+from aimd_des.results.recording import Account, Recording
+from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
+from aimd_des.results.result import Result
+from aimd_des.dynamics.state import law_of
+from aimd_des.engine.system import System
+from aimd_des.engine.delivery import Agent, ProcessGenerator
+
+__all__ = ["Simulation"]
+
+Dynamics = Literal["discrete", "continuous"]
+Maker = Callable[[int, System], Agent]
+
+
+_FUNCTION = cast(type, Callable)  # which annotations know, and `isinstance` does
+
+# What each part may be, and what to do where it is another thing.
+_PARTS: dict[str, tuple[type, str, str]] = {
+    "control_unit": (ControlUnit, "a control unit, such as Sampled(1.0) or Crossing(1.0)", ""),
+    "channel": (
+        Channel,
+        "a channel, such as BroadcastChannel or topology.tree(graph)",
+        "models of latency and loss go into one: BroadcastChannel(latency=..., loss=...)",
+    ),
+    "clocks": (Clocks, "Clocks", ""),
+    "averaging": (Averaging, "an averaging, such as averaging.Window(100.0)", ""),
+    "compensation": (Compensation, "a compensation, such as compensation.KnownLoss(0.1)", ""),
+    "recording": (Recording, "a Recording, such as Recording(events=True)", ""),
+}
+
+
+def _refuse_strangers(**parts: object) -> None:
+    """Refuse parts that are another kind of thing; None stands for what holds unless it is given."""
+    for name, part in parts.items():
+        if part is not None:
+            checks.instance(name, part, *_PARTS[name])
+
+
+def _check_maker(field: str, maker: object) -> None:
+    """Refuse what makes no agents; what a function returns is seen when it is called."""
+    if not callable(maker) or (isinstance(maker, type) and not hasattr(maker, "receive")):
+        raise InputError.of(field, maker, "a class or function that makes an agent, such as Camera")
+
+
+class Simulation:
+    """A system of agents, a control unit and a channel, on SimPy.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is shared, by how many, at what cost.
+    dynamics : {"discrete", "continuous"}
+        Discrete agents act at the ticks of their clocks; continuous ones grow all the time and
+        answer a signal when it arrives.
+    control_unit : ControlUnit, optional
+        `Sampled` with period 1 unless given.
+    channel : Channel, optional
+        A perfect `BroadcastChannel` (no latency, no loss) unless given.
+    agents : callable or Fleet
+        Makes an agent from (index, system), `Camera` unless given; or `Fleet`: all agents in compiled
+        code, with the same events.
+    special : mapping of int to callable
+        Agents that are not as the others: makes those with these indices from (index, system).
+    clocks : Clocks, optional
+        Of discrete agents: tick q at time q for all, unless given.
+    averaging : Averaging, optional
+        How agents average their demand: `averaging.Cumulative`, the paper's, unless given.
+    compensation : Compensation, optional
+        What agents do about signals that they lose; nothing unless given.
+    interventions : sequence of Intervention
+        What changes from outside while the run goes on, see `aimd_des.interventions`.
+    seed : int
+        At least 0.  Decides responses, losses, latencies and clocks, each from a stream of its own.
+    recording : Recording, optional
+        What to keep besides signals and end; totals at a thousand times unless given.
+    processes : sequence of callable
+        Your own SimPy processes: each is called with the system and returns a generator.
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range, or a combination makes no sense.
+
+    Notes
+    -----
+    With discrete agents, clocks in phase, no loss and latency in (0, period] a run equals
+    `run_discrete` to the last bit; with latency 0 it equals ``run_discrete(lag=0)``.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        *,
+        dynamics: Dynamics = "discrete",
+        control_unit: ControlUnit | None = None,
+        channel: Channel | None = None,
+        agents: Maker | type[Fleet] = Camera,
+        special: Mapping[int, Maker] | None = None,
+        clocks: Clocks | None = None,
+        averaging: Averaging | None = None,
+        compensation: Compensation | None = None,
+        interventions: Sequence[Intervention] = (),
+        seed: int,
+        recording: Recording | None = None,
+        processes: Sequence[Callable[[System], ProcessGenerator]] = (),
+    ) -> None:
+        checks.instance("problem", problem, Problem, "a Problem")
+        checks.choice("dynamics", dynamics, get_args(Dynamics))
+        _refuse_strangers(
+            control_unit=control_unit,
+            channel=channel,
+            clocks=clocks,
+            averaging=averaging,
+            compensation=compensation,
+            recording=recording,
+        )
+        if dynamics == "continuous" and clocks is not None:
+            remedy = "leave clocks out, or choose discrete dynamics"
+            raise InputError.of("clocks", clocks, "None with continuous agents, which have no ticks", remedy)
+        if dynamics == "discrete" and isinstance(control_unit, Crossing):
+            reason = "a Sampled with discrete agents: their demand jumps at ticks and crosses nothing"
+            raise InputError.of("control_unit", control_unit, reason, "or choose continuous dynamics")
+        if agents is not Fleet:
+            _check_maker("agents", agents)
+        self.seed = checks.integer("seed", seed, low=0)
+        grain = DISCRETE if dynamics == "discrete" else CONTINUOUS
+        law_of(problem, grain, averaging, compensation)  # and what does not fit the agents
+        changes = checks.instances("interventions", interventions, Intervention, "an intervention")
+        for intervention in changes:
+            intervention.check(problem)
+        check_absences(problem, changes)
+        self.problem = problem
+        self.dynamics: Dynamics = dynamics
+        self.control_unit = Sampled() if control_unit is None else control_unit
+        self.channel = BroadcastChannel() if channel is None else channel
+        self.agents: Maker | type[Fleet] = agents
+        self.special = self._checked(special)
+        self.clocks = Clocks() if clocks is None and dynamics == "discrete" else clocks
+        self.averaging = Cumulative() if averaging is None else averaging
+        self.compensation = compensation
+        self.interventions = changes
+        self.recording = Recording() if recording is None else recording
+        self.processes = checks.instances("processes", processes, _FUNCTION, "a function of the system")
+
+    def _checked(self, special: Mapping[int, Maker] | None) -> dict[int, Maker]:
+        """Take in the special agents in the order of their index."""
+        if special is None:
+            return {}
+        checks.instance("special", special, Mapping, "a dict of makers of agents by their index")
+        for index, maker in special.items():
+            checks.integer("index in special", index, low=0, high=self.problem.n_agents - 1)
+            _check_maker(f"special[{index}]", maker)
+        return dict(sorted(special.items()))
+
+    def run(self, until: float, watch: Callable[[float, int], None] | None = None) -> Result:
+        """Run over [0, until): what is due at `until` does not happen, but the last look is taken there.
+
+        Parameters
+        ----------
+        until : float
+            The end, greater than 0, in units of time.
+        watch : callable, optional
+            Called with (simulated time, events handled) every few thousand events.
+
+        Returns
+        -------
+        Result
+            The same for the same arguments, however often it is run.
+
+        Raises
+        ------
+        InputError
+            If the end is no positive number, a time to be recorded or an intervention lies beyond it, a value
+            for each agent is given somewhere and their number is not n, or a part of one's own hands back
+            what it cannot.
+        SimulationError
+            If simulated time cannot advance.
+
+        Warns
+        -----
+        RuntimeWarning
+            Once, if a response probability was above 1.
+        OverloadWarning
+            Once, if demand has run away from the capacity.
+        """
+        until = checks.number("until", until, low=0.0, low_open=True)
+        if watch is not None:
+            checks.instance("watch", watch, _FUNCTION, "a function of simulated time and number of events")
+        check_end(self.interventions, until)
+        log = EventLog() if self.recording.events else None
+        system = System(
+            self.problem, self.channel, self.clocks, self.seed, until, log, self.averaging, self.compensation
+        )
+        observer = Observer(system, self.recording)
+        self._populate(system, observer)
+        for intervention in self.interventions:
+            said = handed.said_by(intervention, "process")
+            _start(system.env.intervene, said, intervention.process(system))
+        for process in self.processes:
+            _start(system.env.process, handed.said_by(process), process(system))
+        system.env.run_to(until, watch)
+        system.finish()
+        signals = system.transmitter.sent.signals()
+        account = Account(
+            delivered=system.transmitter.delivered,
+            lost=system.transmitter.lost,
+            in_flight=system.transmitter.in_flight,
+            duplicated=system.transmitter.duplicated,
+            responses=system.state.responses,
+            saturated=system.state.saturated,
+        )
+        observations = observer.finish()
+        # A control unit of the user's own need not say when it may signal.
+        opportunities = getattr(self.control_unit, "opportunities", None)
+        return Result(
+            self.problem,
+            self.dynamics,
+            self.seed,
+            until,
+            signals,
+            observations,
+            account,
+            log,
+            pieces=tuple(system.conditions.pieces),
+            opportunities=opportunities(0.5 * until, until) if opportunities else None,
+            bits_per_signal=1 + (0 if self.compensation is None else self.compensation.bits),
+        )
+
+    def _populate(self, system: System, observer: Observer) -> None:
+        """Start the control unit, then the agents."""
+        control_unit, maker = self.control_unit, cast(Any, self.agents)
+        process, method = control_unit.process(system), handed.said_by(control_unit, "process")
+        if maker is Fleet:
+            fleet = Fleet(system, self.special, observer.meter)
+            system.join(fleet)
+            if type(control_unit) is Sampled or type(control_unit) is Crossing:
+                process = Autopilot(fleet, control_unit, observer).process()
+            special = self.special
+        else:
+            special = {
+                index: self.special.get(index, cast(Maker, maker)) for index in range(self.problem.n_agents)
+            }
+        _start(system.env.process, method, process)
+        for index, make in special.items():
+            agent = make(index, system)
+            handed.having(handed.said_by(make), agent, ["receive", "process"])
+            system.agents[index] = agent
+            _start(system.env.process, handed.said_by(agent, "process"), agent.process())
+
+
+def _start(start: Callable[[ProcessGenerator], object], method: str, process: object) -> None:
+    """Let a process of a part live, which may be the user's own."""
+    handed.generator(method, process)
+    start(cast(ProcessGenerator, process))

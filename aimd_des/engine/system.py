@@ -1,0 +1,221 @@
+"""One run in progress: what the control unit, the channel, the agents and observers share."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from aimd_des.utils import validation as checks
+from aimd_des.utils import returned_values as handed
+from aimd_des.utils import rng as streams
+from aimd_des.dynamics.averaging import Averaging
+from aimd_des.channel import Channel
+from aimd_des.dynamics.clocks import Clocks
+from aimd_des.dynamics.loss_compensation import Compensation
+from aimd_des.engine.conditions import Conditions
+from aimd_des.engine.environment import OrderedEnvironment
+from aimd_des.utils.errors import InputError
+from aimd_des.results.event_log import Entry, EventLog
+from aimd_des.dynamics.averaging_formulas import folded_at, keep_parts
+from aimd_des.problem.lookup import agent_index, resource_index
+from aimd_des.problem.problem import Problem
+from aimd_des.engine.system_view import Readings
+from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
+from aimd_des.dynamics.state import law_of, start
+from aimd_des.utils.rng import Purpose
+from aimd_des.engine.transmitter import Transmitter
+from aimd_des.engine.delivery import (Agent, Carrier, Collective, ResponseDraws, Signal)
+
+__all__ = ["System"]
+
+
+class System(Readings):
+    """What the parts of one run share.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is shared, by how many.
+    channel : Channel
+        Carries the broadcasts.
+    clocks : Clocks, optional
+        The clocks of discrete agents; continuous agents have none.
+    seed : int
+        The run's seed.
+    until : float
+        The end of the run.
+    log : EventLog, optional
+        Where every event is written.
+    averaging : Averaging, optional
+        How agents average their demand; over all of their past unless given.
+    compensation : Compensation, optional
+        What they do about losses; nothing unless given.
+
+    Attributes
+    ----------
+    agents : dict of int to Agent
+        The agents that are processes of their own, by their index.
+    conditions : Conditions
+        What interventions change.
+    transmitter : Transmitter
+        Sends the signals and keeps the account of them.
+    collective : Collective or None
+        The agents that are advanced together, if there are any.
+    response_draws : callable
+        Gives, for a signal, what decides how each agent responds to it: n uniform numbers.
+    on_response, on_intervention : list of callable
+        Called with (time, resource, change) when an agent has responded to a signal, and when a
+        demand has been set from outside.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        channel: Channel,
+        clocks: Clocks | None,
+        seed: int,
+        until: float,
+        log: EventLog | None = None,
+        averaging: Averaging | None = None,
+        compensation: Compensation | None = None,
+    ) -> None:
+        n, m = problem.n_agents, problem.n_resources
+        self.keys = {purpose: streams.key(seed, purpose) for purpose in Purpose}
+        self.link = channel.open(n, self.keys)
+        handed.having(handed.said_by(channel, "open"), self.link, ["transmit"])
+        grain = CONTINUOUS if clocks is None else DISCRETE
+        law = law_of(problem, grain, averaging, compensation)
+        own = None if clocks is None else clocks.start(n, self.keys[Purpose.CLOCK])
+        super().__init__(problem, OrderedEnvironment(), own, start(m, n, grain, law.memory), law, grain)
+        self.until = until
+        self.log = log
+        self.conditions = Conditions.at_start(problem)
+        self.agents: dict[int, Agent] = {}
+        self.on_response: list[Callable[[float, int, float], None]] = []
+        self.on_intervention: list[Callable[[float, int, float], None]] = []
+        self.collective: Collective | None = None
+        carrier = Carrier(self.env, self.agents, self.conditions.away, log)
+        self.transmitter = Transmitter(self.env, self.link, m, self.conditions, until, carrier, log)
+        draws = ResponseDraws(self.keys[Purpose.RESPONSE], n)
+        self.response_draws: Callable[[Signal], list[float]] = draws.__getitem__
+
+    def set_demand(self, agent: str | int, resource: str | int, demand: float) -> None:
+        """Set one agent's demand for one resource, from which it grows on.
+
+        Parameters
+        ----------
+        agent, resource : str or int
+            Their names, or i and j.
+        demand : float
+            At least 0, in units of the resource.
+
+        Raises
+        ------
+        InputError
+            If there is no such agent or resource, the agent is away, or the demand is negative or not
+            finite.
+        """
+        i, j = agent_index(self.problem, agent), resource_index(self.problem, resource)
+        demand = checks.number("demand", demand, low=0.0)
+        if self.conditions.away[i]:
+            name = self.problem.agent_names[i]
+            raise InputError.of("agent", name, "one that is here", "let it join first")
+        before = self.demand(i, j)
+        self.break_line(i, j, demand)
+        if self.log is not None:
+            self.log.add((self.env.now, Entry.CHANGE, j, i, -1, demand - before))
+        for tell in self.on_intervention:
+            tell(self.env.now, j, demand - before)
+        if demand > before:
+            self.tighten(j)
+
+    def break_line(self, agent: int, resource: int, demand: float) -> None:
+        """Let one agent's demand for one resource go on as a new line; nobody is told.
+
+        Parameters
+        ----------
+        agent, resource : int
+            i and j.
+        demand : float
+            From which it grows on, in units of the resource.
+        """
+        i, j, rows, memory = agent, resource, self.rows, self.law.memory
+        held, folded, anchor = rows.demand[j], rows.accumulated[j], rows.anchor[j]
+        # A tick folds in the demand at hand, so what is set now stands just before the next tick.
+        last = self.moment(i) - self.grain
+        line = folded[i], held[i], float(self.law.increase[j, i])
+        keep_parts(memory, self.state.parts, j, i, *line, anchor[i], rows.origin[j][i], last, self.grain)
+        folded[i] = folded_at(memory, *line, last - anchor[i], self.grain)
+        held[i], anchor[i] = demand, last
+
+    def tighten(self, resource: int) -> None:
+        """Let it be known that a threshold may be reached sooner than it looked.
+
+        Parameters
+        ----------
+        resource : int
+            j.
+        """
+        for tell in self.conditions.on_tightening:
+            tell(self.env.now, resource)
+
+    def settle(self) -> None:
+        """Bring agents that are advanced together to where events have come; reading does it, too."""
+        if self.collective is not None:
+            self.collective.settle()
+
+    def forget(self, agent: int, *, lost: bool) -> None:
+        """Drop what an agent has been sent and has not acted on yet.
+
+        Parameters
+        ----------
+        agent : int
+            i.
+        lost : bool
+            Whether it is lost, since nobody was there; if not, it was delivered.
+        """
+        if self.collective is not None:
+            self.collective.forget(agent, lost=lost)
+        own = getattr(self.agents.get(agent), "forget", None)  # an agent need not have it
+        if own is not None:
+            own()
+
+    def finish(self) -> None:
+        """Settle what is due by the end, and take note of what landed where nobody was."""
+        self.settle()
+        for agent in np.flatnonzero(self.conditions.away).tolist():
+            self.forget(agent, lost=True)
+
+    def join(self, collective: Collective) -> None:
+        """Let agents that are advanced together take part.
+
+        Parameters
+        ----------
+        collective : Collective
+            There is one at most.
+        """
+        self.collective = self.transmitter.collective = collective
+        self.env.tracking = True
+        if self.log is not None:
+            self.log.lead(collective.settle)
+
+    def broadcast(self, resource: str | int, delay: float = 0.0) -> None:
+        """Send a capacity signal for one resource to all agents.
+
+        Parameters
+        ----------
+        resource : str or int
+            Its name, or j.
+        delay : float
+            How long after now it leaves the control unit, at least 0 and in units of time; a partition, or a
+            fault of the control unit, cuts it where it lasts when it leaves.
+
+        Raises
+        ------
+        InputError
+            If there is no such resource, the delay is negative or not finite, or the channel says
+            anything but a time for each agent that is not before the departure.
+        """
+        j = resource_index(self.problem, resource)
+        delay = checks.number("delay", delay, low=0.0)
+        self.settle()
+        self.transmitter.send(j, self.env.now, delay, self.total)

@@ -1,0 +1,253 @@
+"""How signals are sent: the account of every broadcast and of what becomes of its copies."""
+
+import math
+from array import array
+from collections.abc import Callable, Sequence
+from typing import overload
+
+import numpy as np
+import numpy.typing as npt
+import simpy
+
+from aimd_des.utils import returned_values as handed
+from aimd_des.channel import (Broadcast, Copies, DrawnLink, Link)
+from aimd_des.utils.validation import FloatArray
+from aimd_des.engine.conditions import Conditions
+from aimd_des.engine.environment import Kind, OrderedEnvironment
+from aimd_des.results.event_log import Entry, EventLog
+from aimd_des.results.recording import Signals
+from aimd_des.engine.delivery import Carrier, Collective, Signal
+
+__all__ = ["SentSignals", "Transmitter"]
+
+IntArray = npt.NDArray[np.int64]
+
+
+class SentSignals(Sequence[Broadcast]):
+    """The broadcasts of a run so far, in the order in which they were sent."""
+
+    def __init__(self) -> None:
+        self._time, self._resource, self._number = array("d"), array("q"), array("q")
+
+    def append(self, broadcast: Broadcast) -> None:
+        """Add one.
+
+        Parameters
+        ----------
+        broadcast : Broadcast
+            The latest.
+        """
+        self._time.append(broadcast.time)
+        self._resource.append(broadcast.resource)
+        self._number.append(broadcast.number)
+
+    def extend(self, time: FloatArray, resource: IntArray, number: IntArray) -> None:
+        """Add several.
+
+        Parameters
+        ----------
+        time, resource, number : ndarray, shape (s,)
+            As in `Broadcast`.
+        """
+        self._time.frombytes(time.tobytes())
+        self._resource.frombytes(resource.tobytes())
+        self._number.frombytes(number.tobytes())
+
+    def __len__(self) -> int:
+        return len(self._time)
+
+    @overload
+    def __getitem__(self, index: int) -> Broadcast: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Broadcast]: ...
+
+    def __getitem__(self, index: int | slice) -> Broadcast | list[Broadcast]:
+        if isinstance(index, slice):
+            return [self[place] for place in range(*index.indices(len(self)))]
+        return Broadcast(self._resource[index], self._number[index], self._time[index])
+
+    def signals(self) -> Signals:
+        """Return all of them as arrays.
+
+        Returns
+        -------
+        Signals
+            Copies.
+        """
+        return Signals(np.array(self._time), np.array(self._resource), np.array(self._number))
+
+
+class Transmitter:
+    """Sends the signals of one run to all agents.
+
+    Parameters
+    ----------
+    env : OrderedEnvironment
+        The run's time.
+    link : Link
+        The channel in this run.
+    n_resources : int
+        m.
+    conditions : Conditions
+        Who is cut off, and whether the control unit is down.
+    until : float
+        The end of the run.
+    carrier : Carrier
+        Brings copies to agents that are processes.
+    log : EventLog, optional
+        Where broadcasts and losses are written.
+
+    Attributes
+    ----------
+    sent : SentSignals
+        All signals so far.
+    numbers : ndarray of int, shape (m,)
+        How many there were for each resource.
+    delivered, lost, duplicated : ndarray of int, shape (m, n)
+        Copies by what becomes of them; duplicates that arrive are counted apart.
+    collective : Collective or None
+        Takes the copies of agents that are advanced together.
+    """
+
+    def __init__(
+        self,
+        env: OrderedEnvironment,
+        link: Link,
+        n_resources: int,
+        conditions: Conditions,
+        until: float,
+        carrier: Carrier,
+        log: EventLog | None,
+    ) -> None:
+        self.env, self.link, self.until, self.carrier, self.log = env, link, until, carrier, log
+        self.conditions, self.n_agents = conditions, len(conditions.cut)
+        carrier.missed = self.missed
+        self.sent = SentSignals()
+        self.numbers = np.zeros(n_resources, dtype=np.int64)
+        self.delivered, self.lost, self.duplicated = np.zeros((3, n_resources, self.n_agents), dtype=np.int64)
+        self.collective: Collective | None = None
+
+    @property
+    def in_flight(self) -> IntArray:
+        """Copies that are neither lost nor will have arrived by the end, shape (m, n)."""
+        return np.asarray(self.numbers[:, None] - self.delivered - self.lost)
+
+    def send(self, resource: int, time: float, delay: float, total: Callable[[int], float]) -> None:
+        """Broadcast a capacity signal.
+
+        Parameters
+        ----------
+        resource : int
+            j.
+        time : float
+            Of the look, or the crossing, that has caused it.
+        delay : float
+            How long after that it leaves, at least 0.
+        total : callable
+            Gives the total demand for a resource, for the log.
+
+        Raises
+        ------
+        InputError
+            If the channel says anything but a time for each agent that is not before the departure.
+        """
+        signal = Broadcast(resource, int(self.numbers[resource]), time)
+        self.numbers[resource] += 1
+        self.sent.append(signal)
+        departure = time + delay
+        copies = self._drawn(signal, departure)
+        # Turns are taken at the look: what lands at one instant lands in the order of the looks.
+        turn, *orders = (self.env.reserve(many) for many in (1, self.n_agents, self.n_agents))
+        late = departure > time
+        if not late:
+            copies = _without(self.conditions.cut, copies)
+        if self.log is not None:
+            self.log.add((time, Entry.SIGNAL, resource, -1, signal.number, total(resource)))
+        self._lose(signal, copies.arrival == math.inf)
+        if not late:
+            self._leave(signal, copies, orders)
+        elif departure < self.until:
+
+            def leave_late(_: simpy.Event) -> None:
+                self._leave_late(signal, copies, orders)
+
+            self.env.at(departure, Kind.DELIVER, turn).callbacks.append(leave_late)
+
+    def _drawn(self, signal: Broadcast, departure: float) -> Copies:
+        """Ask the channel, and refuse what it cannot mean."""
+        link = self.link
+        if isinstance(link, DrawnLink):
+            return link.draw(signal, departure)
+        field = handed.said_by(link, "transmit")
+        copies = handed.instance(field, link.transmit(signal, departure), Copies, "Copies")
+        arrival = self._times(f"{field}.arrival", copies.arrival, departure)
+        second = copies.second
+        return Copies(arrival, None if second is None else self._times(f"{field}.second", second, departure))
+
+    def _times(self, field: str, times: object, departure: float) -> FloatArray:
+        return handed.numbers(field, times, (self.n_agents,), "agent", departure).copy()
+
+    def _lose(self, signal: Broadcast, lost: npt.NDArray[np.bool_]) -> None:
+        """Enter the loss of copies that go no further."""
+        self.lost[signal.resource] += lost
+        if self.log is not None:
+            for agent in np.flatnonzero(lost).tolist():
+                self.log.add((self.env.now, Entry.LOST, signal.resource, agent, signal.number, 0.0))
+
+    def _leave_late(self, signal: Broadcast, drawn: Copies, orders: list[int]) -> None:
+        """Let a signal leave after its sensing delay, as far as nothing is in the way now."""
+        if self.collective is not None:
+            self.collective.settle()
+        cut = self.conditions.cut | self.conditions.failed
+        copies = _without(cut, drawn)
+        self._lose(signal, (copies.arrival == math.inf) & (drawn.arrival < math.inf))
+        self._leave(signal, copies, orders)
+
+    def _leave(self, signal: Broadcast, copies: Copies, orders: list[int]) -> None:
+        """Put copies on their way, each behind those that left before it where links keep the order."""
+        if isinstance(self.link, DrawnLink):
+            self.link.keep_order(copies)
+        accounts = self.delivered, self.duplicated
+        for copy, (arrival, account, order) in enumerate(zip(copies, accounts, orders, strict=True)):
+            if arrival is not None:
+                arrives = arrival < self.until
+                account[signal.resource] += arrives
+                self._carry(Signal(signal.resource, signal.number, copy), arrival, arrives, order)
+
+    def missed(self, signal: Signal, agent: int) -> None:
+        """Take note that a copy has landed where nobody is: it is lost after all.
+
+        Parameters
+        ----------
+        signal : Signal
+            The bit.
+        agent : int
+            i.
+        """
+        if signal.copy:
+            self.duplicated[signal.resource, agent] -= 1
+        else:
+            self.delivered[signal.resource, agent] -= 1
+            self.lost[signal.resource, agent] += 1
+
+    def _carry(
+        self, signal: Signal, arrival: FloatArray, arrives: npt.NDArray[np.bool_], first_order: int
+    ) -> None:
+        if self.collective is not None:
+            self.collective.send(signal, arrival, first_order)
+            arrival = np.where(self.collective.members, math.inf, arrival)
+            arrives = arrives & ~self.collective.members
+        receivers = arrival.argsort(kind="stable")[: np.count_nonzero(arrives)]
+        if len(receivers):
+            times = arrival[receivers].tolist()
+            self.carrier.send(signal, times, receivers.tolist(), first_order)
+
+
+def _without(cut: npt.NDArray[np.bool_], copies: Copies) -> Copies:
+    """Take out the copies that do not get through."""
+    if not cut.any():
+        return copies
+    first, second = (None if times is None else np.where(cut, math.inf, times) for times in copies)
+    assert first is not None  # noqa: S101 - there is always a first copy
+    return Copies(first, second)

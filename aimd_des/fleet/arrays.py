@@ -1,0 +1,250 @@
+"""All that the compiled agents of one run work on, and how copies become theirs."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.fleet.in_flight import BLOCK, SECOND, Flights
+from aimd_des.fleet.radix_heap import bits_of, put
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.jit import routine
+from aimd_des.problem.costs.kernels import CostTable
+from aimd_des.dynamics.state import Law, State
+from aimd_des.utils.rng import Key, uniforms_row
+from aimd_des.dynamics.clock_formulas import next_tick, tick_time
+
+__all__ = ["LAST", "Answers", "Books", "Crowd", "Rhythm", "Scratch", "accept", "scratch_for"]
+
+#: Above every order number, and the bits of every time.
+LAST = (1 << 63) - 1
+
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
+
+
+class Rhythm(NamedTuple):
+    """The clocks of discrete agents; of continuous ones, the arrays are empty.
+
+    Attributes
+    ----------
+    phase, period, jitter : ndarray, shape (n,) or (0,)
+        Of each agent, drift included in the period.
+    key : tuple of two uint64
+        The run's key for clocks.
+    common : bool
+        Whether all tick at the same times.
+    """
+
+    phase: FloatArray
+    period: FloatArray
+    jitter: FloatArray
+    key: Key
+    common: bool
+
+
+class Answers(NamedTuple):
+    """Answers that somebody wants to know of, in the order in which they were computed.
+
+    Attributes
+    ----------
+    key : ndarray of int, shape (a,)
+        Bits of the time.
+    rank : ndarray of int, shape (a,)
+        Order number of the copy that was answered.
+    agent, resource : ndarray of int, shape (a,)
+        i and j.
+    change : ndarray, shape (a,)
+        Of demand; not a number where the agent holds.
+    held : ndarray of int, shape (1,)
+        How many there are.
+    """
+
+    key: IntArray
+    rank: IntArray
+    agent: IntArray
+    resource: IntArray
+    change: FloatArray
+    held: IntArray
+
+
+class Books(NamedTuple):
+    """Who is here, and what becomes of copies; the arrays are those of the run.
+
+    Attributes
+    ----------
+    away : ndarray of bool, shape (n,)
+        Agents that are not here at the moment.
+    delivered, lost, duplicated : ndarray of int, shape (m, n)
+        As in `transmission.Transmitter`.
+    """
+
+    away: BoolArray
+    delivered: IntArray
+    lost: IntArray
+    duplicated: IntArray
+
+
+class Scratch(NamedTuple):
+    """Working memory, so that nothing is allocated per event.
+
+    `first_key`, `first_arrival` and `first_rank`, shape (n,), are of the earliest copy of each agent
+    among those that are due; `uniform`, (n,), is a row of draws; `average` and `gradient`, (m,), are of
+    the agent at hand.  Of the copies of one block that are answered together, shape (BLOCK,): `chosen` are
+    their places, `resource` what they are about, and all after it what the answers are computed from.
+    """
+
+    first_key: IntArray
+    first_arrival: FloatArray
+    first_rank: IntArray
+    uniform: FloatArray
+    average: FloatArray
+    gradient: FloatArray
+    chosen: npt.NDArray[np.uint64]
+    resource: IntArray
+    moment: FloatArray
+    since: FloatArray
+    age: FloatArray
+    held: FloatArray
+    accumulated: FloatArray
+    increase: FloatArray
+    gamma: FloatArray
+    folded: FloatArray
+    present: FloatArray
+    averages: FloatArray
+    coefficient: FloatArray
+    slope: FloatArray
+    probability: FloatArray
+
+
+def scratch_for(n_resources: int, n_agents: int) -> Scratch:
+    """Make the working memory of one run.
+
+    Parameters
+    ----------
+    n_resources, n_agents : int
+        m and n.
+
+    Returns
+    -------
+    Scratch
+        With nobody's copies due.
+    """
+    return Scratch(
+        np.full(n_agents, LAST),
+        np.zeros(n_agents),
+        np.zeros(n_agents, dtype=np.int64),
+        np.zeros(n_agents),
+        np.zeros(n_resources),
+        np.zeros(n_resources),
+        np.zeros(BLOCK, dtype=np.uint64),
+        np.zeros(BLOCK, dtype=np.int64),
+        *np.zeros((13, BLOCK)),
+    )
+
+
+class Crowd(NamedTuple):
+    """The agents that are advanced together.
+
+    Attributes
+    ----------
+    state, law : State, Law
+        State and parameters of all agents, as arrays of shape (m, n).
+    members : ndarray of bool, shape (n,)
+        Who is advanced here.
+    table : CostTable
+        Private costs of the built-in families.
+    gradient : int
+        Address of the compiled gradient of other costs; 0 where there is none.
+    coupled : bool
+        Whether costs couple the resources.
+    rhythm : Rhythm
+        Clocks.
+    grain, until : float
+        Grain of time, and the end of the run.
+    key : tuple of two uint64
+        The key of the response draws.
+    flights : Flights
+        Copies on their way: in one queue if costs are coupled, else in one for each resource.
+    books : Books
+        Who is here, and the account of copies.
+    room : int
+        How many copies there may be at a time.
+    answers : Answers
+        Kept where somebody wants to know of them, which `hearing` tells: 0 nobody, 1 of responses, 2 of
+        all answers.
+    hearing : int
+        See there.
+    scratch : Scratch
+        Working memory.
+    """
+
+    state: State
+    law: Law
+    members: BoolArray
+    table: CostTable
+    gradient: int
+    coupled: bool
+    rhythm: Rhythm
+    grain: float
+    until: float
+    key: Key
+    flights: Flights
+    books: Books
+    room: int
+    answers: Answers
+    hearing: int
+    scratch: Scratch
+
+
+@routine
+def accept(
+    crowd: Crowd,
+    resource: int,
+    number: int,
+    copy: int,
+    arrival: FloatArray,
+    first_rank: int,
+    acted_at: float,
+    acted: int,
+) -> None:
+    """Put the members' copies of one broadcast on their way.
+
+    Parameters
+    ----------
+    crowd : Crowd
+        The agents; there must be room for n copies.
+    resource, number, copy : int
+        The signal.
+    arrival : ndarray, shape (n,)
+        When copies arrive; inf where they are lost.
+    first_rank : int
+        Order number of agent 0's copy.
+    acted_at, acted : float, int
+        When somebody last acted, and the last turn that was over then: who has had its turn at this
+        instant answers at its next tick.
+    """
+    queue = resource if not crowd.coupled else 0
+    ticking, rhythm, flights = crowd.grain > 0.0, crowd.rhythm, crowd.flights
+    uniform = crowd.scratch.uniform
+    uniforms_row(crowd.key, resource, number, copy, uniform)
+    before, due, tick = np.inf, np.inf, 0.0
+    for i in range(arrival.shape[0]):
+        time = arrival[i]
+        if not (time < crowd.until and crowd.members[i]):
+            continue
+        if ticking:
+            from_ = np.nextafter(time, np.inf) if time == acted_at and i <= acted else time
+            # Where the clock is common, the tick is mostly that of the agent before.
+            if not (rhythm.common and before < from_ <= due):
+                phase, period, jitter = rhythm.phase[i], rhythm.period[i], rhythm.jitter[i]
+                tick = next_tick(phase, period, jitter, rhythm.key, i, from_)
+                due = tick_time(phase, period, jitter, rhythm.key, i, tick)
+                before = (
+                    tick_time(phase, period, jitter, rhythm.key, i, tick - 1.0) if tick > 0.0 else -np.inf
+                )
+        else:
+            due = time
+        about = resource + copy * SECOND
+        put(flights, queue, bits_of(due), tick, time, number, i, about, first_rank + i, uniform[i])
+        flights.aloft[0] += 1

@@ -1,0 +1,113 @@
+"""How a control unit in compiled code sends its signals, and the account of them."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.fleet.arrays import Crowd, accept
+from aimd_des.channel.transmit_kernel import ChannelTable, put_in_order, transmit
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.jit import routine
+
+__all__ = ["Post", "broadcast"]
+
+IntArray = npt.NDArray[np.int64]
+
+
+class Post(NamedTuple):
+    """The way of a signal to all agents, and what is kept of it.
+
+    Attributes
+    ----------
+    compiled : bool
+        Whether compiled code may send what leaves before anybody can cut it; if not, it stops where a signal
+        is due.
+    channel : ChannelTable
+        The channel in this run.
+    cut : ndarray of bool, shape (n,)
+        Agents to which nothing gets through at the moment.
+    numbers : ndarray of int, shape (m,)
+        How many signals there were for each resource.
+    delivered, lost, duplicated : ndarray of int, shape (m, n)
+        Copies by what becomes of them; duplicates that arrive are counted apart.
+    arrival, second : ndarray, shape (n,)
+        When the copies of a signal arrive: working memory.
+    order : ndarray of int, shape (1,)
+        The next order number.
+    time, resource, number : ndarray, shape (s,)
+        Signals since somebody last took note of them.
+    held : ndarray of int, shape (1,)
+        How many these are.
+    code : ndarray of int, shape (1,)
+        Why the channel has refused a signal; 0 if it has not.
+    """
+
+    compiled: bool
+    channel: ChannelTable
+    cut: npt.NDArray[np.bool_]
+    numbers: IntArray
+    delivered: IntArray
+    lost: IntArray
+    duplicated: IntArray
+    arrival: FloatArray
+    second: FloatArray
+    order: IntArray
+    time: FloatArray
+    resource: IntArray
+    number: IntArray
+    held: IntArray
+    code: IntArray
+
+
+@routine
+def broadcast(
+    crowd: Crowd, post: Post, resource: int, time: float, delay: float, acted_at: float, acted: int
+) -> bool:
+    """Send a capacity signal to all agents.
+
+    Parameters
+    ----------
+    crowd : Crowd
+        The agents, with room for two copies each.
+    post : Post
+        The way.
+    resource : int
+        j.
+    time, delay : float
+        Of the look that has caused it, and how long after that it leaves.
+    acted_at, acted : float, int
+        When somebody last acted, and the last turn that was over then.
+
+    Returns
+    -------
+    bool
+        Whether the channel has taken it.
+    """
+    number, row, n = post.numbers[resource], post.held[0], post.arrival.shape[0]
+    post.numbers[resource] += 1
+    post.time[row], post.resource[row], post.number[row] = time, resource, number
+    post.held[0] = row + 1
+    post.code[0] = transmit(post.channel, resource, number, time + delay, post.arrival, post.second)
+    if post.code[0] != 0:
+        return False
+    lost, delivered = post.lost[resource], post.delivered[resource]
+    for i in range(n):
+        if post.cut[i]:
+            post.arrival[i] = post.second[i] = np.inf
+        lost[i] += post.arrival[i] == np.inf
+    if post.channel.fifo:
+        put_in_order(post.channel.latest, post.arrival)
+    for i in range(n):
+        delivered[i] += post.arrival[i] < crowd.until
+    accept(crowd, resource, number, 0, post.arrival, post.order[0], acted_at, acted)
+    post.order[0] += n
+    if post.channel.duplicates:
+        duplicated = post.duplicated[resource]
+        if post.channel.fifo:
+            put_in_order(post.channel.latest, post.second)
+        for i in range(n):
+            duplicated[i] += post.second[i] < crowd.until
+        accept(crowd, resource, number, 1, post.second, post.order[0], acted_at, acted)
+        post.order[0] += n
+    return True

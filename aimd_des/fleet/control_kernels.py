@@ -1,0 +1,275 @@
+"""The looks of a control unit between two events of SimPy, as the processes would take them."""
+
+import numpy as np
+
+from aimd_des.fleet.arrays import LAST, Crowd
+from aimd_des.fleet.observer_kernels import Meter, Watch, fold_answers
+from aimd_des.fleet.control_state import (BROADCAST, CROWDED, LOOK, REACHED, REFUSED, ROW, STANDSTILL, TICK, Limits, Pilot)
+from aimd_des.fleet.broadcast_kernel import Post, broadcast
+from aimd_des.fleet.response_kernels import settle
+from aimd_des.utils.jit import announced, formula, routine
+from aimd_des.engine.control_unit import MOST_AT_ONE_INSTANT, adapted, soonest_crossing
+from aimd_des.engine.environment import Kind
+from aimd_des.results.metrics import fold_overshoot
+from aimd_des.dynamics.totals import observe_totals, total_of
+from aimd_des.dynamics.clock_formulas import next_ticks
+
+__all__ = ["sample", "sense", "settle_and_fold"]
+
+# Plain numbers, as kernels take them.
+_SENSE, _OBSERVE = int(Kind.SENSE), int(Kind.OBSERVE)
+
+
+@formula
+def _within(time: float, kind: int, turn: int, limits: Limits) -> bool:
+    """Tell whether something comes before what is due next besides."""
+    if time != limits.horizon:
+        return time < limits.horizon
+    return kind < limits.kind or (kind == limits.kind and turn < limits.order)
+
+
+@formula
+def _crowded(crowd: Crowd, pilot: Pilot, post: Post) -> bool:
+    """Tell whether there may be too little space for what a look can bring."""
+    if crowd.answers.held[0] > pilot.answers:
+        return True
+    m, n = pilot.due.shape[0], post.arrival.shape[0]
+    signals = 1 if pilot.crossing else m
+    copies = signals * n * (2 if post.channel.duplicates else 1)
+    full = post.held[0] + signals > post.time.shape[0] or crowd.flights.aloft[0] + copies > crowd.room
+    return post.compiled and full
+
+
+@formula
+def _find_moments(crowd: Crowd, pilot: Pilot) -> None:
+    """Find where the agents are in their own time: the time, or their next tick; looks come before ticks."""
+    now = pilot.now[0]
+    if crowd.grain > 0.0:
+        rhythm = crowd.rhythm
+        next_ticks(rhythm.phase, rhythm.period, rhythm.jitter, rhythm.key, now, pilot.moment)
+    else:
+        pilot.moment[0] = now
+
+
+@formula
+def _total(crowd: Crowd, pilot: Pilot, resource: int) -> float:
+    state, increase = crowd.state, crowd.law.increase[resource]
+    return total_of(state.demand[resource], increase, state.anchor[resource], pilot.moment, crowd.grain)
+
+
+@formula
+def _find_totals(crowd: Crowd, pilot: Pilot, meter: Meter) -> None:
+    """Bring all agents to the time of the look, and add up their demand."""
+    now = pilot.now[0]
+    settle(crowd, 0, crowd.flights.base.shape[0], now, 0 if crowd.grain > 0.0 else LAST)
+    if meter.lines and crowd.answers.held[0] > 0:
+        fold_answers(crowd.answers, meter)
+    _find_moments(crowd, pilot)
+    for j in range(pilot.total.shape[0]):
+        pilot.total[j] = _total(crowd, pilot, j)
+
+
+@formula
+def _measure(pilot: Pilot, meter: Meter, now: float) -> None:
+    """Close the interval of constant demand that ends with the tick at hand."""
+    duration = now - meter.measured[0]
+    meter.tick[0] += 1
+    pilot.turns[TICK] = LAST - 1
+    if duration > 0.0:
+        running = (meter.peak, meter.above, meter.excess, meter.used)
+        fold_overshoot(pilot.total, meter.capacity, duration, *running)
+        meter.measured[0] = now
+
+
+@formula
+def _next_tick(crowd: Crowd, meter: Meter) -> float:
+    """Return the next tick of a common clock that closes an interval."""
+    return crowd.rhythm.phase[0] + meter.tick[0] * crowd.rhythm.period[0] if meter.steps else np.inf
+
+
+@formula
+def _next_row(watch: Watch) -> float:
+    """Return when totals are kept next."""
+    row = watch.row[0]
+    return watch.times[row] if row < watch.times.shape[0] else np.inf
+
+
+@formula
+def _keep(crowd: Crowd, pilot: Pilot, watch: Watch) -> None:
+    """Keep the totals of demand and of averages."""
+    row = watch.row[0]
+    observe_totals(crowd.state, crowd.law, pilot.moment, crowd.grain, watch.demand[row], watch.average[row])
+    watch.row[0] += 1
+    pilot.turns[ROW] = LAST - 1
+
+
+@formula
+def _sends(pilot: Pilot, post: Post, limits: Limits) -> bool:
+    """Tell whether compiled code may send: what leaves later may be cut, which is known then."""
+    departure = pilot.now[0] + pilot.delay
+    return post.compiled and (departure < limits.change or departure == pilot.now[0])
+
+
+@formula
+def _signal(crowd: Crowd, pilot: Pilot, post: Post, limits: Limits) -> int:
+    """Broadcast for each resource whose total demand is above its threshold."""
+    due, up = False, not pilot.failed[0]
+    for j in range(pilot.due.shape[0]):
+        pilot.due[j] = up and pilot.total[j] > crowd.law.limit[j]
+        due = due or pilot.due[j]
+    if due and not _sends(pilot, post, limits):
+        return BROADCAST
+    now, delay = pilot.now[0], pilot.delay
+    for j in range(pilot.due.shape[0]):
+        if pilot.due[j] and not broadcast(crowd, post, j, now, delay, limits.acted_at, limits.acted):
+            return REFUSED
+    return REACHED
+
+
+@announced("the fleet (about a minute)")
+def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, limits: Limits) -> int:
+    """Look at phase + q * period, and let observers look, until something else is due.
+
+    Parameters
+    ----------
+    crowd : Crowd
+        The agents.
+    pilot : Pilot
+        A sampled control unit.
+    post : Post
+        The way of its signals.
+    meter : Meter
+        Overshoot.
+    watch : Watch
+        Totals.
+    limits : Limits
+        How far.
+
+    Returns
+    -------
+    int
+        As of `sense`.
+    """
+    summed = -1.0
+    while True:
+        look = pilot.phase + pilot.look[0] * pilot.period
+        tick, row, turns = _next_tick(crowd, meter), _next_row(watch), pilot.turns
+        keeping = row < tick or (row == tick and turns[ROW] < turns[TICK])
+        observed = row if keeping else tick
+        now, looking = min(look, observed), look <= observed
+        turn = turns[LOOK] if looking else turns[ROW if keeping else TICK]
+        if not _within(now, _SENSE if looking else _OBSERVE, turn, limits):
+            return REACHED
+        if looking and _crowded(crowd, pilot, post):
+            return CROWDED
+        if now != summed:
+            pilot.now[0] = summed = now
+            _find_totals(crowd, pilot, meter)
+        if not looking:
+            if keeping:
+                _keep(crowd, pilot, watch)
+            else:
+                _measure(pilot, meter, now)
+            continue
+        pilot.look[0] += 1
+        pilot.turns[LOOK] = LAST - 1
+        status = _signal(crowd, pilot, post, limits)
+        if status != REACHED:
+            return status
+        if crowd.grain == 0.0:
+            summed = -1.0  # continuous agents may have answered at once
+
+
+@formula
+def _hold_off(pilot: Pilot, resource: int, now: float, total: float) -> None:
+    """Set the alarm to the end of the hold-off after a signal."""
+    j = resource
+    if pilot.holding[j]:
+        expected = pilot.unanswered[j] + pilot.growth[j] * (now - pilot.since[j])
+        pilot.hold_off[j] = adapted(pilot.hold_off[j], pilot.shortest, pilot.longest, expected, total)
+    pilot.instant[j], pilot.since[j], pilot.unanswered[j], pilot.holding[j] = now, now, total, True
+    pilot.alarm[j] = now + pilot.hold_off[j]
+
+
+@announced("the fleet (about a minute)")
+def sense(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, limits: Limits) -> int:
+    """Go from one possible crossing to the next, and let observers look, until something else is due.
+
+    Parameters
+    ----------
+    crowd : Crowd
+        The agents.
+    pilot : Pilot
+        A crossing control unit.
+    post : Post
+        The way of its signals.
+    meter : Meter
+        Overshoot.
+    watch : Watch
+        Totals.
+    limits : Limits
+        How far.
+
+    Returns
+    -------
+    int
+        `REACHED`: the next look is beyond the horizon.  `BROADCAST`: signals are due.  `CROWDED`: there may
+        be too little room for what the next look brings.  `STANDSTILL`: time cannot advance.  `REFUSED`:
+        the channel has not taken a signal.
+    """
+    alarm = pilot.alarm
+    while True:
+        j = int(np.argmin(alarm))
+        now, row = alarm[j], _next_row(watch)
+        if row < now:
+            if not _within(row, _OBSERVE, pilot.turns[ROW], limits):
+                return REACHED
+            pilot.now[0] = row
+            _find_totals(crowd, pilot, meter)
+            _keep(crowd, pilot, watch)
+            continue
+        if not _within(now, _SENSE, j, limits):
+            return REACHED
+        if _crowded(crowd, pilot, post):
+            return CROWDED
+        pilot.now[0] = now
+        queue = 0 if crowd.coupled else j
+        settle(crowd, queue, queue + 1, now, LAST)
+        if meter.lines and crowd.answers.held[0] > 0:
+            fold_answers(crowd.answers, meter)
+        _find_moments(crowd, pilot)
+        total = _total(crowd, pilot, j)
+        soonest = soonest_crossing(now, crowd.law.limit[j], total, pilot.growth[j])
+        pilot.watchful[j] = soonest > now or pilot.failed[0]
+        if pilot.watchful[j]:
+            pilot.holding[j] = False
+            alarm[j] = soonest if soonest > now else np.inf
+            continue
+        pilot.repeated[j] = pilot.repeated[j] + 1 if now == pilot.instant[j] else 1
+        pilot.due[:] = False
+        pilot.due[j] = True
+        if pilot.repeated[j] > MOST_AT_ONE_INSTANT:
+            return STANDSTILL
+        _hold_off(pilot, j, now, total)
+        if not _sends(pilot, post, limits):
+            return BROADCAST
+        if not broadcast(crowd, post, j, now, pilot.delay, limits.acted_at, limits.acted):
+            return REFUSED
+
+
+@routine
+def settle_and_fold(crowd: Crowd, meter: Meter, time: float, limit: int) -> None:
+    """Let all agents answer all copies that are due, and measure.
+
+    Parameters
+    ----------
+    crowd : Crowd
+        The agents.
+    meter : Meter
+        Overshoot.
+    time, limit : float, int
+        As for `settle`.
+    """
+    settle(crowd, 0, crowd.flights.base.shape[0], time, limit)
+    if meter.lines and crowd.answers.held[0] > 0:
+        fold_answers(crowd.answers, meter)

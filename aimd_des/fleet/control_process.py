@@ -1,0 +1,226 @@
+"""The SimPy process that lets a fleet's control unit look in compiled code until something else is due."""
+
+import math
+
+import numpy as np
+import simpy
+
+from aimd_des.fleet.arrays import LAST
+from aimd_des.fleet.fleet import TOLD_AT_ONCE, Fleet
+from aimd_des.fleet.observer_kernels import Watch
+from aimd_des.fleet.control_state import (CROWDED, LOOK, REACHED, REFUSED, ROW, STANDSTILL, TICK, Limits, Pilot)
+from aimd_des.fleet.broadcast_kernel import Post
+from aimd_des.fleet.control_kernels import sample, sense
+from aimd_des.channel import BroadcastChannel, CompiledLink
+from aimd_des.channel.loss.kernels import refuse_loss
+from aimd_des.channel.transmit_kernel import ChannelTable
+from aimd_des.engine.control_unit import Crossing, Sampled, Unanswered
+from aimd_des.engine.environment import Kind, Mailbox
+from aimd_des.utils.errors import SimulationError
+from aimd_des.engine.observers import ConstantPieces, Observer
+from aimd_des.engine.system import System
+from aimd_des.engine.delivery import ProcessGenerator
+
+__all__ = ["Autopilot"]
+
+# How often whoever watches the run is told of how far it has come.
+_REPORTS = 200
+
+# Signals that are handed over in one go.
+_SIGNALS = 1 << 14
+
+
+class Autopilot:
+    """A built-in control unit of a fleet: the same looks as those of its process, many to an event of SimPy.
+
+    Parameters
+    ----------
+    fleet : Fleet
+        The agents.
+    control_unit : Sampled or Crossing
+        What decides.
+    observer : Observer
+        Its looks at totals are taken in compiled code, too.
+    """
+
+    def __init__(self, fleet: Fleet, control_unit: Sampled | Crossing, observer: Observer) -> None:
+        self.fleet, self.control_unit = fleet, control_unit
+        self.system = system = fleet.system
+        m = system.problem.n_resources
+        common = system.clocks is None or system.clocks.common
+        sampled = control_unit if isinstance(control_unit, Sampled) else Sampled()
+        shortest, longest = control_unit.bounds if isinstance(control_unit, Crossing) else (0.0, 0.0)
+        unanswered = Unanswered(system)
+        self.pilot = Pilot(
+            crossing=isinstance(control_unit, Crossing),
+            period=sampled.period,
+            phase=sampled.phase,
+            shortest=shortest,
+            longest=longest,
+            delay=control_unit.sensing_delay,
+            failed=system.conditions.failed,
+            look=np.zeros(1, dtype=np.int64),
+            alarm=np.zeros(m),
+            watchful=np.zeros(m, dtype=np.bool_),
+            growth=system.conditions.growth,
+            instant=np.full(m, -1.0),
+            unanswered=unanswered.level,
+            since=unanswered.since,
+            hold_off=np.full(m, shortest),
+            holding=np.zeros(m, dtype=np.bool_),
+            repeated=np.zeros(m, dtype=np.int64),
+            due=np.zeros(m, dtype=np.bool_),
+            total=np.zeros(m),
+            now=np.zeros(1),
+            moment=np.zeros(1 if common else system.problem.n_agents),
+            turns=np.full(3, LAST - 1),
+            answers=TOLD_AT_ONCE,
+        )
+        self.post = self._post()
+        # The ticks of a common clock are followed in compiled code.
+        if isinstance(fleet.overshoot, ConstantPieces) and common and not self.pilot.crossing:
+            fleet.overshoot.following = False
+            fleet.meter = fleet.meter._replace(steps=True)
+        observer.watching = False
+        self.watch = Watch(
+            observer.demand_times[:-1].copy(),
+            observer.total_demand,
+            observer.total_average,
+            np.zeros(1, dtype=np.int64),
+        )
+        self._mailbox = Mailbox(system.env)
+        self._setting = 0
+        system.conditions.on_tightening.append(self._tightened)
+        system.conditions.on_recovery.append(self._recovered)
+
+    def process(self) -> ProcessGenerator:
+        """Look for as long as the run lasts.
+
+        Yields
+        ------
+        simpy.Event
+            The next look that comes after something else.
+        """
+        while True:
+            self._set_alarm()
+            yield self._mailbox
+            while self._steer() != REACHED:
+                pass
+
+    def _post(self) -> Post:
+        system, account = self.system, self.system.transmitter
+        link, n = system.link, system.problem.n_agents
+        # Compiled code takes a channel in any case; one that it does not use is as good as another.
+        table = link.table if isinstance(link, CompiledLink) else _unused_channel(system)
+        return Post(
+            compiled=isinstance(link, CompiledLink) and system.log is None and bool(self.fleet.members.all()),
+            channel=table,
+            cut=system.conditions.cut,
+            numbers=account.numbers,
+            delivered=account.delivered,
+            lost=account.lost,
+            duplicated=account.duplicated,
+            arrival=np.zeros(n),
+            second=np.zeros(n),
+            order=np.zeros(1, dtype=np.int64),
+            time=np.zeros(_SIGNALS),
+            resource=np.zeros(_SIGNALS, dtype=np.int64),
+            number=np.zeros(_SIGNALS, dtype=np.int64),
+            held=np.zeros(1, dtype=np.int64),
+            code=np.zeros(1, dtype=np.int64),
+        )
+
+    def _next(self) -> tuple[float, Kind, int]:
+        """Return when there is something to be done next, and its turn at that instant."""
+        pilot, meter, watch = self.pilot, self.fleet.meter, self.watch
+        for turn in np.flatnonzero(pilot.turns == LAST - 1).tolist():
+            pilot.turns[turn] = self.system.env.reserve(1)
+        if pilot.crossing:
+            resource = int(np.argmin(pilot.alarm))
+            due = [(float(pilot.alarm[resource]), Kind.SENSE, resource)]
+        else:
+            look = pilot.phase + int(pilot.look[0]) * pilot.period
+            due = [(look, Kind.SENSE, int(pilot.turns[LOOK]))]
+        if watch.row[0] < len(watch.times):
+            due.append((float(watch.times[watch.row[0]]), Kind.OBSERVE, int(pilot.turns[ROW])))
+        if meter.steps:
+            assert self.system.clocks is not None  # noqa: S101 - only agents that tick are measured in steps
+            tick = self.system.clocks.time(0, int(meter.tick[0]))
+            due.append((tick, Kind.OBSERVE, int(pilot.turns[TICK])))
+        return min(due)
+
+    def _set_alarm(self) -> None:
+        self._setting += 1
+        setting = self._setting
+
+        def ring(_: simpy.Event) -> None:
+            if setting == self._setting:
+                self._mailbox.hand(None)
+
+        due = self._next()
+        if due[0] < math.inf:
+            self.system.env.at(*due).callbacks.append(ring)
+
+    def _tightened(self, time: float, resource: int) -> None:
+        """Look again at once where something has changed from outside, which no bound has foreseen."""
+        if self.pilot.watchful[resource]:
+            self.pilot.alarm[resource] = time
+            self._set_alarm()
+
+    def _recovered(self, time: float) -> None:
+        """Let the unit that takes over look at once; it knows of no hold-off."""
+        if self.pilot.crossing:
+            self.pilot.holding[:] = False
+            self.pilot.hold_off[:] = self.pilot.shortest
+            self.pilot.watchful[:] = True
+            self.pilot.alarm[:] = time
+            self._set_alarm()
+
+    def _steer(self) -> int:
+        """Go on with looks to the next event; do what compiled code has stopped for."""
+        env, pilot, post, fleet = self.system.env, self.pilot, self.post, self.fleet
+        fleet.listen()
+        fleet.flush()
+        # Listeners outside are told in time: whatever they do comes before the next signal.
+        told = fleet.crowd.hearing > 0 and not fleet.meter.lines
+        post = post._replace(compiled=post.compiled and not told)
+        due, until = self._next()[0], self.system.until
+        # However short the run, the next look is within the stride.
+        stride = max(due + until / _REPORTS, math.nextafter(due, math.inf))
+        upcoming = min(env.upcoming, (until, 0, 0))
+        limits = Limits(*min(upcoming, (stride, 0, 0)), upcoming[0], *env.acted)
+        post.order[0] = env.reserve(2 * len(post.arrival) * _SIGNALS)
+        steer = sense if pilot.crossing else sample
+        status: int = steer(fleet.crowd, pilot, post, fleet.meter, self.watch, limits)
+        count = int(post.held[0])
+        post.held[0] = 0
+        self.system.transmitter.sent.extend(post.time[:count], post.resource[:count], post.number[:count])
+        env.forget_reached()
+        env.report(limits.horizon)
+        if status == CROWDED:
+            fleet.make_room(2 * pilot.due.size)
+            if told:
+                env.advance(*self._next())
+                fleet.settle()
+        elif status != REACHED:
+            self._stand_in(status, count)
+        return status
+
+    def _stand_in(self, status: int, sent: int) -> None:
+        """Do what compiled code cannot, at the time of its last look."""
+        resources, now = np.flatnonzero(self.pilot.due).tolist(), float(self.pilot.now[0])
+        self.system.env.advance(now, Kind.SENSE, resources[0])
+        if status == REFUSED:
+            resource, departure = int(self.post.resource[sent - 1]), now + self.pilot.delay
+            raise refuse_loss(self.post.channel.loss, int(self.post.code[0]), resource, departure)
+        if status == STANDSTILL:
+            assert isinstance(self.control_unit, Crossing)  # noqa: S101 - sampled ones go on by themselves
+            raise SimulationError(self.control_unit.standstill(self.system, resources[0]))
+        for resource in resources:
+            self.system.broadcast(resource, self.pilot.delay)
+
+
+def _unused_channel(system: System) -> ChannelTable:
+    link = BroadcastChannel().open(system.problem.n_agents, system.keys)
+    assert isinstance(link, CompiledLink)  # noqa: S101 - of built-in models
+    return link.table

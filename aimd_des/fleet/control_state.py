@@ -1,0 +1,122 @@
+"""What a control unit in compiled code knows, and how far it may go."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.utils.validation import FloatArray
+
+__all__ = [
+    "BROADCAST",
+    "CROWDED",
+    "LOOK",
+    "REACHED",
+    "REFUSED",
+    "ROW",
+    "STANDSTILL",
+    "TICK",
+    "Limits",
+    "Pilot",
+]
+
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
+
+#: What has ended a stretch of compiled looks.
+REACHED, BROADCAST, CROWDED, STANDSTILL, REFUSED = 0, 1, 2, 3, 4
+
+
+#: What has a turn of its own: a look of a sampled control unit, a row of totals, a tick that is measured.
+LOOK, ROW, TICK = 0, 1, 2
+
+
+class Pilot(NamedTuple):
+    """The control unit of one run.
+
+    Attributes
+    ----------
+    crossing : bool
+        Whether it senses crossings; if not, it samples.
+    period, phase, shortest, longest, delay : float
+        Of a sampled one, and bounds of the hold-off of a crossing one; how long after a look its signals
+        leave.
+    failed : ndarray of bool, shape (1,)
+        Whether it is down.
+    look : ndarray of int, shape (1,)
+        Index of the next look of a sampled one.
+    alarm : ndarray, shape (m,)
+        When a crossing one looks at each resource next.
+    watchful : ndarray of bool, shape (m,)
+        Whether it waits for a crossing there, and not for the end of the hold-off.
+    growth : ndarray, shape (m,)
+        Of total demand, in units of the resource per unit of time.
+    instant : ndarray, shape (m,)
+        When a crossing one broadcast last.
+    unanswered, since : ndarray, shape (m,)
+        What total demand would be if nobody had answered, and when it was so.
+    hold_off : ndarray, shape (m,)
+        The present one.
+    holding : ndarray of bool, shape (m,)
+        Whether its end is what the alarm is set to.
+    repeated : ndarray of int, shape (m,)
+        How often it did at that instant.
+    due : ndarray of bool, shape (m,)
+        Resources to broadcast for, at `now`.
+    total : ndarray, shape (m,)
+        Total demand at the latest look of a sampled one.
+    now : ndarray, shape (1,)
+        Time of the latest look.
+    moment : ndarray, shape (n,) or (1,)
+        Where the agents are in their own time, at that look.
+    turns : ndarray of int, shape (3,)
+        Order numbers of the next look of a sampled one, the next row of totals and the next tick that is
+        measured; `LAST` - 1 for what has not been scheduled yet, and so comes after all that has been.
+    answers : int
+        Above how many answers in memory somebody has to be told of them.
+    """
+
+    crossing: bool
+    period: float
+    phase: float
+    shortest: float
+    longest: float
+    delay: float
+    failed: BoolArray
+    look: IntArray
+    alarm: FloatArray
+    watchful: BoolArray
+    growth: FloatArray
+    instant: FloatArray
+    unanswered: FloatArray
+    since: FloatArray
+    hold_off: FloatArray
+    holding: BoolArray
+    repeated: IntArray
+    due: BoolArray
+    total: FloatArray
+    now: FloatArray
+    moment: FloatArray
+    turns: IntArray
+    answers: int
+
+
+class Limits(NamedTuple):
+    """How far the looks may go.
+
+    Attributes
+    ----------
+    horizon, kind, order : float, int, int
+        Time, kind and order number of what is due next besides.
+    change : float
+        Before this nobody can cut a signal that leaves, or the run is over.
+    acted_at, acted : float, int
+        When somebody last acted, and the last turn that was over then.
+    """
+
+    horizon: float
+    kind: int
+    order: int
+    change: float
+    acted_at: float
+    acted: int

@@ -1,0 +1,168 @@
+"""The memory of copies on their way: chains of blocks from one pool, which grows with what is in flight."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.utils.validation import FloatArray
+
+__all__ = ["BLOCK", "DUE", "FORGOTTEN", "LATER", "SECOND", "Flights", "enlarge", "room", "take_off"]
+
+IntArray = npt.NDArray[np.int64]
+IndexArray = npt.NDArray[np.uint32]
+
+#: Copies in a block.
+BLOCK = 64
+
+# Level 0 is the time of the last look itself; the highest bit of a positive number is bit 62.
+_LEVELS = 64
+
+#: Two more chains for each queue: copies that are due, and those of them that wait for another one of
+#: the same agent.
+DUE, LATER = _LEVELS, _LEVELS + 1
+_CHAINS = _LEVELS + 2
+
+#: What the resource of a duplicate is raised by, and the draw of a copy that is never answered.
+SECOND, FORGOTTEN = 1 << 16, 2.0
+
+
+class Flights(NamedTuple):
+    """All copies on their way, in one queue or in one for each resource.
+
+    Block number b has the places from b * BLOCK on.
+
+    Attributes
+    ----------
+    key : ndarray of int, shape (b * BLOCK,)
+        When each is due: the bits of its time of arrival or, for a discrete agent, of the tick after it.
+    moment, arrival : ndarray, shape (b * BLOCK,) or (0,)
+        Of discrete agents only: index of that tick, and time of arrival.
+    number : ndarray of int, shape (b * BLOCK,) or (0,)
+        Number of the broadcast, where agents read it.
+    agent, resource : ndarray of uint32, shape (b * BLOCK,)
+        i and j (`SECOND` more for a duplicate); without a sign, so that compiled code need not ask whether
+        they count from the end.
+    rank : ndarray of int, shape (b * BLOCK,)
+        Order number; decides between copies that arrive at the same time.
+    uniform : ndarray, shape (b * BLOCK,)
+        The draw that decides how the agent responds.
+    following, filled : ndarray of int, shape (b,)
+        The next block of a chain (-1: none), and how many copies are in a block.
+    head, tail : ndarray of int, shape (q, 66)
+        First and last block of each chain (-1: empty).
+    base : ndarray of int, shape (q,)
+        Bits of the time up to which a queue has been released.
+    free : ndarray of int, shape (1,)
+        First block of the chain of those that are not in use.
+    aloft : ndarray of int, shape (1,)
+        How many copies there are.
+    """
+
+    key: IntArray
+    moment: FloatArray
+    arrival: FloatArray
+    number: IntArray
+    agent: IndexArray
+    resource: IndexArray
+    rank: IntArray
+    uniform: FloatArray
+    following: IntArray
+    filled: IntArray
+    head: IntArray
+    tail: IntArray
+    base: IntArray
+    free: IntArray
+    aloft: IntArray
+
+
+def _blocks_for(copies: int, queues: int) -> int:
+    # Each chain may end in a block that is not full, and again when the first is among those that are due.
+    return -(-copies // BLOCK) + 2 * _CHAINS * queues + 2
+
+
+def room(flights: Flights) -> int:
+    """Tell for how many copies there is space.
+
+    Parameters
+    ----------
+    flights : Flights
+        The copies on their way.
+
+    Returns
+    -------
+    int
+        Those on their way included.
+    """
+    return (len(flights.following) - _blocks_for(0, len(flights.base))) * BLOCK
+
+
+def take_off(copies: int, queues: int, ticking: bool, numbered: bool) -> Flights:
+    """Make space for copies, of which there are none yet.
+
+    Parameters
+    ----------
+    copies : int
+        How many there may be at a time.
+    queues : int
+        How many queues.
+    ticking : bool
+        Whether agents answer at their ticks.
+    numbered : bool
+        Whether they read numbers.
+
+    Returns
+    -------
+    Flights
+        Empty.
+    """
+    blocks = _blocks_for(copies, queues)
+    shape = blocks * BLOCK
+    own = shape if ticking else 0
+    return Flights(
+        key=np.empty(shape, dtype=np.int64),
+        moment=np.empty(own),
+        arrival=np.empty(own),
+        number=np.empty(shape if numbered else 0, dtype=np.int64),
+        agent=np.empty(shape, dtype=np.uint32),
+        resource=np.empty(shape, dtype=np.uint32),
+        rank=np.empty(shape, dtype=np.int64),
+        uniform=np.empty(shape),
+        following=np.append(np.arange(1, blocks), -1),
+        filled=np.zeros(blocks, dtype=np.int64),
+        head=np.full((queues, _CHAINS), -1),
+        tail=np.full((queues, _CHAINS), -1),
+        base=np.zeros(queues, dtype=np.int64),
+        free=np.zeros(1, dtype=np.int64),
+        aloft=np.zeros(1, dtype=np.int64),
+    )
+
+
+def enlarge(flights: Flights, copies: int) -> Flights:
+    """Make space for more copies.
+
+    Parameters
+    ----------
+    flights : Flights
+        The copies on their way.
+    copies : int
+        How many there may be at a time, those included.
+
+    Returns
+    -------
+    Flights
+        With the same copies.
+    """
+    old = len(flights.following)
+    ticking, numbered = flights.moment.size > 0, flights.number.size > 0
+    larger = take_off(copies, len(flights.base), ticking, numbered)
+    for name in ("key", "moment", "arrival", "number", "agent", "resource", "rank", "uniform", "filled"):
+        rows = getattr(flights, name)
+        getattr(larger, name)[: len(rows)] = rows
+    larger.following[:old] = flights.following
+    # The new blocks stand before what is left of the old ones.
+    larger.following[-1] = flights.free[0]
+    larger.free[0] = old
+    for name in ("head", "tail", "base", "aloft"):
+        getattr(larger, name)[...] = getattr(flights, name)
+    return larger

@@ -1,0 +1,62 @@
+"""The derivative of one agent's cost in compiled code: of the built-in families, or of the user's own."""
+
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+from aimd_des.fleet.arrays import Crowd
+from aimd_des.utils.jit import formula
+from aimd_des.problem.costs.kernels import gradient_at
+from aimd_des.dynamics.totals import average_of
+
+__all__ = ["marginal_cost_at"]
+
+
+@intrinsic  # type: ignore[untyped-decorator]  # numba has no type information
+def _call_gradient(typingctx: Any, address: Any, agent: Any, average: Any, gradient: Any) -> Any:  # noqa: ARG001
+    """Call a compiled gradient: void(int64 agent, double* average, double* gradient)."""
+    signature = types.void(types.int64, types.int64, types.int64, types.int64)
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
+        word, pointer = ir.IntType(64), ir.DoubleType().as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [word, pointer, pointer]).as_pointer()
+        places = [builder.inttoptr(place, pointer) for place in args[2:]]
+        builder.call(builder.inttoptr(args[0], kind), [args[1], *places])
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+@formula
+def marginal_cost_at(crowd: Crowd, agent: int, resource: int, moment: float, average: float) -> float:
+    """Return grad_j f_i at the agent's averages, of which that of the resource itself is known.
+
+    Parameters
+    ----------
+    crowd : Crowd
+        The agents.
+    agent, resource : int
+        i and j.
+    moment : float
+        The moment at hand.
+    average : float
+        Of the resource, in its unit.
+
+    Returns
+    -------
+    float
+        In units of cost per unit of the resource.
+    """
+    averages = crowd.scratch.average
+    if crowd.coupled:
+        for j in range(averages.shape[0]):
+            averages[j] = average_of(crowd.state, crowd.law, j, agent, moment, crowd.grain)
+    else:
+        averages[resource] = average
+    if crowd.gradient != 0:
+        gradient = crowd.scratch.gradient
+        _call_gradient(crowd.gradient, agent, averages.ctypes.data, gradient.ctypes.data)
+        return float(gradient[resource])
+    return gradient_at(crowd.table, averages, resource, agent)

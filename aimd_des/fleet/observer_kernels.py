@@ -1,0 +1,143 @@
+"""What is observed in compiled code: totals, and overshoot, which wants answers in the order of time."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.fleet.arrays import Answers
+from aimd_des.fleet.radix_heap import time_of
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.jit import formula, kernel, routine
+from aimd_des.engine.observers import fold_change
+
+__all__ = ["Meter", "Watch", "fold_answers"]
+
+IntArray = npt.NDArray[np.int64]
+
+# Runs of this length are sorted one by one before they are merged.
+_SHORT = 16
+
+
+class Meter(NamedTuple):
+    """What total demand beyond capacity is integrated with.
+
+    Attributes
+    ----------
+    lines, steps : bool
+        Whether demand is measured as a line between answers, or as constant between common ticks.
+    capacity, slope : ndarray, shape (m,)
+        C, and growth of the total in units of the resource per unit of time.
+    running : ndarray, shape (m, 6)
+        Of lines: as in `observing.LinearPieces`.
+    peak, above, excess, used : ndarray, shape (m,)
+        Of steps: as in `observing.ConstantPieces`, and so is `measured`, (1,).
+    measured : ndarray, shape (1,)
+        See there.
+    tick : ndarray of int, shape (1,)
+        Of steps: index of the next tick that closes an interval.
+    order, spare : ndarray of int, shape (a,)
+        Working memory of sorting.
+    """
+
+    lines: bool
+    steps: bool
+    capacity: FloatArray
+    slope: FloatArray
+    running: FloatArray
+    peak: FloatArray
+    above: FloatArray
+    excess: FloatArray
+    used: FloatArray
+    measured: FloatArray
+    tick: IntArray
+    order: IntArray
+    spare: IntArray
+
+
+class Watch(NamedTuple):
+    """Where totals are kept, as in `observing.Observer`.
+
+    Attributes
+    ----------
+    times : ndarray, shape (q,)
+        When; ascending.
+    demand, average : ndarray, shape (q, m) or longer
+        Receive the sums.
+    row : ndarray of int, shape (1,)
+        Index of the next.
+    """
+
+    times: FloatArray
+    demand: FloatArray
+    average: FloatArray
+    row: IntArray
+
+
+@formula
+def _before(answers: Answers, one: int, other: int) -> bool:
+    if answers.key[one] == answers.key[other]:
+        return bool(answers.rank[one] < answers.rank[other])
+    return bool(answers.key[one] < answers.key[other])
+
+
+@formula
+def _insert(answers: Answers, order: IntArray, low: int, high: int) -> None:
+    """Sort a short run."""
+    for end in range(low + 1, high):
+        row, place = order[end], end
+        while place > low and _before(answers, row, order[place - 1]):
+            order[place] = order[place - 1]
+            place -= 1
+        order[place] = row
+
+
+@formula
+def _merge(answers: Answers, source: IntArray, low: int, middle: int, high: int, target: IntArray) -> None:
+    """Merge two sorted runs."""
+    one, other = low, middle
+    for place in range(low, high):
+        if one < middle and (other >= high or not _before(answers, source[other], source[one])):
+            target[place] = source[one]
+            one += 1
+        else:
+            target[place] = source[other]
+            other += 1
+
+
+@kernel
+def _sort(answers: Answers, order: IntArray, spare: IntArray) -> None:
+    """Put answers in the order of events: a merge sort of their indices, into `order`."""
+    count = answers.held[0]
+    for row in range(count):
+        order[row] = row
+    for low in range(0, count, _SHORT):
+        _insert(answers, order, low, min(low + _SHORT, count))
+    width = _SHORT
+    while width < count:
+        for low in range(0, count, 2 * width):
+            middle = min(low + width, count)
+            _merge(answers, order, low, middle, min(low + 2 * width, count), spare)
+        for place in range(count):
+            order[place] = spare[place]
+        width *= 2
+
+
+@routine
+def fold_answers(answers: Answers, meter: Meter) -> None:
+    """Fold the answers in memory into the integrals, and forget them.
+
+    Parameters
+    ----------
+    answers : Answers
+        All of them later than those before.
+    meter : Meter
+        Of lines.
+    """
+    _sort(answers, meter.order, meter.spare)
+    for place in range(answers.held[0]):
+        row = meter.order[place]
+        j = answers.resource[row]
+        time = time_of(answers.key[row])
+        fold_change(meter.running[j], time, answers.change[row], meter.slope[j], meter.capacity[j])
+    answers.held[0] = 0

@@ -1,0 +1,279 @@
+"""Copies on their way, sorted no further than is needed: a radix heap on the bits of time.
+
+Whoever looks at the agents asks for all copies that are due by then, in any order, and never goes back
+in time.  So a copy is kept by the highest bit in which its time differs from the last look: what
+differs in a lower bit than the present look does is due as a whole, and only one level has to be sorted
+out.  A copy sinks through a few levels in its life, whatever the number of copies on their way.
+(R. K. Ahuja, K. Mehlhorn, J. B. Orlin and R. E. Tarjan, "Faster algorithms for the shortest path
+problem", Journal of the ACM 37, 1990.)  Times are at least 0, and then their bits, read as an integer,
+are in the order of the numbers.
+
+Each chain is in the order in which copies were put there: mostly that of the agents, so that memory is
+read in passes.
+"""
+
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+
+from aimd_des.fleet.in_flight import BLOCK, DUE, Flights
+from aimd_des.utils.jit import formula, instruction
+
+__all__ = ["bits_of", "move", "places", "put", "raise_due", "release", "time_of"]
+
+
+def _length(word: int) -> int:
+    return int(word).bit_length() - 1
+
+
+@instruction(_length)
+def _highest_bit(typingctx: Any, word: Any) -> Any:  # noqa: ARG001 - numba's calling convention
+    """Return the index of the highest bit that is set, -1 of 0."""
+    signature = types.int64(types.int64)
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
+        zeros = builder.ctlz(args[0], ir.Constant(ir.IntType(1), 0))
+        return builder.sub(ir.Constant(ir.IntType(64), 63), zeros)
+
+    return signature, codegen
+
+
+@formula
+def bits_of(time: float) -> Any:
+    """Return the bits of a time, as an integer that is in the order of times.
+
+    Parameters
+    ----------
+    time : float
+        At least 0.
+
+    Returns
+    -------
+    int64
+        At least 0.
+    """
+    # Adding 0.0 makes +0.0 of -0.0.
+    return np.float64(time + 0.0).view(np.int64)
+
+
+@formula
+def time_of(key: int) -> Any:
+    """Return the time that bits stand for.
+
+    Parameters
+    ----------
+    key : int64
+        As from `bits_of`.
+
+    Returns
+    -------
+    float64
+        The time.
+    """
+    return np.int64(key).view(np.float64)
+
+
+@formula
+def places(flights: Flights, block: int) -> Any:
+    """Return the places of the copies in a block.
+
+    Parameters
+    ----------
+    flights : Flights
+        The copies on their way.
+    block : int
+        The block.
+
+    Returns
+    -------
+    range
+        Without a sign: compiled code need not ask whether they count from the end.
+    """
+    first = block * BLOCK
+    return range(np.uint64(first), np.uint64(first + flights.filled[block]))
+
+
+@formula
+def _end(flights: Flights, queue: int, chain: int) -> np.uint64:
+    """Return the place behind the last copy of a chain."""
+    block = flights.tail[queue, chain]
+    if block < 0 or flights.filled[block] == BLOCK:
+        fresh = flights.free[0]
+        flights.free[0] = flights.following[fresh]
+        flights.following[fresh] = -1
+        flights.filled[fresh] = 0
+        if block < 0:
+            flights.head[queue, chain] = fresh
+        else:
+            flights.following[block] = fresh
+        flights.tail[queue, chain] = fresh
+        block = fresh
+    place = flights.filled[block]
+    flights.filled[block] = place + 1
+    return np.uint64(block * BLOCK + place)
+
+
+@formula
+def release(flights: Flights, block: int) -> Any:
+    """Give a block back whose copies are elsewhere, or answered.
+
+    Parameters
+    ----------
+    flights : Flights
+        The copies on their way.
+    block : int
+        The block.
+
+    Returns
+    -------
+    int
+        The next block of its chain.
+    """
+    following = flights.following[block]
+    flights.following[block] = flights.free[0]
+    flights.free[0] = block
+    return following
+
+
+@formula
+def put(
+    flights: Flights,
+    queue: int,
+    key: int,
+    moment: float,
+    arrival: float,
+    number: int,
+    agent: int,
+    resource: int,
+    rank: int,
+    uniform: float,
+) -> None:
+    """Put a copy on its way.
+
+    Parameters
+    ----------
+    flights : Flights
+        The copies on their way; there must be room.
+    queue : int
+        Which queue.
+    key, moment, arrival, number, agent, resource, rank, uniform
+        As in `Flights`; due no earlier than the last release of this queue.
+    """
+    end = _end(flights, queue, _highest_bit(key ^ flights.base[queue]) + 1)
+    flights.key[end] = key
+    flights.agent[end] = agent
+    flights.resource[end] = resource
+    flights.rank[end] = rank
+    flights.uniform[end] = uniform
+    if flights.moment.shape[0] > 0:
+        flights.moment[end] = moment
+        flights.arrival[end] = arrival
+    if flights.number.shape[0] > 0:
+        flights.number[end] = number
+
+
+@formula
+def move(flights: Flights, queue: int, chain: int, place: int) -> None:
+    """Copy a copy to the end of a chain.
+
+    Parameters
+    ----------
+    flights : Flights
+        The copies on their way.
+    queue, chain : int
+        Where to.
+    place : int
+        Where it stands.
+    """
+    end = _end(flights, queue, chain)
+    flights.key[end] = flights.key[place]
+    flights.agent[end] = flights.agent[place]
+    flights.resource[end] = flights.resource[place]
+    flights.rank[end] = flights.rank[place]
+    flights.uniform[end] = flights.uniform[place]
+    if flights.moment.shape[0] > 0:
+        flights.moment[end] = flights.moment[place]
+        flights.arrival[end] = flights.arrival[place]
+    if flights.number.shape[0] > 0:
+        flights.number[end] = flights.number[place]
+
+
+@formula
+def _join(flights: Flights, queue: int, chain: int) -> None:
+    """Hang a whole chain behind that of the copies that are due."""
+    first = flights.head[queue, chain]
+    if first >= 0:
+        if flights.head[queue, DUE] < 0:
+            flights.head[queue, DUE] = first
+        else:
+            flights.following[flights.tail[queue, DUE]] = first
+        flights.tail[queue, DUE] = flights.tail[queue, chain]
+        flights.head[queue, chain] = flights.tail[queue, chain] = -1
+
+
+@formula
+def _hand_over(flights: Flights, queue: int, block: int) -> Any:
+    """Hang a block, all of whose copies are due, behind those that are; return the next of its chain."""
+    following = flights.following[block]
+    flights.following[block] = -1
+    if flights.head[queue, DUE] < 0:
+        flights.head[queue, DUE] = block
+    else:
+        flights.following[flights.tail[queue, DUE]] = block
+    flights.tail[queue, DUE] = block
+    return following
+
+
+@formula
+def _raise_ties(flights: Flights, queue: int, limit: int) -> None:
+    """Make those of the copies of this very time due that come before `limit`: by agent, or by order."""
+    ticking = flights.moment.shape[0] > 0
+    block = flights.head[queue, 0]
+    flights.head[queue, 0] = flights.tail[queue, 0] = -1
+    while block >= 0:
+        for place in places(flights, block):
+            order = flights.agent[place] if ticking else flights.rank[place]
+            move(flights, queue, DUE if order < limit else 0, place)
+        block = release(flights, block)
+
+
+@formula
+def raise_due(flights: Flights, queue: int, time: float, limit: int) -> None:
+    """Put all copies of a queue that are due in its chain of those.
+
+    Parameters
+    ----------
+    flights : Flights
+        The copies on their way.
+    queue : int
+        Which queue.
+    time : float
+        What is due before is due; not before the time of the last release.
+    limit : int
+        What is due at this very time is due if its order number (of discrete agents: the agent's index)
+        is below this.
+    """
+    base, now = flights.base[queue], bits_of(time)
+    if now > base:
+        flights.base[queue] = now
+        top = _highest_bit(now ^ base) + 1
+        for level in range(top):
+            _join(flights, queue, level)
+        block = flights.head[queue, top]
+        flights.head[queue, top] = flights.tail[queue, top] = -1
+        while block >= 0:
+            latest = 0
+            for place in places(flights, block):
+                latest = max(latest, flights.key[place])
+            if latest < now:
+                block = _hand_over(flights, queue, block)
+                continue
+            for place in places(flights, block):
+                key = flights.key[place]
+                chain = DUE if key < now else _highest_bit(key ^ now) + 1
+                move(flights, queue, chain, place)
+            block = release(flights, block)
+    if limit > 0 and flights.head[queue, 0] >= 0:
+        _raise_ties(flights, queue, limit)

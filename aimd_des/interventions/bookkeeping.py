@@ -1,0 +1,53 @@
+"""The books that every change keeps: the log, and the problems that are in force one after another."""
+
+from aimd_des.engine.conditions import Piece, locked
+from aimd_des.results.event_log import Entry
+from aimd_des.engine.system import System
+
+__all__ = ["begin_piece", "end_piece", "note"]
+
+
+def note(system: System, entry: Entry, resource: int = -1, agent: int = -1, value: float = 0.0) -> None:
+    """Enter a change in the log.
+
+    Parameters
+    ----------
+    system : System
+        The run in progress.
+    entry : Entry
+        What has changed.
+    resource, agent : int
+        j and i; -1: none, or all.
+    value : float
+        As `Entry` tells.
+    """
+    if system.log is not None:
+        system.log.add((system.env.now, entry, resource, agent, -1, value))
+
+
+def end_piece(system: System) -> None:
+    """Let everybody close their books on the problem that has been in force.
+
+    Parameters
+    ----------
+    system : System
+        The run in progress.
+    """
+    system.settle()
+    for close in system.conditions.on_piece:
+        close()
+
+
+def begin_piece(system: System) -> None:
+    """Note the problem that is in force from now on; what has been so for no time is forgotten.
+
+    Parameters
+    ----------
+    system : System
+        The run in progress.
+    """
+    conditions, now = system.conditions, float(system.env.now)
+    if conditions.pieces[-1].start == now:
+        conditions.pieces.pop()
+    piece = Piece(now, locked(system.law.capacity.copy()), locked(~conditions.away), conditions.costs)
+    conditions.pieces.append(piece)

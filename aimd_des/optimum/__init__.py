@@ -1,6 +1,0 @@
-"""The centralised solution that every run is held against, and the normalization factors."""
-
-from aimd_des.optimum.centralised import Optimum, solve_optimum
-from aimd_des.optimum.normalization import in_f_delta, normalization_factors
-
-__all__ = ["Optimum", "in_f_delta", "normalization_factors", "solve_optimum"]

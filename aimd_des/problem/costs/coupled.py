@@ -1,0 +1,174 @@
+r"""Costs in which the resources really interact.
+
+f_i(x) = sum_jp c_ijp (x^j)^p + x' Q_i x / 2 + sum_p g_ip (w_i . x)^p
+
+with Q_i symmetric and positive semidefinite and weights w_i >= 0: a separable part, a quadratic
+form, and a convex function of a weighted sum (for cameras: the price of the hours of processing
+that all resources cause together).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.utils import validation as checks
+from aimd_des.utils.validation import FloatArray
+from aimd_des.problem.costs.polynomial import (PolynomialCosts, checked_powers, dense_slopes, horner)
+from aimd_des.utils.errors import InputError
+
+__all__ = ["CoupledCosts"]
+
+
+class CoupledCosts:
+    """A separable polynomial plus a quadratic form plus a polynomial of a weighted sum.
+
+    Parameters
+    ----------
+    separable_part : PolynomialCosts
+        The part without interaction; it sets n and m.
+    quadratic : array_like, shape (n, m, m), optional
+        Q_i, symmetric and positive semidefinite; 0 unless given.
+    weights : array_like, shape (n, m), optional
+        w_i >= 0; 0 unless given.
+    sum_exponents : sequence of int
+        The powers of the weighted sum, integers >= 1; (2,) unless said.
+    sum_coefficients : array_like, shape (n, len(sum_exponents)), optional
+        g_ip >= 0; 0 unless given.
+
+    Raises
+    ------
+    InputError
+        If a shape differs, a matrix is not symmetric or not positive semidefinite (naming the
+        agent), or a weight or a coefficient of the sum is negative.
+
+    Examples
+    --------
+    One agent, two resources, f = x**2 + y**2 + (x + y)**2:
+
+    >>> own = PolynomialCosts([2], [[[1.0], [1.0]]])
+    >>> costs = CoupledCosts(own, weights=[[1.0, 1.0]], sum_coefficients=[[1.0]])
+    >>> costs.gradient(np.array([[1.0, 2.0]])).tolist()
+    [[8.0, 10.0]]
+    """
+
+    separable = False
+
+    def __init__(
+        self,
+        separable_part: PolynomialCosts,
+        quadratic: npt.ArrayLike | None = None,
+        weights: npt.ArrayLike | None = None,
+        sum_exponents: Sequence[int] = (2,),
+        sum_coefficients: npt.ArrayLike | None = None,
+    ) -> None:
+        self.separable_part = checks.instance(
+            "separable_part", separable_part, PolynomialCosts, "PolynomialCosts"
+        )
+        n, m = separable_part.n_agents, separable_part.n_resources
+        powers = checked_powers("sum_exponents", sum_exponents)
+        self.quadratic = checks.array(
+            "quadratic", np.zeros((n, m, m)) if quadratic is None else quadratic, (n, m, m)
+        )
+        self.weights = checks.array(
+            "weights", np.zeros((n, m)) if weights is None else weights, (n, m), low=0.0
+        )
+        self.sum_exponents = powers
+        self.sum_coefficients = checks.array(
+            "sum_coefficients",
+            np.zeros((n, len(powers))) if sum_coefficients is None else sum_coefficients,
+            (n, len(powers)),
+            low=0.0,
+        )
+        self._check_quadratic()
+        #: (D, n): the derivative of the function of the weighted sum, lowest power first.
+        self.sum_slopes = dense_slopes(powers, self.sum_coefficients)
+
+    def _check_quadratic(self) -> None:
+        skew = np.abs(self.quadratic - self.quadratic.transpose(0, 2, 1)).max(axis=(1, 2))
+        scale = np.maximum(np.abs(self.quadratic).max(axis=(1, 2)), 1e-300)
+        if (skew > 1e-12 * scale).any():
+            agent = int(np.argmax(skew > 1e-12 * scale))
+            raise InputError.of(f"quadratic[{agent}]", self.quadratic[agent].tolist(), "symmetric")
+        smallest = np.linalg.eigvalsh(self.quadratic)[:, 0]
+        if (smallest < -1e-9 * scale).any():
+            agent = int(np.argmax(smallest < -1e-9 * scale))
+            raise InputError.of(
+                f"quadratic[{agent}]",
+                self.quadratic[agent].tolist(),
+                "positive semidefinite",
+                f"its smallest eigenvalue is {smallest[agent]:g}; costs must be convex",
+            )
+
+    @property
+    def n_agents(self) -> int:
+        """Number of agents, n."""
+        return self.separable_part.n_agents
+
+    @property
+    def n_resources(self) -> int:
+        """Number of resources, m."""
+        return self.separable_part.n_resources
+
+    @property
+    def proven(self) -> bool:
+        """True if the separable part is proven and no entry of a quadratic form is negative."""
+        return self.separable_part.proven and bool((self.quadratic >= 0).all())
+
+    def _weighted_sum(self, allocation: FloatArray) -> FloatArray:
+        return np.asarray((self.weights * allocation).sum(axis=1))
+
+    def value(self, allocation: FloatArray) -> FloatArray:
+        """Evaluate f_i(x_i).
+
+        Parameters
+        ----------
+        allocation : ndarray, shape (n, m)
+            In units of the resources.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            In units of cost.
+        """
+        weighted = self._weighted_sum(allocation)
+        dense = self.sum_slopes / np.arange(1, len(self.sum_slopes) + 1)[:, None]
+        form = 0.5 * np.einsum("ij,ijk,ik->i", allocation, self.quadratic, allocation)
+        return np.asarray(self.separable_part.value(allocation) + form + horner(dense, weighted) * weighted)
+
+    def gradient(self, allocation: FloatArray) -> FloatArray:
+        """Evaluate grad_j f_i(x_i).
+
+        Parameters
+        ----------
+        allocation : ndarray, shape (n, m)
+            In units of the resources.
+
+        Returns
+        -------
+        ndarray, shape (n, m)
+            In units of cost per unit of the resource.
+        """
+        slope = horner(self.sum_slopes, self._weighted_sum(allocation))
+        form = np.einsum("ijk,ik->ij", self.quadratic, allocation)
+        return np.asarray(self.separable_part.gradient(allocation) + form + self.weights * slope[:, None])
+
+    def hessian(self, allocation: FloatArray) -> FloatArray:
+        """Evaluate the second derivatives of f_i at x_i.
+
+        Parameters
+        ----------
+        allocation : ndarray, shape (n, m)
+            In units of the resources.
+
+        Returns
+        -------
+        ndarray, shape (n, m, m)
+            In units of cost per product of the two resources' units.
+        """
+        curvature = self.sum_slopes[1:] * np.arange(1, len(self.sum_slopes))[:, None]
+        bend = horner(curvature, self._weighted_sum(allocation))
+        outer = self.weights[:, :, None] * self.weights[:, None, :]
+        return np.asarray(
+            self.separable_part.hessian(allocation) + self.quadratic + bend[:, None, None] * outer
+        )

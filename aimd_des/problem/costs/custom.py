@@ -1,0 +1,204 @@
+"""Costs from the user's own functions, one agent at a time."""
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.utils import validation as checks
+from aimd_des.utils.validation import FloatArray
+from aimd_des.problem.costs.base import sample_box
+from aimd_des.utils.errors import InputError
+
+__all__ = ["CustomCosts"]
+
+# A central difference with this relative step is good to about 1e-9 of the derivative's scale;
+# the tolerance leaves three digits for functions that are themselves rounded.
+_STEP = np.cbrt(np.finfo(float).eps)
+_TOLERANCE = 1e-6
+
+
+class CustomCosts:
+    """Costs given by functions of (agent, allocation).
+
+    Parameters
+    ----------
+    n_agents : int
+        Number of agents, n.
+    n_resources : int
+        Number of resources, m.
+    value : callable
+        ``value(agent, allocation) -> float``: f_i at the agent's allocation, an (m,) array in
+        units of the resources.
+    gradient : callable
+        ``gradient(agent, allocation) -> (m,)``: its partial derivatives.
+    hessian : callable, optional
+        ``hessian(agent, allocation) -> (m, m)``: its second derivatives; central differences of
+        the gradient unless given.
+    separable : bool
+        Whether no f_i couples resources; only tells, nothing is faster for it.
+
+    Raises
+    ------
+    InputError
+        If a size is no positive integer, or something that should be a function cannot be called.
+
+    Notes
+    -----
+    `Problem` holds the gradient against finite differences of the value and checks that the
+    costs are convex and increasing, on samples of the box that the capacities span.
+
+    Examples
+    --------
+    >>> costs = CustomCosts(
+    ...     2, 1, value=lambda i, x: (i + 1) * x[0] ** 2, gradient=lambda i, x: [2 * (i + 1) * x[0]]
+    ... )
+    >>> costs.gradient(np.array([[1.0], [1.0]])).tolist()
+    [[2.0], [4.0]]
+    """
+
+    proven = False
+
+    def __init__(
+        self,
+        n_agents: int,
+        n_resources: int,
+        value: Callable[[int, FloatArray], float],
+        gradient: Callable[[int, FloatArray], npt.ArrayLike],
+        hessian: Callable[[int, FloatArray], npt.ArrayLike] | None = None,
+        *,
+        separable: bool = False,
+    ) -> None:
+        self.n_agents = checks.integer("n_agents", n_agents, low=1)
+        self.n_resources = checks.integer("n_resources", n_resources, low=1)
+        for name, function in (("value", value), ("gradient", gradient), ("hessian", hessian)):
+            if not callable(function) and not (name == "hessian" and function is None):
+                raise InputError.of(name, function, "a function of (agent, allocation)")
+        self.agent_value = value
+        self.agent_gradient = gradient
+        self.agent_hessian = hessian
+        self.separable = checks.flag("separable", separable)
+
+    def value(self, allocation: FloatArray) -> FloatArray:
+        """Evaluate f_i(x_i).
+
+        Parameters
+        ----------
+        allocation : ndarray, shape (n, m)
+            In units of the resources.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            In units of cost.
+        """
+        return _of_all("value", self.agent_value, allocation, ())
+
+    def gradient(self, allocation: FloatArray) -> FloatArray:
+        """Evaluate grad_j f_i(x_i).
+
+        Parameters
+        ----------
+        allocation : ndarray, shape (n, m)
+            In units of the resources.
+
+        Returns
+        -------
+        ndarray, shape (n, m)
+            In units of cost per unit of the resource.
+        """
+        return _of_all("gradient", self.agent_gradient, allocation, (self.n_resources,))
+
+    def hessian(self, allocation: FloatArray) -> FloatArray:
+        """Evaluate the second derivatives of f_i at x_i, by differences where no function is given.
+
+        Parameters
+        ----------
+        allocation : ndarray, shape (n, m)
+            In units of the resources.
+
+        Returns
+        -------
+        ndarray, shape (n, m, m)
+            In units of cost per product of the two resources' units.
+        """
+        if self.agent_hessian is not None:
+            shape = (self.n_resources, self.n_resources)
+            return _of_all("hessian", self.agent_hessian, allocation, shape)
+        columns = []
+        for resource in range(self.n_resources):
+            ahead, behind, width = _straddle(allocation, resource)
+            columns.append((self.gradient(ahead) - self.gradient(behind)) / width[:, None])
+        half = np.stack(columns, axis=2)
+        return np.asarray(0.5 * (half + half.transpose(0, 2, 1)))
+
+    def check_gradient(self, upper: FloatArray, n_points: int = 8) -> None:
+        """Hold the gradient against central differences of the value on samples of the box.
+
+        Parameters
+        ----------
+        upper : ndarray, shape (m,)
+            The box's upper corner, in units of the resources.
+        n_points : int
+            How many points to look at.
+
+        Raises
+        ------
+        InputError
+            Naming the first agent, resource and point at which the two differ.
+        """
+        for point in sample_box(upper, n_points):
+            allocation = np.tile(point, (self.n_agents, 1))
+            gradient = self.gradient(allocation)
+            scale = np.abs(gradient).max(axis=1)
+            for resource in range(self.n_resources):
+                ahead, behind, width = _straddle(allocation, resource)
+                values = self.value(ahead), self.value(behind)
+                slope = (values[0] - values[1]) / width
+                # What rounding of the values themselves leaves in their difference.
+                noise = 8 * np.finfo(float).eps * np.maximum(*np.abs(values)) / width
+                wrong = ~(np.abs(slope - gradient[:, resource]) <= _TOLERANCE * scale + noise)
+                if wrong.any():
+                    agent = int(np.argmax(wrong))
+                    where = np.array2string(point, precision=6, separator=", ")
+                    raise InputError.of(
+                        f"gradient(agent={agent})[{resource}] at x = {where}",
+                        float(gradient[agent, resource]),
+                        f"the derivative of value, {slope[agent]:.9g} by central differences",
+                        "correct the gradient function",
+                    )
+
+
+def _of_all(
+    name: str,
+    function: Callable[[int, FloatArray], npt.ArrayLike],
+    allocation: FloatArray,
+    shape: tuple[int, ...],
+) -> FloatArray:
+    """Call a function of the user's for every agent; refuse what it returns if it has another shape."""
+    table = np.empty((len(allocation), *shape))
+    for agent, row in enumerate(allocation):
+        returned = function(agent, row)
+        field = f"{name}(agent={agent})"
+        try:
+            if returned is None:  # which NumPy takes for not a number
+                raise TypeError
+            clean = np.asarray(returned, dtype=float)
+        except (TypeError, ValueError):
+            allowed = f"numbers of shape {shape}" if shape else "a number"
+            raise InputError.of(field, returned, allowed) from None
+        if clean.shape != shape:
+            raise InputError.of(f"shape of {field}", clean.shape, f"{shape}")
+        table[agent] = clean
+    return table
+
+
+def _straddle(allocation: FloatArray, resource: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Move one coordinate a step up and a step down; costs need not be defined below zero, so stop there."""
+    own = allocation[:, resource]
+    # A step in proportion to the coordinate; where that is next to nothing, to what others hold.
+    step = _STEP * np.maximum(own, 1e-3 * own.max() or 1e-3)
+    ahead, behind = allocation.copy(), allocation.copy()
+    ahead[:, resource] += step
+    behind[:, resource] = np.maximum(behind[:, resource] - step, 0.0)
+    return ahead, behind, ahead[:, resource] - behind[:, resource]

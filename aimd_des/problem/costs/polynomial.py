@@ -1,0 +1,200 @@
+"""Separable polynomial costs, f_i(x) = sum_jp c_ijp * (x^j)^p; eq. (cost_fn) of the paper is one."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.utils import validation as checks
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.errors import InputError
+
+__all__ = ["PolynomialCosts", "checked_powers", "dense_slopes"]
+
+_MAX_EXPONENT = 64
+
+
+def dense_slopes(exponents: Sequence[int], coefficients: FloatArray) -> FloatArray:
+    """Turn sum_p c_p x**p into the coefficients of its derivative, lowest power first.
+
+    Parameters
+    ----------
+    exponents : sequence of int
+        The powers p >= 1.
+    coefficients : ndarray, shape (..., len(exponents))
+        One coefficient per power.
+
+    Returns
+    -------
+    ndarray, shape (max(exponents), ...)
+        Row d holds (d + 1) * c_(d+1), the factor of x**d in the derivative; ready for Horner's
+        scheme, which needs no powers and so gives the same bits everywhere.
+    """
+    slopes = np.zeros((max(exponents), *coefficients.shape[:-1]))
+    for position, exponent in enumerate(exponents):
+        slopes[exponent - 1] += exponent * coefficients[..., position]
+    return slopes
+
+
+def horner(rows: FloatArray, x: FloatArray) -> FloatArray:
+    """Evaluate polynomials elementwise by Horner's scheme.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (D, ...)
+        Coefficients, lowest power first.
+    x : ndarray, shape (...)
+        The arguments.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        The values.
+    """
+    total = np.zeros_like(x)
+    for row in rows[::-1]:
+        total = total * x + row
+    return total
+
+
+def checked_powers(field: str, exponents: object) -> tuple[int, ...]:
+    """Return the powers of a polynomial, or refuse them.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave them.
+    exponents : object
+        What was given.
+
+    Returns
+    -------
+    tuple of int
+        At least one, each once.
+
+    Raises
+    ------
+    InputError
+        If they are no integers from 1 to 64, or one stands there twice.
+    """
+    given = list(exponents) if checks.axes(exponents) else []  # type: ignore[call-overload]  # it has elements
+    powers = tuple(
+        checks.integer(f"{field}[{position}]", power, low=1, high=_MAX_EXPONENT)
+        for position, power in enumerate(given)
+    )
+    if not powers or len(set(powers)) != len(powers):
+        raise InputError.of(field, exponents, "one or more different integers")
+    return powers
+
+
+class PolynomialCosts:
+    """Costs that are polynomials without cross terms, one per agent and resource.
+
+    Parameters
+    ----------
+    exponents : sequence of int
+        The powers p, integers from 1 to 64, each once.
+    coefficients : array_like, shape (n, m, len(exponents))
+        c_ijp, in units of cost per unit of resource j to the power p.  Negative ones are
+        allowed where the sum still is convex and increasing (`Problem` checks that).
+
+    Raises
+    ------
+    InputError
+        If an exponent is no integer in the range or stands twice, or the coefficients have
+        another shape or are not finite, or their products with the exponents are not.
+
+    Examples
+    --------
+    Two agents, one resource, f_0 = x**2 and f_1 = 2 x**2 + x**4:
+
+    >>> costs = PolynomialCosts(exponents=[2, 4], coefficients=[[[1, 0]], [[2, 1]]])
+    >>> costs.gradient(np.array([[1.0], [1.0]])).tolist()
+    [[2.0], [8.0]]
+    """
+
+    separable = True
+
+    def __init__(self, exponents: Sequence[int], coefficients: npt.ArrayLike) -> None:
+        powers = self.exponents = checked_powers("exponents", exponents)
+        self.coefficients = checks.array(
+            "coefficients",
+            coefficients,
+            ("n_agents", "n_resources", len(powers)),
+            remedy="give one finite number for each agent, resource and exponent",
+        )
+        if 0 in self.coefficients.shape:
+            raise InputError.of(
+                "shape of coefficients", self.coefficients.shape, "at least 1 in each direction"
+            )
+        #: (D, n, m): the derivative by each resource as a dense polynomial, lowest power first.
+        with np.errstate(over="ignore"):
+            self.slopes = dense_slopes(powers, self.coefficients)
+        if not np.isfinite(self.slopes).all():
+            largest = float(abs(self.coefficients).max())
+            raise InputError.of(
+                "largest of coefficients", largest, "small enough for derivatives to be finite"
+            )
+
+    @property
+    def n_agents(self) -> int:
+        """Number of agents, n."""
+        return int(self.coefficients.shape[0])
+
+    @property
+    def n_resources(self) -> int:
+        """Number of resources, m."""
+        return int(self.coefficients.shape[1])
+
+    @property
+    def proven(self) -> bool:
+        """True if no coefficient is negative and every polynomial has a term: nothing need be sampled."""
+        return bool((self.coefficients >= 0).all() and (self.coefficients > 0).any(axis=2).all())
+
+    def value(self, allocation: FloatArray) -> FloatArray:
+        """Evaluate f_i(x_i).
+
+        Parameters
+        ----------
+        allocation : ndarray, shape (n, m)
+            In units of the resources.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            In units of cost.
+        """
+        dense = self.slopes / np.arange(1, len(self.slopes) + 1)[:, None, None]
+        return np.asarray((horner(dense, allocation) * allocation).sum(axis=1))
+
+    def gradient(self, allocation: FloatArray) -> FloatArray:
+        """Evaluate grad_j f_i(x_i).
+
+        Parameters
+        ----------
+        allocation : ndarray, shape (n, m)
+            In units of the resources.
+
+        Returns
+        -------
+        ndarray, shape (n, m)
+            In units of cost per unit of the resource.
+        """
+        return horner(self.slopes, allocation)
+
+    def hessian(self, allocation: FloatArray) -> FloatArray:
+        """Evaluate the second derivatives of f_i at x_i, a diagonal matrix per agent.
+
+        Parameters
+        ----------
+        allocation : ndarray, shape (n, m)
+            In units of the resources.
+
+        Returns
+        -------
+        ndarray, shape (n, m, m)
+            In units of cost per product of the two resources' units.
+        """
+        curvature = self.slopes[1:] * np.arange(1, len(self.slopes))[:, None, None]
+        diagonal = horner(curvature, allocation)
+        return np.asarray(diagonal[:, :, None] * np.eye(self.n_resources))

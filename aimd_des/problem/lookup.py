@@ -1,0 +1,101 @@
+"""Agents and resources by name or by index, as readings, interventions and processes are given them."""
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+from typing import Any
+
+from aimd_des.utils import validation as checks
+from aimd_des.utils.errors import InputError
+from aimd_des.problem.problem import Problem
+
+__all__ = ["Agents", "agent_index", "agent_indices", "resource_index"]
+
+#: One agent or several, by name or by index.
+Agents = str | int | Sequence[str | int]
+
+
+def _index(field: str, names: Sequence[str], given: object) -> int:
+    """Find one of the names, or take an index for what it is."""
+    if type(given) is int and 0 <= given < len(names):
+        return given  # at once: whoever looks at totals asks for nothing else
+    if not isinstance(given, str):
+        return checks.integer(field, given, low=0, high=len(names) - 1)
+    if given in names:
+        return names.index(given)
+    near = get_close_matches(given, names, n=1)
+    allowed = ", ".join(names) if len(names) <= 12 else f"{len(names)} names, {names[0]} to {names[-1]}"
+    raise InputError.of(field, given, f"one of {allowed}", f"did you mean {near[0]!r}?" if near else "")
+
+
+def resource_index(problem: Problem, resource: str | int) -> int:
+    """Find a resource.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is shared.
+    resource : str or int
+        Its name, or j.
+
+    Returns
+    -------
+    int
+        j.
+
+    Raises
+    ------
+    InputError
+        If there is none; with the nearest name.
+    """
+    return _index("resource", problem.resource_names, resource)
+
+
+def agent_index(problem: Problem, agent: str | int) -> int:
+    """Find an agent.
+
+    Parameters
+    ----------
+    problem : Problem
+        Who shares.
+    agent : str or int
+        Its name, or i.
+
+    Returns
+    -------
+    int
+        i.
+
+    Raises
+    ------
+    InputError
+        If there is none; with the nearest name.
+    """
+    return _index("agent", problem.agent_names, agent)
+
+
+def agent_indices(problem: Problem, agents: Agents) -> list[int]:
+    """Find agents.
+
+    Parameters
+    ----------
+    problem : Problem
+        Who shares.
+    agents : str, int or sequence of these
+        Names, or i.
+
+    Returns
+    -------
+    list of int
+        Each i, in the order given.
+
+    Raises
+    ------
+    InputError
+        If there is no such agent, one is named twice, or none is named.
+    """
+    # One that is no list is looked up, or refused, as one agent.
+    given: list[Any] = list(agents) if checks.axes(agents) else [agents]  # type: ignore[arg-type]  # it has elements
+    found = [agent_index(problem, agent) for agent in given]
+    if not found or len(set(found)) != len(found):
+        raise InputError.of("agents", given, "one agent or several different ones")
+    return found

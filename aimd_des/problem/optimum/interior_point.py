@@ -1,0 +1,228 @@
+"""The primal-dual interior point method that solves for the optimum.
+
+With y the shares x_i^j / (C^j / n), nu the multipliers of the capacities and z >= 0 those of the
+bounds, Newton's method is applied to
+
+    grad f_i(y_i) - nu - z_i = 0,   sum_i y_i = n,   y_i^j z_i^j = tau w^j
+
+while tau goes to 0; w^j, the mean price paid for resource j, puts resources of any price on one
+scale.  A step costs n solves with the m x m blocks of the agents and one with the m x m Schur
+complement, so the work is linear in n.
+
+Sources: J. Nocedal and S. J. Wright, Numerical Optimization, 2nd ed., 2006, chapter 14.2 for predictor
+and corrector, 16.6 for quadratic and 19.2 for general costs; M. Colombo and J. Gondzio, Comput.
+Optim. Appl. 41 (2008), for the weight of the corrector.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from aimd_des.utils.validation import FloatArray
+from aimd_des.problem.optimum.starting_point import ScaledCosts, power_law_start
+
+__all__ = ["Point", "follow_central_path", "kkt_residual"]
+
+# A multiple of each block's diagonal that keeps it invertible where the Hessian is singular (costs
+# that are linear in some direction).  It bends the Newton direction a little, never the solution.
+_REGULARIZATION = 1e-14
+# Where share and reduced gradient both vanish, each ends at the square root of this.
+_SMALLEST_TAU = 1e-22
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A point on the way to the optimum.
+
+    Parameters
+    ----------
+    shares : ndarray, shape (n, m)
+        y > 0, multiples of the equal share.
+    multipliers : ndarray, shape (m,)
+        nu, the multipliers of the capacities, in units of cost.
+    bound_multipliers : ndarray, shape (n, m)
+        z > 0, the multipliers of the bounds, in units of cost.
+    gradient : ndarray, shape (n, m)
+        The derivatives of the costs by the shares, in units of cost.
+    """
+
+    shares: FloatArray
+    multipliers: FloatArray
+    bound_multipliers: FloatArray
+    gradient: FloatArray
+
+    @cached_property
+    def price(self) -> FloatArray:
+        """The mean price paid, w (m,): equal to nu at the optimum and positive everywhere."""
+        return np.asarray((self.shares * self.gradient).mean(axis=0))
+
+    @cached_property
+    def tau(self) -> float:
+        """The mean of y z / w: how far down the central path the point is."""
+        return float((self.shares * self.bound_multipliers / self.price).mean())
+
+
+@dataclass(frozen=True, eq=False)
+class _Direction:
+    shares: FloatArray
+    multipliers: FloatArray
+    bound_multipliers: FloatArray
+
+
+def kkt_residual(shares: FloatArray, gradient: FloatArray, multipliers: FloatArray) -> float:
+    """Evaluate the residual that `solve_optimum` defines.
+
+    Parameters
+    ----------
+    shares, gradient : ndarray, shape (n, m)
+        Multiples of the equal share, and the derivatives of the costs by them.
+    multipliers : ndarray, shape (m,)
+        nu, in units of cost.
+
+    Returns
+    -------
+    float
+        Infinite where a multiplier is not positive or a derivative is not finite.
+    """
+    if not ((multipliers > 0).all() and np.isfinite(gradient).all()):
+        return float(np.inf)
+    reduced = gradient / multipliers - 1
+    feasibility = np.abs(shares.mean(axis=0) - 1).max()
+    stationarity = np.abs(np.minimum(shares, reduced)).max()
+    complementarity = (shares * np.maximum(reduced, 0)).max()
+    return float(max(feasibility, stationarity, complementarity))
+
+
+def follow_central_path(scaled: ScaledCosts, tolerance: float, max_iterations: int) -> tuple[Point, int]:
+    """Take Newton steps until the residual is within the tolerance.
+
+    Parameters
+    ----------
+    scaled : ScaledCosts
+        The costs of shares.
+    tolerance : float
+        The KKT residual to reach.
+    max_iterations : int
+        Newton steps after which to stop.
+
+    Returns
+    -------
+    point : Point
+        The last point, whether its residual is small enough or not.
+    iterations : int
+        Newton steps taken; fewer than the maximum also where none leads on.
+    """
+    point = _start(scaled)
+    for iteration in range(max_iterations):
+        if kkt_residual(point.shares, point.gradient, point.multipliers) <= tolerance:
+            return point, iteration
+        following = _newton_step(scaled, point)
+        if following is None:
+            return point, iteration
+        point = following
+    return point, max_iterations
+
+
+def _start(scaled: ScaledCosts) -> Point:
+    """Put bound multipliers to the shares that a power law gives, near the central path of tau = 1."""
+    shares, gradient, multipliers = power_law_start(scaled)
+    price = (shares * gradient).mean(axis=0)
+    central = 0.1 * price / np.maximum(shares, 0.1)
+    return Point(shares, multipliers, np.maximum(gradient - multipliers, central), gradient)
+
+
+def _newton_step(scaled: ScaledCosts, point: Point) -> Point | None:
+    """Take one step: a predictor chooses the next tau, a corrected direction goes there; None if it fails."""
+    y, z, price = point.shares, point.bound_multipliers, point.price
+    blocks = scaled.hessian(y)
+    np.einsum("ijj->ij", blocks)[...] += z / y
+    inverse = _inverse(blocks)
+    predictor = _newton_direction(point, inverse, y * z)
+    reach_y = _step_to_bound(y, predictor.shares, 1.0)
+    reach_z = _step_to_bound(z, predictor.bound_multipliers, 1.0)
+    products = (y + reach_y * predictor.shares) * (z + reach_z * predictor.bound_multipliers)
+    # Mehrotra's rule: aim low if the predictor could go far.
+    centring = np.clip((float((products / price).mean()) / point.tau) ** 3, 1e-6, 1.0)
+    target = max(centring * point.tau, _SMALLEST_TAU) * price
+    # The corrector saves steps, but misleads where the predictor could not go far, and may lead uphill.
+    corrector = min(reach_y, reach_z) ** 2 * predictor.shares * predictor.bound_multipliers
+    for correction, halvings in ((corrector, 3), (0.0, 40)):
+        direction = _newton_direction(point, inverse, y * z + correction - target)
+        found = _line_search(scaled, point, direction, target, halvings)
+        if found is not None:
+            break
+    else:
+        return None
+    step, gradient = found
+    step_z = _step_to_bound(z, direction.bound_multipliers, _fraction_to_bound(point.tau))
+    return Point(
+        y + step * direction.shares,
+        point.multipliers + step * direction.multipliers,
+        z + step_z * direction.bound_multipliers,
+        gradient,
+    )
+
+
+def _unit_diagonal(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Scale rows and columns, (..., m), so that the diagonals are 1: prices may differ by any factor."""
+    scale = 1.0 / np.sqrt(np.einsum("...jj->...j", matrices))
+    return matrices * (scale[..., :, None] * scale[..., None, :]), scale
+
+
+def _inverse(blocks: FloatArray) -> FloatArray:
+    """Invert the positive definite blocks (n, m, m), nearly singular ones included."""
+    unit, scale = _unit_diagonal(blocks)
+    np.einsum("ijj->ij", unit)[...] = 1.0 + _REGULARIZATION
+    return np.asarray(np.linalg.inv(unit) * (scale[:, :, None] * scale[:, None, :]))
+
+
+def _newton_direction(point: Point, inverse: FloatArray, products: FloatArray) -> _Direction:
+    """Solve the Newton system in which y z is to change by -`products`.
+
+    dz is eliminated first, then the blocks of the agents, which leaves m equations for d nu.
+    """
+    y, z = point.shares, point.bound_multipliers
+    free = np.einsum("ijk,ik->ij", inverse, point.multipliers + z - point.gradient - products / y)
+    lacking = (1 - y).sum(axis=0) - free.sum(axis=0)
+    schur, scale = _unit_diagonal(inverse.sum(axis=0))
+    multipliers = scale * np.linalg.solve(schur, scale * lacking)
+    shares = free + inverse @ multipliers
+    return _Direction(shares, multipliers, -(products + z * shares) / y)
+
+
+def _step_to_bound(values: FloatArray, direction: FloatArray, fraction: float) -> float:
+    """Return the longest step, at most 1, that goes no further than a fraction of the way to the bound 0."""
+    shrinking = direction < 0
+    if not shrinking.any():
+        return 1.0
+    return min(1.0, fraction * float((-values[shrinking] / direction[shrinking]).min()))
+
+
+def _fraction_to_bound(tau: float) -> float:
+    """Go nearer to the bound as tau vanishes, so that convergence is fast, but never onto it."""
+    return float(np.clip(1.0 - tau, 0.995, 1.0 - 1e-8))
+
+
+def _line_search(
+    scaled: ScaledCosts, point: Point, direction: _Direction, target: FloatArray, halvings: int
+) -> tuple[float, FloatArray] | None:
+    """Halve the step until the barrier function sum_i f_i - sum target log(y) no longer rises steeply.
+
+    Slopes decide, not values: near the optimum differences of values are rounding.  nu is taken off
+    the gradient because shares move along the capacity constraint, where it adds nothing but rounding.
+    """
+
+    def slope(shares: FloatArray, gradient: FloatArray) -> float:
+        return float(((gradient - point.multipliers - target / shares) * direction.shares).sum())
+
+    steepest = 0.5 * abs(slope(point.shares, point.gradient))
+    step = _step_to_bound(point.shares, direction.shares, _fraction_to_bound(point.tau))
+    for _ in range(halvings):
+        shares = point.shares + step * direction.shares
+        gradient = scaled.gradient(shares)
+        rounding = float((gradient * (1e-12 * np.abs(direction.shares) + 1e-15 * shares)).sum())
+        if np.isfinite(gradient).all() and slope(shares, gradient) <= steepest + rounding:
+            return step, gradient
+        step /= 2
+    return None

@@ -1,0 +1,180 @@
+"""What is shared, by how many, and at what private cost: eq. (obj_fn1) of the paper.
+
+minimise sum_i f_i(x_i)  subject to  sum_i x_i^j = C^j and x_i^j >= 0.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aimd_des.utils import validation as checks
+from aimd_des.utils.validation import FloatArray
+from aimd_des.problem.costs import Costs, CustomCosts, check_on_box
+from aimd_des.utils.errors import InputError
+
+__all__ = ["Problem", "Resource"]
+
+
+@dataclass(frozen=True, eq=False)
+class Resource:
+    """One shared resource and the AIMD parameters that go with it.
+
+    Parameters
+    ----------
+    name : str
+        What the frames and figures call it.
+    capacity : float
+        C > 0, in `unit`.
+    increase : float or array_like, shape (n,)
+        alpha > 0: what an agent adds per time step (discrete) or per unit of time (continuous),
+        in `unit`.
+    decrease : float or array_like, shape (n,)
+        beta, 0 <= beta < 1: what a response multiplies the demand by.
+    normalization : float
+        Gamma > 0: scales derivatives of the cost to response probabilities.
+    threshold : float
+        gamma, 0 < gamma <= 1: a capacity event is due when total demand exceeds
+        ``threshold * capacity``.
+    unit : str
+        The unit of capacity and demand, for labels.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range.
+    """
+
+    name: str
+    capacity: float
+    increase: float | FloatArray
+    decrease: float | FloatArray
+    normalization: float
+    threshold: float = 1.0
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        checks.text("name of a resource", self.name)
+        checks.text(f"unit of {self.name}", self.unit, empty=True)
+        clean = {
+            "capacity": checks.number(self._field("capacity"), self.capacity, low=0.0, low_open=True),
+            "increase": checks.per_agent(
+                self._field("increase"),
+                self.increase,
+                low=0.0,
+                low_open=True,
+                remedy="an agent that never adds demand cannot take part",
+            ),
+            "decrease": checks.per_agent(
+                self._field("decrease"),
+                self.decrease,
+                low=0.0,
+                high=1.0,
+                high_open=True,
+                remedy="a response must reduce the demand",
+            ),
+            "normalization": checks.number(
+                self._field("normalization"), self.normalization, low=0.0, low_open=True
+            ),
+            "threshold": checks.number(
+                self._field("threshold"), self.threshold, low=0.0, low_open=True, high=1.0
+            ),
+        }
+        for name, value in clean.items():
+            object.__setattr__(self, name, value)
+
+    def _field(self, name: str) -> str:
+        return f"{name} of {self.name}"
+
+
+class Problem:
+    """n agents that share m resources.
+
+    Parameters
+    ----------
+    resources : sequence of Resource
+        The m resources, with different names.
+    costs : Costs
+        The private costs of all n agents.
+    agent_names : sequence of str, optional
+        n different names for the frames; "0", "1", ... unless given.
+
+    Attributes
+    ----------
+    n_agents, n_resources : int
+        n and m.
+    capacity, threshold, normalization : ndarray, shape (m,)
+        One value per resource; `threshold` is the share gamma, not its product with C.
+    increase, decrease : ndarray, shape (n, m)
+        alpha and beta of each agent.
+
+    Raises
+    ------
+    InputError
+        If there is no resource, names repeat, shapes do not fit the costs, or the costs are
+        not convex and increasing (naming the agent and the point).
+    """
+
+    def __init__(
+        self, resources: Sequence[Resource], costs: Costs, *, agent_names: Sequence[str] | None = None
+    ) -> None:
+        self.resources = checks.instances("resources", resources, Resource, "a Resource")
+        allowed = "costs, such as PolynomialCosts or CustomCosts"
+        self.costs = checks.instance("costs", costs, Costs, allowed)
+        names = [resource.name for resource in self.resources]
+        if not names or len(set(names)) != len(names):
+            raise InputError.of("names of the resources", names, "one or more, each different")
+        if costs.n_resources != len(names):
+            raise InputError.of(
+                "costs.n_resources", costs.n_resources, f"{len(names)}, the number of resources"
+            )
+        self.n_agents, self.n_resources = costs.n_agents, costs.n_resources
+        self.capacity = self._row("capacity")
+        self.threshold = self._row("threshold")
+        self.normalization = self._row("normalization")
+        self.increase = self._table("increase")
+        self.decrease = self._table("decrease")
+        self.agent_names = self._names_of_agents(agent_names)
+        self._check_costs()
+
+    @property
+    def resource_names(self) -> tuple[str, ...]:
+        """Names of the resources, in order."""
+        return tuple(resource.name for resource in self.resources)
+
+    @property
+    def limit(self) -> FloatArray:
+        """Total demand above which a capacity event is due: threshold times capacity, shape (m,)."""
+        return self.threshold * self.capacity
+
+    def _row(self, name: str) -> FloatArray:
+        row = np.array([getattr(resource, name) for resource in self.resources], dtype=np.float64)
+        row.setflags(write=False)
+        return row
+
+    def _table(self, name: str) -> FloatArray:
+        """Spread scalars over the agents: (n, m)."""
+        table = np.empty((self.n_agents, self.n_resources))
+        for j, resource in enumerate(self.resources):
+            value = getattr(resource, name)
+            checks.fits(f"{name} of {resource.name}", value, self.n_agents)
+            table[:, j] = value
+        table.setflags(write=False)
+        return table
+
+    def _names_of_agents(self, given: Sequence[str] | None) -> tuple[str, ...]:
+        if given is None:
+            return tuple(map(str, range(self.n_agents)))
+        # A string alone is no list of names, though it is one of letters.
+        names = tuple(given) if checks.axes(given) else ()
+        for i, name in enumerate(names):
+            checks.text(f"agent_names[{i}]", name)
+        if len(names) != self.n_agents or len(set(names)) != len(names):
+            raise InputError.of("agent_names", given, f"{self.n_agents} different names")
+        return names
+
+    def _check_costs(self) -> None:
+        if isinstance(self.costs, CustomCosts):
+            self.costs.check_gradient(self.capacity)
+        if not self.costs.proven:
+            check_on_box(self.costs, self.capacity)

@@ -1,0 +1,166 @@
+"""The numbers that matter, and what they say in words."""
+
+from collections.abc import Callable, Collection, Mapping
+from math import isfinite, isnan
+from typing import Any, NamedTuple
+
+from aimd_des.report.html_page import Verdict
+
+__all__ = ["MEASURES", "Measure", "percent", "shown", "verdict"]
+
+
+class Measure(NamedTuple):
+    """How a measure is shown.
+
+    Attributes
+    ----------
+    title : str
+        Its name.
+    unit : str
+        In which the axes of charts show it.
+    meaning : str
+        In a sentence or two.
+    badness : callable
+        Is the larger the worse a value is.
+    words : callable
+        Says a value of it, as a share.
+    """
+
+    title: str
+    unit: str
+    meaning: str
+    badness: Callable[[float], float]
+    words: Callable[[float], str]
+
+
+def _used(share: float) -> str:
+    if share > 1.0:
+        return f"Mean demand is {percent(share - 1.0)} above the capacity."
+    if share >= 0.9:
+        return "Nearly all of the capacity is used."
+    return (
+        "A part of the capacity is left unused." if share >= 0.7 else "Much of the capacity is left unused."
+    )
+
+
+def _shared(share: float) -> str:
+    if share < 0.02:
+        return "What is used is shared almost as it is best."
+    return "What is used is shared about as it is best." if share < 0.1 else "What is used is shared wrongly."
+
+
+def _exceeded(peak: float) -> str:
+    if peak <= 1.0:
+        return "Demand never exceeded the capacity."
+    if peak < 1.15:
+        return "Demand exceeded the capacity by a little."
+    return "Demand exceeded the capacity by much."
+
+
+#: The three of the verdict, in its order.
+MEASURES = {
+    "utilisation": Measure(
+        "Utilisation",
+        "share of the capacity",
+        "The sum of the averages over the capacity. Demand swings below the capacity like the teeth of a saw,"
+        " so even a run without fault does not use all of it.",
+        lambda share: abs(share - 1.0),
+        _used,
+    ),
+    "misallocation": Measure(
+        "Misallocation",
+        "share of what is used",
+        "How far the averages are from the optimum for what is used: the sum of the differences over the sum"
+        " of the optimum. Half of it would have to change hands.",
+        abs,
+        _shared,
+    ),
+    "overshoot_peak": Measure(
+        "Overshoot",
+        "highest demand over the capacity",
+        "The highest total demand over the capacity: what signals that come late, or not at all, let happen.",
+        abs,
+        _exceeded,
+    ),
+}
+
+
+def percent(share: float, digits: int = 3) -> str:
+    """Write a share as a percentage.
+
+    Parameters
+    ----------
+    share : float
+        1 is 100 %.
+    digits : int
+        How many are written.
+
+    Returns
+    -------
+    str
+        A dash where it is no number.
+    """
+    if not isfinite(share):
+        return "–" if isnan(share) else "∞"
+    return f"{float(f'{100.0 * share:.{digits}g}'):,.10g} %"
+
+
+def shown(value: Any) -> str:
+    """Write a value for a table.
+
+    Parameters
+    ----------
+    value : object
+        A number or a word.
+
+    Returns
+    -------
+    str
+        Numbers that are not whole with four digits.
+    """
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        if not isfinite(value):
+            return "–" if isnan(value) else "∞"
+        return f"{value:,.4g}" if abs(value) < 1e4 else f"{value:,.0f}"
+    return f"{value:,d}" if isinstance(value, int) else str(value)
+
+
+def verdict(
+    name: str, values: Mapping[str, float], among: str, run_away: Collection[str] = ()
+) -> Verdict | None:
+    """Say the worst of several values in words.
+
+    Parameters
+    ----------
+    name : str
+        One of `MEASURES`.
+    values : mapping of str to float
+        The values, by what they are of.
+    among : str
+        What they are, in the plural.
+    run_away : collection of str
+        Of which of them demand has run away from the capacity.
+
+    Returns
+    -------
+    Verdict or None
+        None where none of them is a number.
+    """
+    measure = MEASURES[name]
+    known = {of: value for of, value in values.items() if isfinite(value)}
+    if not known:
+        return None
+    worst = max(known, key=lambda of: (of in run_away, measure.badness(known[of])))
+    others = [value for of, value in known.items() if of != worst]
+    words = [measure.words(known[worst])]
+    if worst in run_away:
+        words.append("In the second half of the run demand has run away from it.")
+    if others:
+        low, high = percent(min(others)), percent(max(others))
+        span = low if low == high else f"{low} to {high}"
+        words.append(f"This is the worst of the {among}: {worst}. The others: {span}.")
+    else:
+        words.append(f"This is {worst}.")
+    return Verdict(measure.title, percent(known[worst]), " ".join(words), measure.meaning)

@@ -1,0 +1,222 @@
+"""The measures that a run is judged by: pure functions of averages, optimum and capacities."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.jit import kernel
+from aimd_des.problem.costs import Costs
+
+__all__ = [
+    "Overshoot",
+    "Stretch",
+    "consensus_spread",
+    "cost_ratio",
+    "fold_overshoot",
+    "load_of",
+    "overshoot_of",
+    "relative_error",
+    "utilisation",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Overshoot:
+    """How far total demand went beyond capacity.
+
+    Attributes
+    ----------
+    peak : ndarray, shape (m,)
+        Highest total demand over the capacity; 1.05 is 5 % above.  What it is for no time, between two events
+        of one instant, does not count.
+    time : ndarray, shape (m,)
+        Share of time with total demand above capacity.
+    mean : ndarray, shape (m,)
+        Time average of what exceeds the capacity, over the capacity.
+    """
+
+    peak: FloatArray
+    time: FloatArray
+    mean: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """What total demand did over a stretch of time with one capacity; arrays have shape (m,).
+
+    Attributes
+    ----------
+    start, end : float
+        From when to when.
+    capacity : ndarray
+        C, in units of the resources.
+    peak : ndarray
+        Highest total demand, in units of the resources.
+    above : ndarray
+        For how long it was above capacity.
+    excess, used : ndarray
+        Integrals of what exceeded it, and of all, in units of the resources times time.
+    """
+
+    start: float
+    end: float
+    capacity: FloatArray
+    peak: FloatArray
+    above: FloatArray
+    excess: FloatArray
+    used: FloatArray
+
+    def overshoot(self) -> Overshoot:
+        """Measure this stretch alone.
+
+        Returns
+        -------
+        Overshoot
+            Against its own capacity.
+        """
+        length = self.end - self.start
+        return Overshoot(self.peak / self.capacity, self.above / length, self.excess / length / self.capacity)
+
+
+def load_of(stretches: Sequence[Stretch]) -> FloatArray:
+    """Integrate total demand over the capacity in force.
+
+    Parameters
+    ----------
+    stretches : sequence of Stretch
+        One after another from time 0 on, at least one.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        In units of time.
+    """
+    return np.asarray(np.sum([part.used / part.capacity for part in stretches], axis=0))
+
+
+def overshoot_of(stretches: Sequence[Stretch]) -> Overshoot:
+    """Put the overshoot of several stretches together.
+
+    Parameters
+    ----------
+    stretches : sequence of Stretch
+        One after another from time 0 on, at least one.
+
+    Returns
+    -------
+    Overshoot
+        Of the whole time, each stretch against its own capacity.
+    """
+    until = stretches[-1].end
+    peak, above, mean = np.zeros((3, len(stretches[0].capacity)))
+    for part in stretches:
+        peak = np.maximum(peak, part.peak / part.capacity)
+        above += part.above
+        mean += part.excess / until / part.capacity
+    return Overshoot(peak, above / until, mean)
+
+
+@kernel
+def fold_overshoot(
+    total: FloatArray,
+    capacity: FloatArray,
+    duration: float,
+    peak: FloatArray,
+    above: FloatArray,
+    excess: FloatArray,
+    used: FloatArray,
+) -> None:
+    """Fold in an interval over which total demand was constant.
+
+    Parameters
+    ----------
+    total, capacity : ndarray, shape (m,)
+        Total demand over the interval, and capacities, in units of the resources.
+    duration : float
+        Length of the interval.
+    peak, above, excess, used : ndarray, shape (m,)
+        Running maximum of the total, time above capacity, and integrals of what exceeds it and of all.
+    """
+    for j in range(capacity.shape[0]):
+        peak[j] = max(peak[j], total[j])
+        used[j] += total[j] * duration
+        over = total[j] - capacity[j]
+        if over > 0.0:
+            above[j] += duration
+            excess[j] += over * duration
+
+
+def relative_error(average: FloatArray, optimum: FloatArray) -> FloatArray:
+    """Compute ``sum_i |x-bar_i - x*_i| / sum_i x*_i`` for each resource (the paper, section V).
+
+    Parameters
+    ----------
+    average, optimum : ndarray, shape (..., n, m)
+        Averages and optimal allocations, in units of the resources.
+
+    Returns
+    -------
+    ndarray, shape (..., m)
+        A pure number.  Against the optimum for the capacities actually used it is called misallocation.
+    """
+    return np.asarray(np.abs(average - optimum).sum(axis=-2) / optimum.sum(axis=-2))
+
+
+def utilisation(average: FloatArray, capacity: FloatArray) -> FloatArray:
+    """Compute ``sum_i x-bar_i^j / C^j``.
+
+    Parameters
+    ----------
+    average : ndarray, shape (..., n, m)
+        Averages, in units of the resources.
+    capacity : ndarray, shape (m,)
+        Capacities, in units of the resources.
+
+    Returns
+    -------
+    ndarray, shape (..., m)
+        A pure number; NaN where there is no agent.
+    """
+    if not average.shape[-2]:
+        return np.full((*average.shape[:-2], len(capacity)), np.nan)
+    return np.asarray(average.sum(axis=-2) / capacity)
+
+
+def consensus_spread(costs: Costs, average: FloatArray) -> FloatArray:
+    """Compute the standard deviation of grad_j f_i(x-bar_i) across agents over its mean.
+
+    Parameters
+    ----------
+    costs : Costs
+        The private costs.
+    average : ndarray, shape (n, m)
+        Averages, in units of the resources.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        0 where all derivatives agree, as they do at an optimum with no bound active: eq. (optimality).
+    """
+    gradient = costs.gradient(average)
+    mean = gradient.mean(axis=0)
+    return np.asarray(np.divide(gradient.std(axis=0), mean, out=np.zeros_like(mean), where=mean > 0))
+
+
+def cost_ratio(costs: Costs, average: FloatArray, optimum: FloatArray) -> float:
+    """Compute ``sum_i f_i(x-bar_i) / sum_i f_i(x*_i)`` (the paper, section V).
+
+    Parameters
+    ----------
+    costs : Costs
+        The private costs.
+    average, optimum : ndarray, shape (n, m)
+        Averages and optimal allocations, in units of the resources.
+
+    Returns
+    -------
+    float
+        Below 1 where the averages do not use up the capacities.
+    """
+    return float(costs.value(average).sum() / costs.value(optimum).sum())

@@ -1,0 +1,101 @@
+"""Whether demand has run away from the capacity: one criterion, for Python, command line and report.
+
+Demand that is a little above the capacity in the mean says little alone: a control unit that looks lets it
+overshoot, and still holds it.  It has run away where the control unit signals at nearly every opportunity, or
+in long series, and demand stays high all the same.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.utils.validation import FloatArray
+from aimd_des.results.recording import Signals
+
+__all__ = ["Opportunities", "overload_words", "run_away"]
+
+# Of the second half of a run: mean demand over the capacity, the part of the opportunities to signal, of
+# which there must be so many for that to mean anything, and signals in a row.  Far above the capacity less is
+# enough: where all agents grow by several capacities in a step one look in ten sees little left.
+_MEAN = 1.05
+_SHARE = 0.95
+_TWICE, _HALF = 2.0, 0.5
+_LEAST = 20
+_SERIES = 100
+# Times of signals are sums; so much may be rounding.
+_ROUNDING = 1e-9
+
+
+class Opportunities(NamedTuple):
+    """When a control unit may signal.
+
+    Attributes
+    ----------
+    number : float
+        How often in the second half of the run.
+    spacing : float
+        Longest time between two opportunities of which both are used.
+    """
+
+    number: float
+    spacing: float
+
+
+def run_away(
+    signals: Signals, mean: FloatArray, until: float, opportunities: Opportunities
+) -> npt.NDArray[np.bool_]:
+    """Judge the second half of a run.
+
+    Parameters
+    ----------
+    signals : Signals
+        Of the whole run.
+    mean : ndarray, shape (m,)
+        Mean total demand in its second half over the capacity; NaN where it was not integrated.
+    until : float
+        The end.
+    opportunities : Opportunities
+        Of the control unit.
+
+    Returns
+    -------
+    ndarray of bool, shape (m,)
+        Whether mean demand is above 1.05 of the capacity, and at least 95 % of the opportunities to signal
+        are used (of 20 or more), or more than 100 one after another; or above twice the capacity, and at
+        least half of them are used.
+    """
+    away = np.zeros(len(mean), dtype=np.bool_)
+    for j in np.flatnonzero(mean > _MEAN).tolist():
+        times = signals.time[(signals.resource == j) & (signals.time >= 0.5 * until)]
+        share = len(times) / opportunities.number if opportunities.number >= _LEAST else 0.0
+        apart = np.flatnonzero(np.diff(times) > opportunities.spacing * (1.0 + _ROUNDING))
+        ends = np.concatenate(([-1], apart, [len(times) - 1]))
+        often = share >= _SHARE or (share >= _HALF and mean[j] > _TWICE)
+        away[j] = often or np.diff(ends).max() > _SERIES
+    return away
+
+
+def overload_words(names: Sequence[str], mean: FloatArray, away: npt.NDArray[np.bool_]) -> str:
+    """Say which capacities do not hold demand.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the resources.
+    mean : ndarray, shape (m,)
+        Mean total demand in the second half of the run over the capacity.
+    away : ndarray of bool, shape (m,)
+        Where it has run away.
+
+    Returns
+    -------
+    str
+        A sentence.
+    """
+    where = ", ".join(f"{names[j]} ({mean[j]:.3g} of it)" for j in np.flatnonzero(away).tolist())
+    return (
+        f"demand has run away from the capacity of {where}, in the mean of the second half of the run:"
+        " signals come too late, are lost, or take too little"
+    )

@@ -1,0 +1,379 @@
+"""What comes out of a run, as tidy pandas frames, and what it measures.
+
+Frames are long: one row per time and resource (and agent).  Names are categoricals; demand and
+average are in the units of the resource, times in steps or units of time.
+"""
+
+import math
+import warnings
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from functools import cache, cached_property
+from hashlib import sha256
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from aimd_des.results import metrics
+from aimd_des.utils.validation import FloatArray
+from aimd_des.engine.conditions import Piece
+from aimd_des.utils.errors import InputError, OverloadWarning
+from aimd_des.results.frames import categorical
+from aimd_des.results.event_log import EventLog
+from aimd_des.problem.optimum import Optimum, solve_optimum
+from aimd_des.results.overload import Opportunities, overload_words, run_away
+from aimd_des.problem.problem import Problem
+from aimd_des.results.recording import Account, Observations, Signals
+from aimd_des.results.tracking import (PieceOptima, piece_problem, pieces_frame, tracking_frame)
+
+__all__ = ["Result"]
+
+# Measures of the averages of those who are here at the end.
+_OF_THOSE_HERE = {"utilisation", "relative_error", "misallocation", "consensus_spread", "cost_ratio"}
+
+
+class Result:
+    """The outcome of one run.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was shared.
+    dynamics : str
+        "discrete" or "continuous".
+    seed : int
+        The run's seed.
+    until : float
+        The end of the run.
+    signals_sent : Signals
+        The capacity events.
+    observations : Observations
+        What the observers saw.
+    account : Account
+        Copies and responses.
+    log : EventLog, optional
+        Every event, if it was asked for.
+    pieces : sequence of Piece
+        The problems that were in force one after another; the one problem unless given.
+    bits_per_signal : int
+        What a signal costs.
+    opportunities : Opportunities, optional
+        When the control unit may signal, in the second half of the run.
+
+    Attributes
+    ----------
+    history : tuple of Piece
+        The problems that were in force.
+    run_away : ndarray of bool, shape (m,)
+        Whether demand has run away from the capacity; False where nobody can tell.
+
+    Warns
+    -----
+    RuntimeWarning
+        Once, if a response probability was above 1: the normalization factor is too large for
+        these costs and Theorem 1 of the paper does not hold.
+    OverloadWarning
+        Once, if demand has run away from a capacity.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        dynamics: str,
+        seed: int,
+        until: float,
+        signals_sent: Signals,
+        observations: Observations,
+        account: Account,
+        log: EventLog | None = None,
+        *,
+        pieces: Sequence[Piece] = (),
+        bits_per_signal: int = 1,
+        opportunities: Opportunities | None = None,
+    ) -> None:
+        self.problem = problem
+        self.dynamics = dynamics
+        self.seed = seed
+        self.until = until
+        self.signals_sent = signals_sent
+        self.observations = observations
+        self.account = account
+        self.log = log
+        everybody = np.ones(problem.n_agents, dtype=np.bool_)
+        only = Piece(0.0, problem.capacity, everybody, problem.costs)
+        self.history = tuple(pieces) or (only,)
+        self.bits_per_signal = bits_per_signal
+        mean = observations.second_half
+        unknown = Opportunities(math.inf, 0.0)
+        self.run_away = run_away(signals_sent, mean, until, opportunities or unknown)
+        if self.run_away.any():
+            words = overload_words(problem.resource_names, mean, self.run_away)
+            warnings.warn(words, OverloadWarning, stacklevel=3)
+        saturated = int(account.saturated.sum())
+        if saturated:
+            warnings.warn(
+                f"{saturated} of {int(account.responses.sum())} responses had a probability above 1 and were "
+                "certain: the normalization factor is too large for these costs",
+                RuntimeWarning,
+                stacklevel=3,
+            )
+
+    @property
+    def demand_at_end(self) -> FloatArray:
+        """Demand of each agent at the end, shape (n, m), in units of the resources."""
+        return np.asarray(self.observations.demand[-1].T)
+
+    @property
+    def average_at_end(self) -> FloatArray:
+        """Long-term average of each agent at the end, shape (n, m), in units of the resources."""
+        return np.asarray(self.observations.average[-1].T)
+
+    @cached_property
+    def signals(self) -> pd.DataFrame:
+        """Capacity events: time, resource, number (from 0 for each resource)."""
+        sent = self.signals_sent
+        resource = categorical(sent.resource, self.problem.resource_names)
+        return pd.DataFrame({"time": sent.time, "resource": resource, "number": sent.number})
+
+    @cached_property
+    def demand(self) -> pd.DataFrame:
+        """Sums over all agents: time, resource, total (demand), average (of the averages).
+
+        Averages of those who are away are in it as they stood when they left; `tracking` leaves them out.
+        """
+        seen, m = self.observations, self.problem.n_resources
+        count = len(seen.demand_times)
+        return pd.DataFrame(
+            {
+                "time": np.repeat(seen.demand_times, m),
+                "resource": categorical(np.tile(np.arange(m), count), self.problem.resource_names),
+                "total": seen.total_demand.ravel(),
+                "average": seen.total_average.ravel(),
+            }
+        )
+
+    @cached_property
+    def allocations(self) -> pd.DataFrame:
+        """Every agent: time, camera, resource, demand, average."""
+        seen, n, m = self.observations, self.problem.n_agents, self.problem.n_resources
+        count = len(seen.allocation_times)
+        resource = np.tile(np.repeat(np.arange(m), n), count)
+        camera = np.tile(np.arange(n), count * m)
+        return pd.DataFrame(
+            {
+                "time": np.repeat(seen.allocation_times, n * m),
+                "camera": categorical(camera, self.problem.agent_names),
+                "resource": categorical(resource, self.problem.resource_names),
+                "demand": seen.demand.ravel(),
+                "average": seen.average.ravel(),
+            }
+        )
+
+    @cached_property
+    def events(self) -> pd.DataFrame:
+        """The event log: time, kind, resource, agent, number, value.
+
+        Raises
+        ------
+        InputError
+            If the run kept none.
+        """
+        if self.log is None:
+            raise InputError("events: the run kept no log; run it with Recording(events=True)")
+        return self.log.frame(self.problem.resource_names, self.problem.agent_names)
+
+    @cached_property
+    def _optima(self) -> PieceOptima:
+        return PieceOptima(self.problem)
+
+    @property
+    def optimum(self) -> Optimum | None:
+        """The centralised solution that is in force at the end, for those who are here; None for nobody."""
+        return self.optimum_of(self.history[-1])
+
+    def piece_at(self, time: float) -> Piece:
+        """Look up which problem was in force.
+
+        Parameters
+        ----------
+        time : float
+            When, from 0 on.
+
+        Returns
+        -------
+        Piece
+            One of the history.
+        """
+        return self.history[bisect_right(self.history, time, key=lambda piece: piece.start) - 1]
+
+    def optimum_of(self, piece: Piece, at_end: Optimum | None = None) -> Optimum | None:
+        """Give the optimum that a piece of the run is held against: whoever needs one asks here.
+
+        Parameters
+        ----------
+        piece : Piece
+            One of the history.
+        at_end : Optimum, optional
+            What stands for the optimum of the problem at the end, and of pieces with the same problem.
+
+        Returns
+        -------
+        Optimum or None
+            With the allocations of those who were here; None where nobody was.
+
+        Raises
+        ------
+        InputError
+            If `at_end` is for another number of agents or resources.
+        SimulationError
+            If it is not found.
+        """
+        if at_end is None:
+            return self._optima(piece)
+        last = self.history[-1]
+        shape = (int(last.present.sum()), self.problem.n_resources)
+        if at_end.allocation.shape != shape:
+            allowed = f"{shape}, for those who are here at the end"
+            remedy = "leave it out, and it is solved for"
+            raise InputError.of("shape of optimum.allocation", at_end.allocation.shape, allowed, remedy)
+        return at_end if PieceOptima.key(piece) == PieceOptima.key(last) else self._optima(piece)
+
+    @cached_property
+    def pieces(self) -> pd.DataFrame:
+        """What was in force from one intervention to the next, and what total demand did.
+
+        Columns: start, end, resource, capacity, agents (who were here), multiplier and optimal_cost (of the
+        optimum for these), utilisation (mean total demand over the capacity), overshoot_peak,
+        overshoot_time and overshoot_mean (as in the summary).
+        """
+        return pieces_frame(self.problem, self.history, self._optima, self.until, self.observations)
+
+    @cached_property
+    def tracking(self) -> pd.DataFrame:
+        """The averages against the optimum in force, at the times at which allocations were recorded.
+
+        Columns: time, resource, capacity, level (sum of the averages over the capacity), relative_error; of
+        those who are here at the time, while `demand` sums over all.
+        """
+        return tracking_frame(self.problem, self.history, self._optima, self.observations)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 over signals, responses, demands and averages at the end, and the log if it was kept.
+
+        It says nothing about how a run was done: the synchronous algorithm and an event-driven
+        run that equals it have the same digest.
+        """
+        seen, sent = self.observations, self.signals_sent
+        digest = sha256()
+        for floats in (sent.time, seen.demand[-1], seen.average[-1]):
+            digest.update(np.ascontiguousarray(floats, dtype="<f8").tobytes())
+        for integers in (sent.resource, sent.number, self.account.responses, self.account.saturated):
+            digest.update(np.ascontiguousarray(integers, dtype="<i8").tobytes())
+        if self.log is not None:
+            time, entry, value = self.log.columns()
+            for column, kind in ((time, "<f8"), (entry, "<i8"), (value, "<f8")):
+                digest.update(np.ascontiguousarray(column, dtype=kind).tobytes())
+        return digest.hexdigest()
+
+    def summary(self, optimum: Optimum | None = None) -> pd.DataFrame:
+        """Measure the run, one row per resource.
+
+        Where interventions have changed the problem, averages are held against the one in force at the end,
+        for those who are here then: see `pieces` and `tracking` for the way there.
+
+        Parameters
+        ----------
+        optimum : Optimum, optional
+            The centralised solution of that problem; solved for unless given.
+
+        Returns
+        -------
+        DataFrame
+            Index: resource.  Columns: signals, bits (what they cost), delivered, lost, in_flight
+            and duplicated (copies), responses, saturated (responses with probability above 1), utilisation,
+            relative_error, misallocation (relative error against the optimum for the capacities
+            actually used), consensus_spread, cost_ratio (of all resources together, repeated),
+            overshoot_peak, overshoot_time, overshoot_mean (over the capacity, over all time, and
+            over the capacity).  What is measured of those who are here is NaN where nobody is.
+
+        Raises
+        ------
+        InputError
+            If the optimum is for another number of agents.
+        """
+        return pd.DataFrame(
+            self.measures(optimum), index=pd.Index(self.problem.resource_names, name="resource")
+        )
+
+    def measures(
+        self, optimum: Optimum | None = None, names: Sequence[str] | None = None
+    ) -> dict[str, npt.NDArray[Any]]:
+        """Measure the run: what `summary` puts into a frame.
+
+        Parameters
+        ----------
+        optimum : Optimum, optional
+            As for `summary`.
+        names : sequence of str, optional
+            Which of its columns; all unless given.  Those that are left out cost nothing.
+
+        Returns
+        -------
+        dict of ndarray, shape (m,)
+            A value for each resource.
+
+        Raises
+        ------
+        InputError
+            As `summary` does.
+        """
+        last, account, overshoot = self.history[-1], self.account, self.observations.overshoot
+        average, counts = (
+            self.average_at_end[last.present],
+            self.signals_sent.counts(self.problem.n_resources),
+        )
+        if optimum is not None:
+            self.optimum_of(last, optimum)  # refuses one that does not fit, whatever is measured
+
+        @cache
+        def problem() -> Problem:
+            return piece_problem(self.problem, last)
+
+        @cache
+        def best() -> FloatArray:
+            found = self.optimum_of(last, optimum)
+            assert found is not None  # noqa: S101 - asked for where somebody is here
+            return found.allocation
+
+        def misallocation() -> FloatArray:
+            used = average.sum(axis=0)
+            if not (used > 0).all():
+                return np.full(len(used), np.nan)
+            return metrics.relative_error(average, solve_optimum(problem(), capacity=used).allocation)
+
+        ways: dict[str, Callable[[], Any]] = {
+            "signals": lambda: counts,
+            "bits": lambda: self.bits_per_signal * counts,
+            "delivered": lambda: account.delivered.sum(axis=1),
+            "lost": lambda: account.lost.sum(axis=1),
+            "in_flight": lambda: account.in_flight.sum(axis=1),
+            "duplicated": lambda: account.duplicated.sum(axis=1),
+            "responses": lambda: account.responses.sum(axis=1),
+            "saturated": lambda: account.saturated.sum(axis=1),
+            "utilisation": lambda: metrics.utilisation(average, last.capacity),
+            "relative_error": lambda: metrics.relative_error(average, best()),
+            "misallocation": misallocation,
+            "consensus_spread": lambda: metrics.consensus_spread(problem().costs, average),
+            "cost_ratio": lambda: np.full(len(counts), metrics.cost_ratio(problem().costs, average, best())),
+            "overshoot_peak": lambda: overshoot.peak,
+            "overshoot_time": lambda: overshoot.time,
+            "overshoot_mean": lambda: overshoot.mean,
+        }
+        missing = set() if last.present.any() else _OF_THOSE_HERE
+        return {
+            name: np.full(len(counts), np.nan) if name in missing else ways[name]()
+            for name in (ways if names is None else names)
+        }

@@ -1,0 +1,225 @@
+"""The optimum follows: the centralised solution for each piece of a run between two interventions."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from aimd_des.results import metrics
+from aimd_des.utils.validation import FloatArray
+from aimd_des.engine.conditions import Piece
+from aimd_des.problem.costs import selected_costs
+from aimd_des.results.frames import categorical
+from aimd_des.problem.optimum import Optimum, solve_optimum
+from aimd_des.problem.problem import Problem, Resource
+from aimd_des.results.recording import Observations
+
+__all__ = ["PieceOptima", "is_unchanged", "piece_problem", "pieces_frame", "tracking_frame"]
+
+
+def is_unchanged(problem: Problem, piece: Piece) -> bool:
+    """Tell whether the problem of a piece is that of the run.
+
+    Parameters
+    ----------
+    problem : Problem
+        The run's.
+    piece : Piece
+        What is in force.
+
+    Returns
+    -------
+    bool
+        Whether capacities and costs are as at the start, and everybody is here.
+    """
+    as_given = piece.costs is problem.costs and bool((piece.capacity == problem.capacity).all())
+    return as_given and bool(piece.present.all())
+
+
+def piece_problem(problem: Problem, piece: Piece) -> Problem:
+    """Build the problem of a piece: the capacities and costs in force, for those who are here.
+
+    Parameters
+    ----------
+    problem : Problem
+        The run's.
+    piece : Piece
+        What is in force, with at least one agent.
+
+    Returns
+    -------
+    Problem
+        The run's own where nothing has changed.
+    """
+    if is_unchanged(problem, piece):
+        return problem
+    here = piece.present
+    resources = [
+        _resource(resource, float(piece.capacity[j]), problem.increase[here, j], problem.decrease[here, j])
+        for j, resource in enumerate(problem.resources)
+    ]
+    names = [name for name, present in zip(problem.agent_names, here, strict=True) if present]
+    return Problem(resources, selected_costs(piece.costs, here), agent_names=names)
+
+
+def _resource(resource: Resource, capacity: float, increase: FloatArray, decrease: FloatArray) -> Resource:
+    return replace(resource, capacity=capacity, increase=increase, decrease=decrease)
+
+
+class PieceOptima:
+    """The optima of pieces, each solved when it is first asked for, and those that are alike once.
+
+    Parameters
+    ----------
+    problem : Problem
+        The run's.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self._solved: dict[tuple[bytes, bytes, int], Optimum | None] = {}
+
+    @staticmethod
+    def key(piece: Piece) -> tuple[bytes, bytes, int]:
+        """Give what is equal for pieces with the same problem.
+
+        Parameters
+        ----------
+        piece : Piece
+            What was in force.
+
+        Returns
+        -------
+        tuple
+            Of the capacities, those who were here, and the costs.
+        """
+        return piece.capacity.tobytes(), piece.present.tobytes(), id(piece.costs)
+
+    def __call__(self, piece: Piece) -> Optimum | None:
+        """Solve a piece.
+
+        Parameters
+        ----------
+        piece : Piece
+            What was in force.
+
+        Returns
+        -------
+        Optimum or None
+            With the allocations of those who were here; None where nobody was.
+
+        Raises
+        ------
+        SimulationError
+            If it is not found.
+        """
+        key = self.key(piece)
+        if key not in self._solved:
+            anybody = bool(piece.present.any())
+            self._solved[key] = solve_optimum(piece_problem(self.problem, piece)) if anybody else None
+        return self._solved[key]
+
+
+def pieces_frame(
+    problem: Problem,
+    pieces: Sequence[Piece],
+    optima: PieceOptima,
+    until: float,
+    observations: Observations,
+) -> pd.DataFrame:
+    """Tell what was in force when, with its optimum and what total demand did.
+
+    Parameters
+    ----------
+    problem : Problem
+        The run's.
+    pieces : sequence of Piece
+        What was in force.
+    optima : PieceOptima
+        Solves them.
+    until : float
+        The end of the run.
+    observations : Observations
+        With the stretches of total demand.
+
+    Returns
+    -------
+    DataFrame
+        A row for each piece and resource, see `Result.pieces`.
+    """
+    m, stretches = problem.n_resources, observations.stretches
+    ends = [*(piece.start for piece in pieces[1:]), until]
+    missing = np.full(m, np.nan)
+    rows = []
+    for place, (piece, end) in enumerate(zip(pieces, ends, strict=True)):
+        best = optima(piece)
+        over = stretches[place].overshoot() if stretches else metrics.Overshoot(missing, missing, missing)
+        used = stretches[place].used / (end - piece.start) / piece.capacity if stretches else missing
+        rows += [
+            {
+                "start": piece.start,
+                "end": end,
+                "resource": j,
+                "capacity": float(piece.capacity[j]),
+                "agents": int(piece.present.sum()),
+                "multiplier": np.nan if best is None else float(best.multipliers[j]),
+                "optimal_cost": np.nan if best is None else best.cost,
+                "utilisation": float(used[j]),
+                "overshoot_peak": float(over.peak[j]),
+                "overshoot_time": float(over.time[j]),
+                "overshoot_mean": float(over.mean[j]),
+            }
+            for j in range(m)
+        ]
+    frame = pd.DataFrame(rows)
+    frame["resource"] = categorical(frame["resource"].to_numpy(), problem.resource_names)
+    return frame
+
+
+def tracking_frame(
+    problem: Problem,
+    pieces: Sequence[Piece],
+    optima: PieceOptima,
+    observations: Observations,
+) -> pd.DataFrame:
+    """Hold the averages at every recorded time against the optimum that is in force then.
+
+    Parameters
+    ----------
+    problem : Problem
+        The run's.
+    pieces : sequence of Piece
+        What was in force.
+    optima : PieceOptima
+        Solves them.
+    observations : Observations
+        With allocations.
+
+    Returns
+    -------
+    DataFrame
+        A row for each time and resource, see `Result.tracking`.
+    """
+    times = observations.allocation_times
+    starts = np.array([piece.start for piece in pieces])
+    in_force = np.searchsorted(starts, times, side="right") - 1
+    m = problem.n_resources
+    level, error, capacity = np.full((3, len(times), m), np.nan)
+    for row, place in enumerate(in_force.tolist()):
+        piece = pieces[place]
+        best = optima(piece)
+        capacity[row] = piece.capacity
+        if best is not None:
+            average = observations.average[row].T[piece.present]
+            level[row] = metrics.utilisation(average, piece.capacity)
+            error[row] = metrics.relative_error(average, best.allocation)
+    return pd.DataFrame(
+        {
+            "time": np.repeat(times, m),
+            "resource": categorical(np.tile(np.arange(m), len(times)), problem.resource_names),
+            "capacity": capacity.ravel(),
+            "level": level.ravel(),
+            "relative_error": error.ravel(),
+        }
+    )

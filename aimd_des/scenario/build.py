@@ -1,0 +1,137 @@
+"""From the tables of a scenario to the problem, and to what refers to it."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from aimd_des.utils.errors import InputError
+from aimd_des.interventions import Intervention, check_absences
+from aimd_des.problem.problem import Problem
+from aimd_des.scenario.models import made_by, model_parameters
+from aimd_des.scenario.kind_tables import KindTable
+from aimd_des.scenario.prices import RedrawnPrices
+from aimd_des.scenario.tables import ResourceChange
+
+__all__ = ["built_by", "changes_of", "under", "with_resources"]
+
+
+@contextmanager
+def under(key: str) -> Iterator[None]:
+    """Say under which key of the scenario something was refused.
+
+    Parameters
+    ----------
+    key : str
+        The dotted key.
+
+    Yields
+    ------
+    None
+        While the block runs.
+
+    Raises
+    ------
+    InputError
+        With the key before the sentence.
+    """
+    try:
+        yield
+    except InputError as refusal:
+        raise InputError(f"{key}: {refusal}") from None
+
+
+def built_by(model: str, parameters: dict[str, Any], seed: int) -> Problem:
+    """Let a model make the problem.
+
+    Parameters
+    ----------
+    model : str
+        A registered model.
+    parameters : dict
+        Of the model; what is not given has its default.
+    seed : int
+        The scenario's.
+
+    Returns
+    -------
+    Problem
+        What is shared.
+
+    Raises
+    ------
+    InputError
+        If there is no such model or parameter, or the model makes no problem of them.
+    """
+    return made_by(model, model_parameters(model, parameters, seed))
+
+
+def with_resources(problem: Problem, changes: Mapping[str, ResourceChange]) -> Problem:
+    """Put what a scenario says of resources over what the model has made.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the model.
+    changes : mapping
+        By the number of the resource, from 0, as a word.
+
+    Returns
+    -------
+    Problem
+        With the costs and the names of the model.
+
+    Raises
+    ------
+    InputError
+        If there is no such resource, or a value is outside its range.
+    """
+    resources = list(problem.resources)
+    for number, change in changes.items():
+        if number not in map(str, range(len(resources))):
+            names = ", ".join(f"{place} ({one.name})" for place, one in enumerate(resources))
+            raise InputError.of("number of a resource", number, f"one of those of the model: {names}")
+        with under(f"resources.{number}"):
+            resources[int(number)] = change.of(resources[int(number)])
+    return Problem(resources, problem.costs, agent_names=problem.agent_names)
+
+
+def changes_of(
+    tables: Sequence[KindTable], problem: Problem, model: str | None, parameters: dict[str, Any], seed: int
+) -> list[Intervention]:
+    """Make the interventions, and hold them against the problem.
+
+    Parameters
+    ----------
+    tables : sequence of KindTable
+        What the scenario says.
+    problem : Problem
+        What is shared.
+    model : str, optional
+        Which made it; prices are drawn by a model.
+    parameters : dict
+        Of the model.
+    seed : int
+        The scenario's.
+
+    Returns
+    -------
+    list of Intervention
+        For `Simulation`.
+
+    Raises
+    ------
+    InputError
+        If there is no such agent or resource, or absences overlap.
+    """
+    made = []
+    for number, table in enumerate(tables):
+        subject = next(key for key in ("agents", "resource", "parameter", "kind") if hasattr(table, key))
+        with under(f"interventions.{number}.{subject}"):
+            change = table.build()
+            if isinstance(change, RedrawnPrices):
+                change = change.by(str(model), parameters, seed)
+            change.check(problem)
+            made.append(change)
+    with under("interventions"):
+        check_absences(problem, made)
+    return made

@@ -1,0 +1,224 @@
+"""What pydantic refuses, in sentences that name the key, what is allowed and the nearest known word."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
+
+from aimd_des.utils.errors import InputError
+from aimd_des.scenario.kind_tables import UNKNOWN_KIND, KindTable
+from aimd_des.scenario.scenario import Scenario
+
+__all__ = ["Place", "checked", "refused", "validate_scenario"]
+
+_Form = TypeVar("_Form", bound=BaseModel)
+
+#: A key of the scenario, part by part.
+Place = tuple[str | int, ...]
+
+# How pydantic begins what we end after "must be".
+_MUST_BE = "Input should be "
+
+# Nobody reads on.
+_MOST_SENTENCES = 20
+
+
+def validate_scenario(
+    data: Mapping[str, Any], source: str, lines: Mapping[Place, int] | None = None
+) -> Scenario:
+    """Make a scenario of data, or say what is wrong with them.
+
+    Parameters
+    ----------
+    data : mapping
+        Tables and lists, as read from TOML or JSON.
+    source : str
+        Where they come from, to begin each sentence with.
+    lines : mapping, optional
+        The line of each key and table there, as far as it is known.
+
+    Returns
+    -------
+    Scenario
+        Checked, not resolved.
+
+    Raises
+    ------
+    InputError
+        One line for each error: source, line, key, what is wrong, and the nearest known word.
+
+    Examples
+    --------
+    >>> validate_scenario({"until": 5, "model": "models.smart_cameras", "sede": 3}, "mine")
+    Traceback (most recent call last):
+    aimd_des.errors.InputError: mine: sede: unknown key 'sede'; did you mean 'seed'?
+    """
+    return checked(Scenario, data, source, lines)
+
+
+def checked(
+    form: type[_Form], data: Mapping[str, Any], source: str, lines: Mapping[Place, int] | None = None
+) -> _Form:
+    """Make a table of data, as `validate_scenario` makes a scenario.
+
+    Parameters
+    ----------
+    form : type
+        The table, such as `Scenario`.
+    data : mapping
+        Tables and lists, as read from TOML or JSON.
+    source : str
+        Where they come from, to begin each sentence with.
+    lines : mapping, optional
+        The line of each key and table there, as far as it is known.
+
+    Returns
+    -------
+    instance of form
+        Checked.
+
+    Raises
+    ------
+    InputError
+        One line for each error: source, line, key, what is wrong, and the nearest known word.
+    """
+    try:
+        return TypeAdapter(form).validate_python(dict(data))
+    except ValidationError as refusal:
+        raise refused(form, refusal, data, source, lines) from None
+
+
+def refused(
+    form: type[BaseModel],
+    refusal: ValidationError,
+    data: Mapping[str, Any],
+    source: str = "",
+    lines: Mapping[Place, int] | None = None,
+) -> InputError:
+    """Say in our own words what pydantic has refused.
+
+    Parameters
+    ----------
+    form : type
+        The table.
+    refusal : ValidationError
+        What pydantic says.
+    data : mapping
+        Of which the table was to be made.
+    source, lines
+        As for `checked`.
+
+    Returns
+    -------
+    InputError
+        One line for each error.
+    """
+    found = list(_by_place(refusal.errors(include_url=False), data))
+    known = {} if lines is None else lines
+    sentences = []
+    for place, details in found[:_MOST_SENTENCES]:
+        line = next((known[place[:end]] for end in range(len(place), 0, -1) if place[:end] in known), None)
+        where = source if line is None else f"{source}:{line}"
+        sentences.append(f"{where}: {_sentence(form, place, details)}".removeprefix(": "))
+    if len(found) > _MOST_SENTENCES:
+        sentences.append(
+            f"{source}: and {len(found) - _MOST_SENTENCES} keys more are refused".removeprefix(": ")
+        )
+    return InputError("\n".join(dict.fromkeys(sentences)))
+
+
+def _by_place(
+    errors: Sequence[ErrorDetails], data: Mapping[str, Any]
+) -> Iterator[tuple[Place, list[ErrorDetails]]]:
+    """Gather errors by key.
+
+    Where a value may have several forms, each of them complains: what is nearest to the cause is kept, and
+    what is said about one and the same value is said at once.
+    """
+    gathered: dict[Place, list[ErrorDetails]] = {}
+    for error in errors:
+        gathered.setdefault(_place(error, data), []).append(error)
+    above = {place[:end] for place in gathered for end in range(len(place))}
+    for place, details in gathered.items():
+        of_a_form = all(len(error["loc"]) > len(place) for error in details)
+        if not (place in above and of_a_form):
+            yield place, details
+
+
+def _place(error: ErrorDetails, data: Any) -> Place:
+    """Find the key that is meant: pydantic puts the names of forms in between."""
+    place: list[str | int] = []
+    here = data
+    for number, part in enumerate(error["loc"], start=1):
+        in_a_list = isinstance(here, list) and isinstance(part, int) and part < len(here)
+        if in_a_list or (isinstance(here, Mapping) and part in here):
+            here = here[part]
+        elif error["type"] != "missing" or number < len(error["loc"]):
+            continue
+        place.append(part)
+    if error["type"] == UNKNOWN_KIND and isinstance(here, Mapping) and "kind" in here:
+        place.append("kind")
+    return tuple(place)
+
+
+def _sentence(form: type[BaseModel], place: Place, details: Sequence[ErrorDetails]) -> str:
+    """Turn pydantic's errors at one key into a sentence of ours."""
+    error, key = details[0], _dotted(place)
+    prefix = f"{key}: " if key else ""
+    if error["type"] == "extra_forbidden":
+        known = _known_keys(form, error["loc"][:-1])
+        near = get_close_matches(str(place[-1]), known, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
+        return f"{prefix}unknown key {place[-1]!r}; {hint}"
+    if error["type"] == "missing":
+        return f"{prefix}is missing"
+    if error["type"] == "value_error":
+        return f"{prefix}{error['ctx']['error']}"
+    if error["type"] == UNKNOWN_KIND:
+        return _about_kind(key, error["input"], error["ctx"])
+    allowed = [one["msg"].removeprefix(_MUST_BE) for one in details if one["msg"].startswith(_MUST_BE)]
+    if not allowed:
+        return f"{prefix}{error['msg'][0].lower()}{error['msg'][1:]}"
+    return str(InputError.of(key, error["input"], " or ".join(dict.fromkeys(allowed))))
+
+
+def _dotted(place: Place) -> str:
+    """Write a key as `split_key` reads it; what is no bare word in quotes, and on one line."""
+    return ".".join(f"{part}" if re.fullmatch(r"[\w-]+", f"{part}") else repr(part) for part in place)
+
+
+def _about_kind(key: str, given: Any, context: Mapping[str, Any]) -> str:
+    if not isinstance(given, Mapping):
+        return str(InputError.of(key, given, context["allowed"]))
+    allowed = f"one of {context['kinds']}"
+    if "kind" not in given:
+        return f"{key}.kind: is missing; give {allowed}"
+    kind = given["kind"]
+    near = get_close_matches(kind, context["kinds"].split(", "), n=1) if isinstance(kind, str) else []
+    return str(InputError.of(key, kind, allowed, f"did you mean {near[0]!r}?" if near else ""))
+
+
+def _known_keys(form: type[BaseModel], location: Sequence[str | int]) -> list[str]:
+    """List the keys that a table may have."""
+    tables: list[type[BaseModel]] = [form]
+    for part in location:
+        inner = [
+            found
+            for table in tables
+            if part in table.model_fields
+            for found in _models_in(table.model_fields[str(part)].annotation)
+        ]
+        of_this_form: list[type[BaseModel]] = [
+            table for table in tables if issubclass(table, KindTable) and table.form == part
+        ]
+        tables = inner or of_this_form or tables
+    return list(dict.fromkeys(key for table in tables for key in table.model_fields))
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [found for argument in get_args(annotation) for found in _models_in(argument)]

@@ -1,0 +1,319 @@
+"""The scenario: a model or a problem written out, the parts of the system, and what is kept."""
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import tomli_w
+from pydantic import Field, model_validator
+
+from aimd_des.utils import validation as checks
+from aimd_des.fleet import Camera, Fleet
+from aimd_des.dynamics.averaging import Averaging
+from aimd_des.synchronous.synchronous import run_discrete
+from aimd_des.utils.errors import InputError
+from aimd_des.interventions import Intervention
+from aimd_des.problem.problem import Problem
+from aimd_des.scenario.models import model_parameters, named_model
+from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
+from aimd_des.results.result import Result
+from aimd_des.scenario.base import Table
+from aimd_des.scenario.build import (built_by, changes_of, under, with_resources)
+from aimd_des.scenario.canonical import canonical_form, typed_parameters
+from aimd_des.scenario.kind_tables import KindTable, kind_table, one_of
+from aimd_des.scenario.parameters import as_data, refuse_no_data
+from aimd_des.scenario.prices import RedrawnPrices
+from aimd_des.scenario.tables import (ChannelTable, ClocksTable, CostsTable, RecordingTable, ResourceChange, ResourceTable)
+from aimd_des.engine.simulation import Simulation
+from aimd_des.engine.system import System
+from aimd_des.engine.delivery import ProcessGenerator
+
+__all__ = ["Scenario"]
+
+# Keys that have no meaning with some dynamics.
+_IDLE = {
+    "synchronous": ("agents", "control_unit", "channel", "clocks", "compensation", "interventions"),
+    "discrete": ("lag",),
+    "continuous": ("lag", "clocks"),
+}
+
+_LARGEST_SEED = 2**64 - 1  # as large as one can be that is drawn from 64 bits
+
+if TYPE_CHECKING:
+    ControlUnitTable = KindTable
+    AveragingTable = KindTable
+    CompensationTable = KindTable
+    InterventionTable = KindTable
+else:
+    ControlUnitTable = one_of("control_unit", default="sampled")
+    AveragingTable = one_of("averaging")
+    CompensationTable = one_of("compensation")
+    InterventionTable = one_of("intervention")
+
+
+class Scenario(Table):
+    """One run as data.
+
+    Attributes
+    ----------
+    title : str
+        What the run is about, for people.
+    until : float
+        The end of the run, in units of time (steps of the synchronous algorithm).
+    seed : int
+        Decides everything random, at least 0.
+    model : str, optional
+        A registered model, such as "models.smart_cameras", unless the problem is written out.
+    parameters : dict
+        Of the model; defaults are filled in, `seed` with the scenario's own.
+    resources, costs : optional
+        The problem written out, in place of a model: a table for each resource, and polynomial costs.  With a
+        model, `resources` has tables by the numbers of its resources: what is other than the model has it.
+    dynamics : {"discrete", "continuous", "synchronous"}
+        "discrete": event-driven, agents on their clocks behind a channel; "continuous":
+        event-driven, agents that grow all the time; "synchronous": Algorithms 1 and 2.
+    lag : {1, 0}
+        For "synchronous": whether a signal acts one step after the excess, or in the same step.
+    agents : {"process", "fleet"}
+        How agents are represented, which changes no result: a SimPy process each, or all of them in
+        compiled code.
+    control_unit : table
+        When capacity signals are broadcast: a look at every unit of time unless given.
+    channel : table
+        How late copies of a signal arrive, and which are lost: at once and none unless given.
+    clocks : table
+        When discrete agents act: at every whole unit of time unless given.
+    averaging : table
+        How agents average their demand: over all of their past unless given.
+    compensation : table, optional
+        What agents do about signals that they lose; nothing unless given.
+    interventions : list of tables
+        What changes from outside while the run goes on.
+    recording : table
+        What is kept besides signals and end.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If anything is missing, unknown, of a wrong type or outside its range.
+    """
+
+    title: str = ""
+    until: float
+    seed: int = 0
+    dynamics: Literal["discrete", "continuous", "synchronous"] = "discrete"
+    lag: int = Field(default=1, ge=0, le=1)
+    agents: Literal["process", "fleet"] = "process"
+    model: str | None = None
+    parameters: dict[str, Any] = Field(default_factory=dict)
+    control_unit: ControlUnitTable = Field(
+        default_factory=lambda: kind_table("control_unit", "sampled", default="sampled")
+    )
+    channel: ChannelTable = Field(default_factory=ChannelTable)
+    clocks: ClocksTable = Field(default_factory=ClocksTable)
+    averaging: AveragingTable = Field(default_factory=lambda: kind_table("averaging", "cumulative"))
+    compensation: CompensationTable | None = None
+    interventions: list[InterventionTable] = Field(default_factory=list)
+    recording: RecordingTable = Field(default_factory=RecordingTable)
+    costs: CostsTable | None = None
+    resources: list[ResourceTable] | dict[str, ResourceChange] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_python(cls, data: Any) -> Any:
+        """Take arrays and series for lists, and NumPy's numbers for Python's, in all tables below."""
+        return as_data(data)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        checks.text("title", self.title, empty=True)
+        checks.number("until", self.until, low=0.0, low_open=True)
+        if self.dynamics == "synchronous" and self.until % 1.0:
+            raise InputError.of("until", self.until, "a whole number of steps")
+        checks.integer("seed", self.seed, low=0, high=_LARGEST_SEED)
+        refuse_no_data("parameters", self.parameters)
+        self._check_problem()
+        if self.dynamics == "discrete" and self.control_unit.of.name == "crossing":
+            reason = "'sampled' with discrete dynamics: demand that jumps at ticks crosses nothing"
+            raise InputError.of("control_unit.kind", "crossing", reason)
+        with under("averaging"):
+            averaging: Averaging = self.averaging.build()
+            averaging.memory(CONTINUOUS if self.dynamics == "continuous" else DISCRETE)
+        for number, table in enumerate(self.interventions):
+            if table.of.make is RedrawnPrices and self.model is None:
+                raise InputError.of(
+                    f"interventions.{number}.kind",
+                    "prices",
+                    "left out where the problem is written out",
+                    "prices are drawn by a model",
+                )
+        return self
+
+    def _check_problem(self) -> None:
+        given = [name for name in ("model", "resources", "costs") if getattr(self, name) is not None]
+        changes = isinstance(self.resources, dict)
+        if given not in (["model"], ["resources", "costs"], *([["model", "resources"]] if changes else [])):
+            raise InputError.of("the problem", given, "either a model, or resources together with costs")
+        if changes and self.model is None:
+            allowed = "tables in a list, [[resources]], where the problem is written out"
+            raise InputError.of("resources", list(self.resources or ()), allowed)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Tables with a kind are classes that no module has by name: data are sent in their place.
+        return type(self).model_validate, (self.spoken(),)
+
+    def idle(self) -> tuple[str, ...]:
+        """Name the keys that have no meaning with these dynamics, or with this problem.
+
+        Returns
+        -------
+        tuple of str
+            None of them may be given.
+        """
+        return (*_IDLE[self.dynamics], *(("parameters",) if self.model is None else ()))
+
+    def resolved(self) -> "Scenario":
+        """Fill in every parameter of the model.
+
+        Returns
+        -------
+        Scenario
+            Running it gives the same result whatever the defaults become.
+
+        Raises
+        ------
+        InputError
+            If there is no such model, or a default of it cannot be written to a file.
+        """
+        if self.model is None:
+            return self
+        parameters = as_data(model_parameters(self.model, self.parameters, self.seed))
+        refuse_no_data("parameters", parameters)
+        return self.model_copy(update={"parameters": parameters})
+
+    def to_toml(self) -> str:
+        """Write the scenario as TOML, every value spelled out.
+
+        Returns
+        -------
+        str
+            Reading it gives an equal scenario.
+        """
+        return tomli_w.dumps(self.spoken())
+
+    def canonical(self) -> bytes:
+        """Write the scenario in a form for hashing: equal bytes mean equal results.
+
+        Returns
+        -------
+        bytes
+            JSON with sorted keys of the resolved scenario; 1 and 1.0 are the same where a number is meant.
+            Title and `agents`, which change no result, are left out.  Files that tables name, or that a
+            parameter of the model names whose type is a `Path`, stand there by the SHA-256 of what they hold.
+
+        Raises
+        ------
+        InputError
+            If there is no such model, or a file cannot be read.
+        """
+        spoken = self.resolved().spoken()
+        if self.model is not None:
+            spoken["parameters"] = typed_parameters(named_model(self.model), spoken["parameters"])
+        return canonical_form(spoken)
+
+    def problem(self) -> Problem:
+        """Build the problem that is shared, and hold against it what refers to it.
+
+        Returns
+        -------
+        Problem
+            From the model, or as written out.
+
+        Raises
+        ------
+        InputError
+            If there is no such model, or its parameters or the costs are refused, or there is no agent or
+            resource as an intervention names, or a number of values is not that of the agents.
+        """
+        return self.built()[0]
+
+    def built(self) -> tuple[Problem, list[Intervention]]:
+        """Build the problem that is shared, and what changes it.
+
+        Returns
+        -------
+        Problem
+            As `problem` returns it.
+        list of Intervention
+            In the order of the file.
+
+        Raises
+        ------
+        InputError
+            As `problem` does.
+        """
+        if self.model is not None:
+            problem = built_by(self.model, self.parameters, self.seed)
+            if isinstance(self.resources, dict):
+                problem = with_resources(problem, self.resources)
+        else:
+            assert isinstance(self.resources, list)  # noqa: S101 - _check saw to it
+            assert self.costs is not None  # noqa: S101
+            problem = Problem([table.build() for table in self.resources], self.costs.build())
+        if self.compensation is not None:
+            with under("compensation"):
+                self.compensation.build().answering(problem.n_agents)
+        changes = changes_of(self.interventions, problem, self.model, self.parameters, self.seed)
+        return problem, changes
+
+    def run(
+        self,
+        watch: Callable[[float, int], None] | None = None,
+        processes: Sequence[Callable[[System], ProcessGenerator]] = (),
+    ) -> Result:
+        """Run the scenario.
+
+        Parameters
+        ----------
+        watch : callable, optional
+            Called with (simulated time, events handled) every few thousand events.
+        processes : sequence of callable
+            SimPy processes that take part, as `Simulation` takes them.
+
+        Returns
+        -------
+        Result
+            A pure function of the scenario.
+
+        Raises
+        ------
+        InputError
+            If the problem is refused, or a length does not fit the number of agents.
+        """
+        (problem, interventions), recording = self.built(), self.recording.build()
+        if self.dynamics == "synchronous":
+            if processes:
+                allowed = "'discrete' or 'continuous' for processes such as one that watches the run"
+                raise InputError.of("dynamics", self.dynamics, allowed)
+            return run_discrete(
+                problem,
+                steps=int(self.until),
+                seed=self.seed,
+                lag=self.lag,
+                averaging=self.averaging.build(),
+                recording=recording,
+            )
+        simulation = Simulation(
+            problem,
+            dynamics=self.dynamics,
+            control_unit=self.control_unit.build(),
+            channel=self.channel.build(),
+            agents=Fleet if self.agents == "fleet" else Camera,
+            clocks=self.clocks.build() if self.dynamics == "discrete" else None,
+            averaging=self.averaging.build(),
+            compensation=None if self.compensation is None else self.compensation.build(),
+            interventions=interventions,
+            seed=self.seed,
+            recording=recording,
+            processes=processes,
+        )
+        return simulation.run(self.until, watch)

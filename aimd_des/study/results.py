@@ -1,0 +1,203 @@
+"""A study's folder read back: tidy frames, and the scenario of every run."""
+
+import json
+import tomllib
+from functools import cached_property
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+
+from aimd_des.utils import validation as checks
+from aimd_des.utils.errors import InputError
+from aimd_des.scenario import Scenario, validate_scenario
+from aimd_des.scenario.messages import checked
+from aimd_des.study.axis import Axis
+from aimd_des.study.columns import known_frame
+from aimd_des.study.study import Study
+from aimd_des.study.run_tables import (SCENARIO, VERSIONS, plan_schema, run_schema)
+from aimd_des.study.store import Store
+
+__all__ = ["StudyResults", "load_study"]
+
+
+def load_study(folder: str | Path) -> "StudyResults":
+    """Open the folder of a study, whether or not all of its runs are there.
+
+    Parameters
+    ----------
+    folder : str or Path
+        As `run_study` or ``aimd-des sweep`` has written it.
+
+    Returns
+    -------
+    StudyResults
+        Frames are read when they are asked for.
+
+    Raises
+    ------
+    InputError
+        If it is no such folder, or what it says of the study is damaged.
+    """
+    store = Store(checks.path("folder", folder))
+    manifest, plan = store.manifest(), store.plan()
+    if manifest is None or plan is None:
+        raise InputError.of("folder", str(folder), "that of a study, with its manifest.json and plan.parquet")
+    study = checked(Study, manifest["study"], str(store.folder / "manifest.json"))
+    try:
+        plan = plan.cast(plan_schema(study))
+    except (pa.ArrowException, ValueError) as error:
+        raise InputError(f"{store.folder / 'plan.parquet'}: is that of another study ({error})") from None
+    return StudyResults(store, study, plan.to_pandas())
+
+
+class StudyResults:
+    """What a study has given so far.
+
+    Parameters
+    ----------
+    store : Store
+        The folder.
+    study : Study
+        The study.
+    plan : DataFrame
+        Which runs it has.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it is.
+    study : Study
+        What was asked for.
+    plan : DataFrame
+        A row for each run: the columns of the axes, point, replication, seed, key.
+    """
+
+    def __init__(self, store: Store, study: Study, plan: pd.DataFrame) -> None:
+        self._store = store
+        self.folder = store.folder
+        self.study = study
+        self.plan = self._tidy(plan)
+
+    def _tidy(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """Make names categoricals, in the order of the study, and integers of an axis of integers."""
+        for axis in self.study.axes:
+            values = [value for value, _ in axis.settings()]
+            if Axis.kind(values[0]) == "string":
+                frame[axis.name] = pd.Categorical(frame[axis.name], categories=values)
+            elif all(type(value) is int for value in values):
+                frame[axis.name] = frame[axis.name].astype("int64")
+        for name in {"point", "resource"} & set(frame.columns):
+            frame[name] = pd.Categorical(frame[name], categories=frame[name].unique())
+        return frame
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Of this program, Python and the libraries that made the runs that are there, each that occurs."""
+        # Runs of earlier versions do not say it; the manifest does.
+        found = [(self._store.manifest() or {}).get("versions", {})]
+        for table in self._tables:
+            metadata = table.schema.metadata or {}
+            found.append(json.loads(metadata.get(VERSIONS, b"{}")))
+        names = dict.fromkeys(name for one in found for name in one)
+        every = {name: dict.fromkeys(str(one[name]) for one in found if name in one) for name in names}
+        return {name: ", ".join(sorted(values)) for name, values in every.items()}
+
+    @cached_property
+    def _tables(self) -> list[pa.Table]:
+        """The rows of all runs that are there, in the order of the plan."""
+        schema, there = run_schema(self.study), self._store.keys("runs")
+        return [self._store.run(key, schema) for key in self.plan["key"] if key in there]
+
+    @cached_property
+    def runs(self) -> pd.DataFrame:
+        """The measures: a row for each run and resource, in the order of the plan.
+
+        Columns: those of the axes, point, replication, seed, key, digest, resource, the measures of
+        `Result.summary`, until.  A file that is damaged is refused: `missing` lists the run.
+        """
+        tables = [table.replace_schema_metadata(None) for table in self._tables]
+        return self._tidy(pa.concat_tables(tables or [run_schema(self.study).empty_table()]).to_pandas())
+
+    def frame(self, name: str) -> pd.DataFrame:
+        """Put a frame of all runs together.
+
+        Parameters
+        ----------
+        name : str
+            One that the study keeps, such as "demand".
+
+        Returns
+        -------
+        DataFrame
+            The columns of the axes, replication and key, then those of the frame.
+
+        Raises
+        ------
+        InputError
+            If the study does not keep it, or that of a run that is there is lost or damaged.
+        """
+        known_frame("name", name)
+        if name not in self.study.keep:
+            raise InputError.of(
+                "name", name, f"one of what the study keeps: {self.study.keep}", "add it to keep"
+            )
+        rows = self.plan[self.plan["key"].isin(self._store.keys("runs"))]
+        tables = [self._store.frame(name, key) for key in rows["key"]]
+        if not tables:
+            return rows[[*(axis.name for axis in self.study.axes), "replication", "key"]].copy()
+        found: pd.DataFrame = pa.concat_tables(tables).unify_dictionaries().drop_columns("key").to_pandas()
+        lengths = [len(table) for table in tables]
+        columns = ["key", "replication", *(axis.name for axis in reversed(self.study.axes))]
+        for column in columns:
+            values = rows[column].repeat(lengths).reset_index(drop=True)
+            found.insert(0, column, values.astype("category") if column == "key" else values)
+        return found
+
+    @property
+    def failed(self) -> pd.DataFrame:
+        """The runs that failed: the columns of the plan, and message; more is in the folder ``failed``."""
+        there = self._store.keys("failed") - self._store.keys("runs")
+        rows = self.plan[self.plan["key"].isin(there)].reset_index(drop=True)
+        return rows.assign(message=[self._store.failure(key)["message"] for key in rows["key"]])
+
+    @property
+    def missing(self) -> pd.DataFrame:
+        """The runs that a sweep would run: not there, or with a file that is lost or damaged."""
+        there = [self._is_there(key) for key in self.plan["key"]]
+        return self.plan[[not found for found in there]].reset_index(drop=True)
+
+    def _is_there(self, key: str) -> bool:
+        """Tell whether a run is there as a whole, or has failed."""
+        return not self._store.fault(key, run_schema(self.study), self.study.keep)
+
+    def scenario(self, key: str) -> Scenario:
+        """Give the scenario of a run, to be run alone.
+
+        Parameters
+        ----------
+        key : str
+            Of the run.
+
+        Returns
+        -------
+        Scenario
+            Resolved, with the seed of the run: it has the digest in the run's row.
+
+        Raises
+        ------
+        InputError
+            If there is no such run, or not yet.
+        """
+        if key in self._store.keys("runs"):
+            metadata = self._store.run(key, run_schema(self.study)).schema.metadata or {}
+            text = metadata.get(SCENARIO, b"").decode("utf-8", "replace")
+        elif key in self._store.keys("failed"):
+            text = self._store.failure(key)["scenario"]
+        else:
+            raise InputError.of("key", key, f"that of a run in {self.folder}, done or failed")
+        try:
+            data = tomllib.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"run {key}: its scenario cannot be read ({error})") from None
+        return validate_scenario(data, f"run {key}")

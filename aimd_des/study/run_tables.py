@@ -1,0 +1,203 @@
+"""From a result to tables: a row for each resource, with the same columns for all runs of a study."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import pyarrow as pa
+
+from aimd_des.problem.optimum import Optimum, solve_optimum
+from aimd_des.problem.problem import Problem
+from aimd_des.results.result import Result
+from aimd_des.scenario import Scenario
+from aimd_des.study.axis import Axis
+from aimd_des.study.columns import MEASURES
+from aimd_des.study.study import Study
+from aimd_des.study.points import problem_words
+from aimd_des.results.tracking import is_unchanged
+
+__all__ = [
+    "SCENARIO",
+    "VERSIONS",
+    "axis_fields",
+    "frame_table",
+    "plan_schema",
+    "run_schema",
+    "run_table",
+    "summary_of",
+]
+
+#: Where the metadata of a file hold the scenario of its run, as TOML.
+SCENARIO = b"aimd_des.scenario"
+#: And where the versions that made it, as JSON.
+VERSIONS = b"aimd_des.versions"
+
+# Measures that hold the averages against the optimum of the problem.
+_NEED_OPTIMUM = {"relative_error", "cost_ratio"}
+
+_KINDS = {"boolean": pa.bool_(), "number": pa.float64(), "string": pa.string(), "integer": pa.int64()}
+
+
+def axis_fields(study: Study) -> list[pa.Field]:
+    """Describe the columns of the axes.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+
+    Returns
+    -------
+    list of pyarrow.Field
+        Numbers are doubles, so that an axis of integers may grow by fractions.
+    """
+    return [pa.field(axis.name, _KINDS[Axis.kind(axis.settings()[0][0])]) for axis in study.axes]
+
+
+def plan_schema(study: Study) -> pa.Schema:
+    """Describe the columns of the plan.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+
+    Returns
+    -------
+    pyarrow.Schema
+        The columns of the axes, point, replication, seed and key.
+    """
+    return pa.schema(
+        [
+            *axis_fields(study),
+            pa.field("point", pa.string()),
+            pa.field("replication", pa.int64()),
+            pa.field("seed", pa.int64()),
+            pa.field("key", pa.string()),
+        ]
+    )
+
+
+def run_schema(study: Study) -> pa.Schema:
+    """Describe the columns of a run's rows.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+
+    Returns
+    -------
+    pyarrow.Schema
+        The same for all of its runs.
+    """
+    texts = [pa.field(name, pa.string()) for name in ("key", "digest", "resource")]
+    measures = [pa.field(name, _KINDS[MEASURES[name]]) for name in study.columns()]
+    return pa.schema(
+        [
+            *list(plan_schema(study))[:-1],
+            *texts,
+            *measures,
+            pa.field("until", pa.float64()),
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class _Described:
+    """A problem, and the words by which it is recognised."""
+
+    words: str
+    problem: Problem = field(compare=False)
+
+
+# Runs come replication by replication, so that those that share their problem come together.
+@lru_cache(maxsize=32)
+def _optimum(described: _Described) -> Optimum:
+    return solve_optimum(described.problem)
+
+
+def summary_of(scenario: Scenario, result: Result, names: Sequence[str]) -> dict[str, list[Any]]:
+    """Measure a run, with the optimum of its problem solved only once for all runs that share it.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        What was run, resolved.
+    result : Result
+        What came out.
+    names : sequence of str
+        The measures.
+
+    Returns
+    -------
+    dict of list
+        A column for the resource and for each measure, a value for each resource.
+    """
+    # Where interventions have left another problem, the run has one of its own.
+    own = not is_unchanged(result.problem, result.history[-1])
+    shared = not own and not _NEED_OPTIMUM.isdisjoint(names)
+    optimum = _optimum(_Described(problem_words(scenario), result.problem)) if shared else None
+    measures = result.measures(optimum, names)
+    return {
+        "resource": list(result.problem.resource_names),
+        **{name: column.tolist() for name, column in measures.items()},
+    }
+
+
+def run_table(
+    schema: pa.Schema,
+    labels: Mapping[str, Any],
+    summary: Mapping[str, list[Any]],
+    scenario: str,
+    versions: Mapping[str, str],
+) -> pa.Table:
+    """Put the rows of a run together.
+
+    Parameters
+    ----------
+    schema : pyarrow.Schema
+        The columns, as from `run_schema`.
+    labels : mapping
+        A value for each column that says which run it is.
+    summary : mapping
+        A column for the resource and each measure, as from `summary_of`.
+    scenario : str
+        What was run, as TOML, for the metadata.
+    versions : mapping of str to str
+        Of this program, Python and the libraries, for the metadata.
+
+    Returns
+    -------
+    pyarrow.Table
+        A row for each resource.
+    """
+    count = len(summary["resource"])
+    every = {**{name: [value] * count for name, value in labels.items()}, **summary}
+    arrays = [pa.array(every[part.name], part.type) for part in schema]
+    metadata = {SCENARIO: scenario, VERSIONS: json.dumps(versions)}
+    return pa.Table.from_arrays(arrays, schema=schema.with_metadata(metadata))
+
+
+def frame_table(key: str, result: Result, name: str) -> pa.Table:
+    """Take a frame of a result, with the key of its run in front.
+
+    Parameters
+    ----------
+    key : str
+        Of the run.
+    result : Result
+        What came out.
+    name : str
+        Of the frame.
+
+    Returns
+    -------
+    pyarrow.Table
+        Column key, then those of the frame.
+    """
+    frame = pa.Table.from_pandas(getattr(result, name), preserve_index=False)
+    keys = pa.DictionaryArray.from_arrays(pa.repeat(pa.scalar(0, pa.int8()), len(frame)), [key])
+    return frame.replace_schema_metadata(None).add_column(0, "key", keys)

@@ -1,0 +1,184 @@
+"""Statistics over the runs of a study, as tidy frames: a row for each point, resource and measure."""
+
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from pandas.api.types import is_numeric_dtype
+
+from aimd_des.utils.errors import InputError
+from aimd_des.study.columns import LABELS, MEASURES
+from aimd_des.study.statistics.intervals import quantile
+
+__all__ = ["compare", "summarise"]
+
+_PAIR = "replication"
+_AT_BASELINE = " at the baseline"
+
+
+def summarise(
+    frame: pd.DataFrame,
+    by: Sequence[str] | None = None,
+    measures: Sequence[str] | None = None,
+    confidence: float = 0.95,
+) -> pd.DataFrame:
+    """Estimate the mean of every measure at every point.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        A row for each run and resource, such as `StudyResults.runs`.
+    by : sequence of str, optional
+        Columns that make a point, so that each replication has one row there; all that are neither a measure
+        nor the name of a run, unless given.
+    measures : sequence of str, optional
+        Columns to estimate; those of `Result.summary` that are there, unless given.
+    confidence : float
+        Between 0 and 1.
+
+    Returns
+    -------
+    DataFrame
+        The columns of `by`, then measure, mean, standard_error, low, high, replications; by Student's t.
+        Runs without a number for a measure do not count for it: look at `replications` before you compare.
+
+    Raises
+    ------
+    InputError
+        If there is no such column, a measure holds no numbers, the confidence is not between 0 and 1, or a
+        replication has several rows at a point: they share their luck, and would count as if they did not.
+    """
+    columns = _columns(frame, measures)
+    points = _points(frame, by, columns)
+    if _PAIR in frame.columns:
+        _one_row_each(frame, points, _PAIR, columns)
+    return _summary(frame, points, columns, confidence)
+
+
+def _summary(frame: pd.DataFrame, points: list[str], columns: list[str], confidence: float) -> pd.DataFrame:
+    groups = frame.groupby(points, observed=True, sort=False, dropna=False)[columns] if points else None
+    if groups is None:
+        found = {name: frame[columns].agg(name).to_frame().T for name in ("mean", "std", "count")}
+    else:
+        found = {"mean": groups.mean(), "std": groups.std(), "count": groups.count()}
+    long = {name: part.stack(future_stack=True) for name, part in found.items()}  # noqa: PD013 - measures in order
+    table = pd.DataFrame(
+        {
+            "mean": long["mean"],
+            "standard_error": long["std"] / np.sqrt(long["count"].clip(lower=1)),
+            "replications": long["count"].astype(np.int64),
+        }
+    )
+    return _with_ends(table, points, confidence)
+
+
+def compare(
+    frame: pd.DataFrame,
+    baseline: Mapping[str, Any],
+    by: Sequence[str] | None = None,
+    measures: Sequence[str] | None = None,
+    confidence: float = 0.95,
+    *,
+    pair: str = _PAIR,
+) -> pd.DataFrame:
+    """Estimate how much every measure differs from a baseline point, replication by replication.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        A row for each run and resource.
+    baseline : mapping
+        Values of axes that say which point the others are held against, such as ``{"loss": 0.0}``; points
+        are compared with those that agree with them in all other columns of `by`.
+    by, measures, confidence
+        As for `summarise`.
+    pair : str
+        The column in which runs with the same luck agree.
+
+    Returns
+    -------
+    DataFrame
+        As `summarise` gives it, for the differences to the baseline.  Its own rows are left out, and so is
+        what has no partner there; `replications` counts pairs.
+
+    Raises
+    ------
+    InputError
+        As `summarise` does; and if there is no such point, or nothing has a partner there.
+
+    Notes
+    -----
+    With the same luck at all points (``paired = true``, which is the rule) what the luck of a replication
+    does to both cancels, and intervals are the narrower for it.
+    """
+    columns = _columns(frame, measures)
+    _known("pair", pair, list(frame.columns))
+    points = [name for name in _points(frame, by, columns) if name != pair]
+    for name in baseline:
+        _known("baseline", name, points)
+    _one_row_each(frame, points, pair, columns)
+    is_base = np.ones(len(frame), dtype=bool)
+    for name, value in baseline.items():
+        is_base &= (frame[name] == value).to_numpy()
+    if not is_base.any():
+        raise InputError.of("baseline", dict(baseline), "a point of the study", "see its axes for the values")
+    matched = [*(name for name in points if name not in baseline), pair]
+    reference = frame.loc[is_base, [*matched, *columns]]
+    others = frame.loc[~is_base, [*points, pair, *columns]]
+    both = others.merge(reference, on=matched, suffixes=("", _AT_BASELINE))
+    if both.empty and not others.empty:
+        allowed = f"a point that agrees with others in {matched}"
+        raise InputError.of("baseline", dict(baseline), allowed, "name all axes that differ from it")
+    differences = both[[*points, pair]].copy()
+    for name in columns:
+        differences[name] = both[name].astype(np.float64) - both[f"{name}{_AT_BASELINE}"]
+    return _summary(differences, points, columns, confidence)
+
+
+def _with_ends(table: pd.DataFrame, points: list[str], confidence: float) -> pd.DataFrame:
+    reach = quantile(confidence, table["replications"].to_numpy() - 1)
+    off = np.where(np.isinf(reach), np.inf, reach * table["standard_error"].to_numpy())
+    table.insert(2, "low", table["mean"] - off)
+    table.insert(3, "high", table["mean"] + off)
+    table.index = table.index.set_names([*points, "measure"] if points else [None, "measure"])
+    flat = table.reset_index()
+    return flat if points else flat.drop(columns=flat.columns[0])
+
+
+def _points(frame: pd.DataFrame, by: Sequence[str] | None, columns: list[str]) -> list[str]:
+    """Take the columns that make a point: by default the axes, and the resource."""
+    if by is None:
+        others = {*LABELS, *MEASURES, *columns} - {"resource"}
+        return [name for name in frame.columns if name not in others]
+    for name in by:
+        _known("by", name, list(frame.columns))
+    return list(by)
+
+
+def _columns(frame: pd.DataFrame, measures: Sequence[str] | None) -> list[str]:
+    names = [name for name in frame.columns if name in MEASURES] if measures is None else list(measures)
+    if not names:
+        raise InputError.of("measures", names, f"some of {', '.join(map(str, frame.columns))}")
+    for name in names:
+        _known("measures", name, list(frame.columns))
+        if not is_numeric_dtype(frame[name]):
+            raise InputError.of("measures", name, "a column of numbers")
+    return names
+
+
+def _one_row_each(frame: pd.DataFrame, points: list[str], pair: str, columns: list[str]) -> None:
+    """Refuse points at which a replication has several rows: they are no independent replications."""
+    if frame.duplicated([*points, pair]).any():
+        rest = [name for name in _points(frame, None, columns) if name not in {*points, pair}]
+        raise InputError.of(
+            "by", points, f"columns that leave one row for each {pair}", f"add some of {rest}, or choose rows"
+        )
+
+
+def _known(field: str, name: str, columns: Sequence[str]) -> None:
+    if name not in columns:
+        near = get_close_matches(str(name), [str(known) for known in columns], n=1)
+        hint = f"did you mean {near[0]!r}?" if near else ""
+        raise InputError.of(field, name, f"one of {', '.join(map(str, columns))}", hint)

@@ -1,0 +1,209 @@
+"""One run in a worker: it writes the files itself, and tells only what the sweep has to know."""
+
+import json
+import logging
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from threading import Event
+from typing import Literal
+
+import pyarrow as pa
+import tomli_w
+
+from aimd_des.utils.errors import OverloadWarning
+from aimd_des.scenario.run_folder import library_versions
+from aimd_des.results.result import Result
+from aimd_des.scenario import Scenario
+from aimd_des.study.locks import exclusive, private_folder
+from aimd_des.study.run_tables import frame_table, run_table, summary_of
+from aimd_des.study.points import Job
+from aimd_des.study.store import Store, parquet
+
+__all__ = ["Outcome", "Task", "failure", "perform", "present"]
+
+_LOGGER = logging.getLogger("aimd_des")
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is the same for all runs of a study.
+
+    Attributes
+    ----------
+    folder : str
+        Of the study.
+    schema : pyarrow.Schema
+        Of a run's rows.
+    measures, keep : tuple of str
+        Columns of the summary and frames to keep.
+    measure : str, optional
+        What the sweep wants to know of each run, for all resources.
+    """
+
+    folder: str
+    schema: pa.Schema
+    measures: tuple[str, ...]
+    keep: tuple[str, ...]
+    measure: str | None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a run.
+
+    Attributes
+    ----------
+    kind : {"done", "failed", "died", "unwritten"}
+        "died": its worker did, and wrote nothing; "unwritten": the disk is full, or refuses.
+    message : str
+        Why, unless it is done.
+    values : tuple of (str, float)
+        The measure the sweep wanted, of each resource.
+    saturated : bool
+        Whether response probabilities were above 1.
+    errno : int
+        Of the system's refusal, if it is unwritten.
+    """
+
+    kind: Literal["done", "failed", "died", "unwritten"]
+    message: str = ""
+    values: tuple[tuple[str, float], ...] = ()
+    saturated: bool = False
+    errno: int = 0
+
+
+def perform(task: Task, job: Job) -> Outcome:
+    """Carry out a run and write what came out.
+
+    Parameters
+    ----------
+    task : Task
+        What is the same for all.
+    job : Job
+        The run.
+
+    Returns
+    -------
+    Outcome
+        Whatever happens: exceptions become records, since not all of them can be sent to another process.
+    """
+    store = Store(Path(task.folder))
+    try:
+        with warnings.catch_warnings():
+            # Their number is a column; the sweep says it once for all runs.
+            warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
+            warnings.simplefilter("ignore", OverloadWarning)
+            scenario = Scenario.model_validate(job.scenario)
+            result = _carry_out(scenario)
+        summary = summary_of(scenario, result, task.measures)
+        labels = {**job.labels, "digest": result.digest}
+        rows = run_table(task.schema, labels, summary, tomli_w.dumps(job.scenario), _versions())
+        frames = {name: frame_table(job.key, result, name) for name in task.keep}
+    except Exception as error:  # noqa: BLE001 - whatever goes wrong in one run must not stop the others
+        message = f"{type(error).__name__}: {error}"
+        return _written(
+            lambda: failure(store, job, message, traceback.format_exc()), Outcome("failed", message)
+        )
+    values = (
+        () if task.measure is None else tuple(zip(summary["resource"], summary[task.measure], strict=True))
+    )
+
+    def write() -> None:
+        for name, frame in frames.items():
+            store.write(store.name(name, job.key), parquet(frame))
+        # The rows come last: where they are, everything is.
+        store.write(store.name("runs", job.key), parquet(rows, small=True))
+
+    return _written(write, Outcome("done", values=values, saturated=bool(result.account.saturated.any())))
+
+
+def _written(write: Callable[[], None], outcome: Outcome) -> Outcome:
+    try:
+        write()
+    except OSError as error:
+        return Outcome("unwritten", error.strerror or str(error), errno=error.errno or 0)
+    return outcome
+
+
+def failure(store: Store, job: Job, message: str, trace: str = "") -> None:
+    """Record a run that failed.
+
+    Parameters
+    ----------
+    store : Store
+        The folder.
+    job : Job
+        The run.
+    message : str
+        What went wrong.
+    trace : str
+        Where.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    record = {
+        **job.labels,
+        "message": message,
+        "traceback": trace,
+        "versions": _versions(),
+        "scenario": tomli_w.dumps(job.scenario),
+    }
+    content = f"{json.dumps(record, indent=2, ensure_ascii=False)}\n".encode("utf-8", "backslashreplace")
+    store.write(store.name("failed", job.key), content)
+
+
+def present(folder: str, key: str) -> bool:
+    """Tell whether a worker sees the folder of a study.
+
+    Parameters
+    ----------
+    folder : str
+        Its path.
+    key : str
+        The name of a file in it.
+
+    Returns
+    -------
+    bool
+        Whether the file is there.
+    """
+    return Path(folder, key).is_file()
+
+
+# Reading them takes longer than many a run.
+_versions = cache(library_versions)
+
+# In seconds: compiling takes less even where several others are at work.
+_LONGEST_WAIT = 180.0
+
+#: Set once this process has compiled, or loaded, what runs need.
+_COMPILED = Event()
+
+
+def _carry_out(scenario: Scenario) -> Result:
+    """Run; the first time one process after the other, until what is compiled is on the disk."""
+    if _COMPILED.is_set():
+        return scenario.run()
+    with _turn() as done:
+        return scenario.run(lambda now, events: done())
+
+
+@contextmanager
+def _turn() -> Iterator[Callable[[], None]]:
+    """Wait for the others, but not for ever; gives what ends the turn before the block does."""
+    with ExitStack() as lock:
+        try:
+            lock.enter_context(exclusive(private_folder() / "compiling", wait=_LONGEST_WAIT))
+        except OSError as error:
+            # The lock saves time; no run depends on it.
+            _LOGGER.warning("goes on without waiting for others that compile (%s)", error)
+        lock.callback(_COMPILED.set)
+        yield lock.close

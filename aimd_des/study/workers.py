@@ -1,0 +1,225 @@
+"""Where runs are carried out: processes of our own, or an executor that somebody else made."""
+
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from importlib import import_module
+from multiprocessing import forkserver, get_all_start_methods, get_context, parent_process, resource_tracker
+from multiprocessing.connection import Connection, wait
+from typing import Any, Protocol
+
+from aimd_des.utils.errors import InputError
+
+__all__ = ["Given", "Pool", "Processes", "dask_executor"]
+
+# Workers share the machine run by run: threads of their own would only be in each other's way.
+_ONE_THREAD = dict.fromkeys(
+    (
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "VECLIB_MAXIMUM_THREADS",
+        "NUMBA_NUM_THREADS",
+    ),
+    "1",
+)
+
+
+class Pool(Protocol):
+    """What makes executors; more than once, because a killed worker breaks one."""
+
+    workers: int
+
+    def start(self, workers: int) -> Executor:
+        """Make an executor with so many workers, or give the one there is."""
+
+    def stop(self, executor: Executor) -> None:
+        """Let go of an executor that `start` gave."""
+
+    def end_at_once(self) -> None:
+        """End all that is under way, if that is possible."""
+
+
+class Processes:
+    """Processes of this machine, to be used as a context.
+
+    They are never forked from this process, which would copy the locks of threads that it does not
+    copy.  Where the system can, they are forked from a server that has imported what runs need.
+
+    Parameters
+    ----------
+    workers : int
+        How many.
+    """
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+        method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
+        self._context: Any = get_context(method)
+        if method == "forkserver":
+            self._context.set_forkserver_preload(["aimd_des.study.worker"])
+            with _deaf():
+                forkserver.ensure_running()
+        # Nothing is ever sent: workers see when this end of it is gone.
+        self._ear, self._leash = self._context.Pipe(duplex=False)
+
+    def __enter__(self) -> "Processes":
+        self._outer = {name: os.environ.get(name) for name in _ONE_THREAD}
+        os.environ.update(_ONE_THREAD)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._leash.close()
+        self._ear.close()
+        for name, value in self._outer.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+    def start(self, workers: int) -> Executor:
+        """Make an executor.
+
+        Parameters
+        ----------
+        workers : int
+            How many processes.
+
+        Returns
+        -------
+        Executor
+            A new one.
+        """
+        return ProcessPoolExecutor(workers, self._context, initializer=_begin, initargs=(self._ear,))
+
+    def stop(self, executor: Executor) -> None:
+        """End the processes of an executor once they have done what they are doing.
+
+        Parameters
+        ----------
+        executor : Executor
+            One that `start` has made.
+        """
+        executor.shutdown(cancel_futures=True)
+
+    def end_at_once(self) -> None:
+        """End all processes, whatever they are doing."""
+        self._leash.close()
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Make what is started here deaf to Ctrl-C, which is for the parent; it hears it afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):  # on Windows
+        yield
+        return
+    # Whoever starts it starts this before, and hears again when that is done.
+    resource_tracker.ensure_running()
+    earlier = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, earlier)
+
+
+def _begin(ear: Connection) -> None:
+    """Prepare a worker: Ctrl-C is for the parent, and nobody stays when it is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_follow, args=(ear,), daemon=True).start()
+
+
+def _follow(ear: Connection) -> None:
+    parent = parent_process()
+    wait([ear, *([] if parent is None else [parent.sentinel])])
+    os._exit(1)
+
+
+class Given:
+    """An executor that the caller made, and keeps.
+
+    Parameters
+    ----------
+    executor : Executor
+        Any: of threads, of processes, of a cluster.
+    workers : int
+        How many runs it can carry out at a time.
+    """
+
+    def __init__(self, executor: Executor, workers: int) -> None:
+        self.workers = workers
+        self._executor = executor
+
+    def start(self, workers: int) -> Executor:
+        """Give the executor.
+
+        Parameters
+        ----------
+        workers : int
+            Of no consequence.
+
+        Returns
+        -------
+        Executor
+            The one there is.
+        """
+        return self._executor
+
+    def stop(self, executor: Executor) -> None:
+        """Leave it to the caller.
+
+        Parameters
+        ----------
+        executor : Executor
+            The one there is.
+        """
+
+    def end_at_once(self) -> None:
+        """Leave that to the caller, too."""
+
+
+@contextmanager
+def dask_executor(address: str | None = None, workers: int | None = None) -> Iterator[tuple[Executor, int]]:
+    """Connect to a Dask scheduler, or start a cluster of processes on this machine.
+
+    Parameters
+    ----------
+    address : str, optional
+        Of the scheduler, such as "10.0.0.1:8786".
+    workers : int, optional
+        In place of it: how many processes to start.
+
+    Yields
+    ------
+    Executor, int
+        To be handed to `run_study`, and how many runs it can carry out at a time.
+
+    Raises
+    ------
+    InputError
+        If Dask is not installed, the scheduler does not answer, or it has no workers.
+    """
+    try:
+        distributed: Any = import_module("distributed")
+    except ImportError:
+        raise InputError("Dask is not installed: install 'aimd-des[dask]'") from None
+    if address is None:
+        with _deaf():
+            made = distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+        with made as cluster, distributed.Client(cluster) as client:
+            yield client.get_executor(pure=False), workers or len(cluster.workers)
+        return
+    try:
+        client = distributed.Client(address, timeout=10)
+    except (OSError, ValueError) as error:
+        remedy = "start it with the command dask scheduler, and workers with dask worker"
+        raise InputError.of(
+            "scheduler", address, f"the address of a Dask scheduler ({error})", remedy
+        ) from None
+    with client:
+        threads = sum(client.nthreads().values())
+        if not threads:
+            raise InputError.of("scheduler", address, "one that has workers", "start some with dask worker")
+        yield client.get_executor(pure=False), threads

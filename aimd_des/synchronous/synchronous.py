@@ -1,0 +1,191 @@
+"""Algorithms 1 and 2 of the paper, synchronous and with a perfect channel.
+
+At step k every agent acts on S(k) and its average over x(0)..x(k); the control unit looks at x(k)
+and sets S(k+1).  With ``lag=0`` the signal set from x(k) is used at k itself.
+"""
+
+import numpy as np
+
+from aimd_des.utils import validation as checks
+from aimd_des.utils import rng as streams
+from aimd_des.dynamics.averaging import Averaging
+from aimd_des.utils.errors import InputError
+from aimd_des.problem.costs.kernels import cost_table
+from aimd_des.results.metrics import Stretch, overshoot_of
+from aimd_des.results.overload import Opportunities
+from aimd_des.problem.problem import Problem
+from aimd_des.results.recording import (Account, Observations, Recording, Signals)
+from aimd_des.dynamics.response import DISCRETE
+from aimd_des.results.result import Result
+from aimd_des.dynamics.state import State, law_of, start
+from aimd_des.synchronous.kernels import (Control, Scratch, Watch, close_books, take_custom_steps, take_steps)
+from aimd_des.utils.rng import Purpose
+
+__all__ = ["check_steps", "run_discrete"]
+
+# Demands that are added up, about, before Python is asked whether Ctrl-C was pressed: a tenth of a second.
+_IN_ONE_GO = 3 * 10**7
+
+
+def run_discrete(
+    problem: Problem,
+    *,
+    steps: int,
+    seed: int,
+    lag: int = 1,
+    averaging: Averaging | None = None,
+    recording: Recording | None = None,
+) -> Result:
+    """Run the synchronous algorithm of the paper (Algorithms 1 and 2) from x(0) = 0.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is shared, by how many, at what cost.
+    steps : int
+        K >= 1; the run ends in x(K), after K looks of the control unit.
+    seed : int
+        At least 0; decides which agents respond to which signal.
+    lag : {1, 0}
+        1: a signal acts one step after the excess that it reports, as the algorithms are
+        printed; 0: in the same step.
+    averaging : Averaging, optional
+        How agents average their demand: over all of their past unless given.
+    recording : Recording, optional
+        What to keep besides signals and end; totals at a thousand steps unless given.
+
+    Returns
+    -------
+    Result
+        With times in steps.
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range.
+
+    Warns
+    -----
+    RuntimeWarning
+        Once, if a response probability was above 1.
+    OverloadWarning
+        Once, if demand has run away from the capacity.
+    """
+    checks.instance("problem", problem, Problem, "a Problem")
+    steps = check_steps("steps", steps, problem)
+    lag = checks.integer("lag", lag, low=0, high=1)
+    key = streams.key(seed, Purpose.RESPONSE)
+    if averaging is not None:
+        checks.instance("averaging", averaging, Averaging, "an averaging, such as averaging.Window(100.0)")
+    recording = Recording() if recording is None else recording
+    checks.instance("recording", recording, Recording, "a Recording, such as Recording(demand='end')")
+    if recording.events:
+        raise InputError.of("recording.events", True, "False: the synchronous algorithm has no events")
+    n, m = problem.n_agents, problem.n_resources
+    law, table = law_of(problem, DISCRETE, averaging), cost_table(problem.costs)
+    state = start(m, n, DISCRETE, law.memory)
+    control = Control(
+        moment=np.zeros(1),
+        total=np.zeros(m),
+        signal=np.zeros(m, dtype=np.bool_),
+        sent=np.zeros(m, dtype=np.int64),
+        broadcast=np.zeros((steps, m), dtype=np.bool_),
+        peak=np.zeros(m),
+        above=np.zeros(m),
+        excess=np.zeros(m),
+        used=np.zeros(m),
+        middle=np.array([0.5 * steps]),
+        half=np.zeros(m),
+    )
+    watch = _openwatch_step(recording, steps, n, m)
+    folded, average, gradient = np.zeros((3, m, n))
+    scratch = Scratch(folded, average, gradient, np.zeros(n), np.zeros((2, n)))
+    if table.n_agents:
+        block = max(1, _IN_ONE_GO // (n * m))
+        for first in range(0, steps, block):
+            last = min(first + block, steps)
+            take_steps(state, law, table, first, last, lag, key, control, watch, scratch)
+    else:
+        take_custom_steps(problem.costs, state, law, steps, lag, key, control, watch, scratch)
+    close_books(state, law, steps, control, watch)
+    signals, observations, account = _outcome(problem, steps, state, control, watch)
+    looks = Opportunities(float(steps - (steps + 1) // 2), 1.0)
+    return Result(
+        problem, "discrete", seed, float(steps), signals, observations, account, opportunities=looks
+    )
+
+
+def check_steps(field: str, steps: object, problem: Problem) -> int:
+    """Refuse a number of steps that is none, or whose signals have no room.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave it.
+    steps : object
+        K.
+    problem : Problem
+        What is shared.
+
+    Returns
+    -------
+    int
+        At least 1.
+
+    Raises
+    ------
+    InputError
+        If it is no integer of at least 1, or a byte for each step and resource does not fit into memory.
+    """
+    clean = checks.integer(field, steps, low=1)
+    checks.memory(field, clean, clean * problem.n_resources, "a byte for each step and resource")
+    return clean
+
+
+def _openwatch_step(recording: Recording, steps: int, n: int, m: int) -> Watch:
+    rows = recording.times("demand", steps, whole=True)
+    pages = recording.times("allocations", steps, whole=True)
+    return Watch(
+        demand_steps=rows,
+        total_demand=np.zeros((len(rows), m)),
+        total_average=np.zeros((len(rows), m)),
+        allocation_steps=pages,
+        demand=np.zeros((len(pages), m, n)),
+        average=np.zeros((len(pages), m, n)),
+        cursor=np.array([0, 0, min(rows[0], pages[0])], dtype=np.int64),
+    )
+
+
+def _outcome(
+    problem: Problem, steps: int, state: State, control: Control, watch: Watch
+) -> tuple[Signals, Observations, Account]:
+    step, resource = np.nonzero(control.broadcast)
+    number = np.empty_like(step)
+    for j in range(problem.n_resources):
+        own = resource == j
+        number[own] = np.arange(np.count_nonzero(own))
+    signals = Signals(step.astype(np.float64), resource, number)
+    sent = signals.counts(problem.n_resources)
+    measures = (control.peak, control.above, control.excess, control.used)
+    stretches = (Stretch(0.0, float(steps), problem.capacity, *measures),)
+    observations = Observations(
+        watch.demand_steps,
+        watch.total_demand,
+        watch.total_average,
+        watch.allocation_steps,
+        watch.demand,
+        watch.average,
+        overshoot_of(stretches),
+        (control.used - control.half) / (0.5 * steps) / problem.capacity,
+        stretches,
+    )
+    nothing = np.zeros_like(state.responses)
+    account = Account(
+        delivered=nothing + sent[:, None],
+        lost=nothing,
+        in_flight=nothing,
+        duplicated=nothing,
+        responses=state.responses,
+        saturated=state.saturated,
+    )
+    return signals, observations, account

@@ -1,0 +1,204 @@
+"""Named random streams, and draws that have an address instead of a turn.
+
+Every stream descends from one seed: ``SeedSequence(seed, spawn_key=(purpose,))`` gives a Philox
+key.  The uniform number of agent i for broadcast b of resource j is word i mod 4 of block
+(i div 4 + 1, lane, j, b) of Philox-4x64-10 (Salmon, Moraes, Dror and Shaw, "Parallel random numbers:
+as easy as 1, 2, 3", SC 2011).  It is the same number in whatever order things are processed and
+however many other agents there are; ``numpy.random.Philox`` produces the very same bits.  The lane
+is 0 but where one broadcast needs several numbers for an agent (a second copy, a rejected draw).
+"""
+
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from llvmlite import ir
+from numba import types
+
+from aimd_des.utils import validation as checks
+from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.jit import instruction, kernel, routine
+
+__all__ = ["Key", "Purpose", "generator", "key", "uniform_at", "uniforms", "uniforms_row"]
+
+Key = tuple[np.uint64, np.uint64]
+
+_MULTIPLIER = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
+_WEYL = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
+_ROUNDS = 10
+_FOUR = 4
+# A double has 53 bits: drop the lowest 11 of the 64 and scale to [0, 1).
+_DROPPED, _SCALE = np.uint64(11), 1.0 / 9007199254740992.0
+
+_M0, _M1 = _MULTIPLIER
+_W0, _W1 = _WEYL
+
+
+class Purpose(IntEnum):
+    """What a stream is for; the number is its spawn key and never changes."""
+
+    PROBLEM = 0
+    RESPONSE = 1
+    LOSS = 2
+    LATENCY = 3
+    CLOCK = 4
+    DUPLICATION = 5
+
+
+def key(seed: int, purpose: Purpose) -> Key:
+    """Derive the Philox key of one purpose.
+
+    Parameters
+    ----------
+    seed : int
+        The run's seed, at least 0.
+    purpose : Purpose
+        What the stream is for.
+
+    Returns
+    -------
+    tuple of two uint64
+        The key.
+
+    Raises
+    ------
+    InputError
+        If the seed is no integer of at least 0.
+    """
+    clean = checks.integer("seed", seed, low=0)
+    first, second = np.random.SeedSequence(clean, spawn_key=(int(purpose),)).generate_state(2, np.uint64)
+    return first, second
+
+
+def generator(seed: int, purpose: Purpose) -> np.random.Generator:
+    """Make a generator for draws that need no address, such as the making of a problem.
+
+    Parameters
+    ----------
+    seed : int
+        The run's seed, at least 0.
+    purpose : Purpose
+        What the stream is for.
+
+    Returns
+    -------
+    numpy.random.Generator
+        On Philox, with the purpose's key.
+    """
+    # Philox takes its key as an array; the second word completes the 128 bits.
+    return np.random.Generator(np.random.Philox(key=np.array(key(seed, purpose), dtype=np.uint64)))
+
+
+def _product(a: np.uint64, b: np.uint64) -> tuple[np.uint64, np.uint64]:
+    product = int(a) * int(b)
+    return np.uint64(product >> 64), np.uint64(product & 0xFFFFFFFFFFFFFFFF)
+
+
+@instruction(_product)
+def _multiply_wide(typingctx: Any, a: Any, b: Any) -> Any:  # noqa: ARG001 - numba's calling convention
+    """Multiply two 64-bit words to the high and low word of their 128-bit product."""
+    signature = types.UniTuple(types.uint64, 2)(types.uint64, types.uint64)
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        word, wide = ir.IntType(64), ir.IntType(128)
+        product = builder.mul(builder.zext(args[0], wide), builder.zext(args[1], wide))
+        high = builder.trunc(builder.lshr(product, ir.Constant(wide, 64)), word)
+        return context.make_tuple(builder, signature.return_type, [high, builder.trunc(product, word)])
+
+    return signature, codegen
+
+
+@kernel
+def _block(c0: np.uint64, c1: np.uint64, c2: np.uint64, c3: np.uint64, key: Key) -> Any:
+    """Encrypt one counter: four words of 64 random bits."""
+    k0, k1 = key
+    for _ in range(_ROUNDS):
+        high0, low0 = _multiply_wide(_M0, c0)
+        high1, low1 = _multiply_wide(_M1, c2)
+        c0, c1, c2, c3 = high1 ^ c1 ^ k0, low1, high0 ^ c3 ^ k1, low0
+        k0 += _W0
+        k1 += _W1
+    return c0, c1, c2, c3
+
+
+@routine
+def uniforms_row(key: Key, resource: int, number: int, lane: int, out: FloatArray) -> None:
+    """Fill `out` with the draws of agents 0, 1, ... for one broadcast.
+
+    Parameters
+    ----------
+    key : tuple of two uint64
+        The key of the purpose.
+    resource : int
+        j, the resource the broadcast is about.
+    number : int
+        b, its number among the broadcasts for that resource.
+    lane : int
+        Which of several numbers for the same agent and broadcast.
+    out : ndarray, shape (n,)
+        Receives uniform numbers on [0, 1).
+    """
+    n = out.shape[0]
+    whole = n // _FOUR
+    row, column, second = np.uint64(resource), np.uint64(number), np.uint64(lane)
+    for block in range(whole):
+        w0, w1, w2, w3 = _block(np.uint64(block + 1), second, row, column, key)
+        out[_FOUR * block] = (w0 >> _DROPPED) * _SCALE
+        out[_FOUR * block + 1] = (w1 >> _DROPPED) * _SCALE
+        out[_FOUR * block + 2] = (w2 >> _DROPPED) * _SCALE
+        out[_FOUR * block + 3] = (w3 >> _DROPPED) * _SCALE
+    if _FOUR * whole < n:
+        words = _block(np.uint64(whole + 1), second, row, column, key)
+        for rest in range(n - _FOUR * whole):
+            out[_FOUR * whole + rest] = (words[rest] >> _DROPPED) * _SCALE
+
+
+@routine
+def uniform_at(key: Key, resource: int, number: int, lane: int, agent: int) -> float:
+    """Draw the uniform number of one agent: what `uniforms_row` puts at its place.
+
+    Parameters
+    ----------
+    key : tuple of two uint64
+        The key of the purpose.
+    resource, number, lane : int
+        The address of the row.
+    agent : int
+        i.
+
+    Returns
+    -------
+    float
+        On [0, 1).
+    """
+    words = _block(
+        np.uint64(agent // _FOUR + 1), np.uint64(lane), np.uint64(resource), np.uint64(number), key
+    )
+    return float((words[agent % _FOUR] >> _DROPPED) * _SCALE)
+
+
+def uniforms(key: Key, resource: int, number: int, n_agents: int, lane: int = 0) -> npt.NDArray[np.float64]:
+    """Draw the uniform numbers of all agents for one broadcast.
+
+    Parameters
+    ----------
+    key : tuple of two uint64
+        The key of the purpose.
+    resource : int
+        j, the resource the broadcast is about.
+    number : int
+        b, its number among the broadcasts for that resource.
+    n_agents : int
+        How many agents; a larger number only adds draws at the end.
+    lane : int
+        Which of several numbers for the same agent and broadcast.
+
+    Returns
+    -------
+    ndarray, shape (n_agents,)
+        Uniform on [0, 1).
+    """
+    out = np.empty(n_agents)
+    uniforms_row(key, resource, number, lane, out)
+    return out

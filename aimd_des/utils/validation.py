@@ -1,0 +1,541 @@
+"""Checks at the door: each returns the clean value or raises an `InputError` that names the field."""
+
+import math
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence, Set
+from numbers import Integral, Real
+from pathlib import Path
+from typing import TypedDict, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.utils.errors import InputError
+
+__all__ = [
+    "FloatArray",
+    "array",
+    "axes",
+    "choice",
+    "elements",
+    "fits",
+    "flag",
+    "instance",
+    "instances",
+    "integer",
+    "memory",
+    "number",
+    "path",
+    "per_agent",
+    "text",
+]
+
+# Letters of a name, or of a title.
+_LONGEST_TEXT = 500
+# Control characters, what ends a line, and halves of pairs, which no file can hold.
+_NO_LETTER = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
+
+FloatArray = npt.NDArray[np.float64]
+
+_Value = TypeVar("_Value")
+
+# They count as integers for Python and for NumPy, and mean something else.
+_NO_NUMBERS = (bool, np.bool_, np.timedelta64)
+
+
+class _Bounds(TypedDict):
+    low: float
+    high: float
+    low_open: bool
+    high_open: bool
+
+
+def _interval(low: float, high: float, low_open: bool, high_open: bool) -> str:
+    """Say the allowed range in words that need no key."""
+    parts = []
+    if math.isfinite(low):
+        parts.append(f"{'greater than' if low_open else 'at least'} {low:g}")
+    if math.isfinite(high):
+        parts.append(f"{'less than' if high_open else 'at most'} {high:g}")
+    return " ".join(["a finite number", " and ".join(parts)]).rstrip()
+
+
+def _outside(
+    values: FloatArray, low: float, high: float, low_open: bool, high_open: bool
+) -> npt.NDArray[np.bool_]:
+    below = values <= low if low_open else values < low
+    above = values >= high if high_open else values > high
+    return ~np.isfinite(values) | below | above
+
+
+def _scalar(value: object) -> object:
+    """Take the number out of an array without axes, as NumPy's functions often return one."""
+    return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
+
+
+def _laid_out(value: object) -> bool:
+    """Say whether NumPy may look into a value: not into a graph, whose nodes it would take for numbers."""
+    if isinstance(value, str | bytes | type):
+        return False
+    return isinstance(value, Sequence) or hasattr(value, "__array__")
+
+
+def axes(value: object) -> int:
+    """Count the axes along which NumPy lays out a value.
+
+    Parameters
+    ----------
+    value : object
+        What was given.
+
+    Returns
+    -------
+    int
+        0 of numbers, strings and all that is no array, list, tuple, range, series or the like; 1 of rows of
+        different lengths, which no array can hold.
+    """
+    if not _laid_out(value):
+        return 0
+    try:
+        return np.ndim(value)  # type: ignore[arg-type]  # that is what is asked
+    except ValueError:
+        return 1
+
+
+def number(
+    field: str,
+    value: object,
+    *,
+    low: float = -math.inf,
+    high: float = math.inf,
+    low_open: bool = False,
+    high_open: bool = False,
+    remedy: str = "",
+) -> float:
+    """Return `value` as a float within the range, or refuse it by name.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+    low, high, low_open, high_open
+        The range.
+    remedy : str
+        What to do about it.
+
+    Returns
+    -------
+    float
+        Finite.
+
+    Raises
+    ------
+    InputError
+        If it is no real number, not finite, or outside the range.
+    """
+    allowed = _interval(low, high, low_open, high_open)
+    value = _scalar(value)
+    if isinstance(value, _NO_NUMBERS) or not isinstance(value, Real):
+        raise InputError.of(field, value, allowed, remedy)
+    try:
+        clean = float(value)
+    except OverflowError:  # an int beyond the range of floats
+        raise InputError.of(field, value, allowed, remedy) from None
+    if _outside(np.array(clean), low, high, low_open, high_open):
+        raise InputError.of(field, clean, allowed, remedy)
+    return clean
+
+
+def integer(
+    field: str, value: object, *, low: int | None = None, high: int | None = None, remedy: str = ""
+) -> int:
+    """Return `value` as an int within the range, or refuse it by name.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+    low, high : int, optional
+        The range.
+    remedy : str
+        What to do about it.
+
+    Returns
+    -------
+    int
+        Of Python.
+
+    Raises
+    ------
+    InputError
+        If it is no integer (2.0 is none) or outside the range.
+    """
+    allowed = "an integer"
+    if low is not None:
+        allowed += f" of at least {low}"
+    if high is not None:
+        allowed += f"{' and' if low is not None else ''} at most {high}"
+    value = _scalar(value)
+    if isinstance(value, _NO_NUMBERS) or not isinstance(value, Integral):
+        raise InputError.of(field, value, allowed, remedy)
+    clean = int(value)
+    if (low is not None and clean < low) or (high is not None and clean > high):
+        raise InputError.of(field, clean, allowed, remedy)
+    return clean
+
+
+def array(
+    field: str,
+    value: object,
+    shape: Sequence[int | str],
+    *,
+    low: float = -math.inf,
+    high: float = math.inf,
+    low_open: bool = False,
+    high_open: bool = False,
+    remedy: str = "",
+) -> FloatArray:
+    """Return `value` as a read-only float array, or refuse it by name and by element.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        Anything that NumPy turns into an array of numbers.
+    shape : sequence of int or str
+        The shape wanted; a string stands for a length that is free and names it in the message.
+    low, high, low_open, high_open
+        The range of each element.
+    remedy : str
+        What to do about it.
+
+    Returns
+    -------
+    ndarray of float64
+        A copy that cannot be written to.
+
+    Raises
+    ------
+    InputError
+        If the shape differs, or an element is not finite or outside the range.
+    """
+    wanted = f"({', '.join(str(length) for length in shape)}{',' if len(shape) == 1 else ''})"
+    try:
+        raw = np.asarray(value) if _laid_out(value) or isinstance(value, Real) else None
+        if raw is None or raw.dtype.kind not in "iuf":
+            raise TypeError
+        clean = np.array(raw, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError.of(field, value, f"an array of numbers of shape {wanted}", remedy) from None
+    fits = clean.ndim == len(shape) and all(
+        isinstance(want, str) or want == have for want, have in zip(shape, clean.shape, strict=True)
+    )
+    if not fits:
+        raise InputError.of(f"shape of {field}", clean.shape, wanted, remedy)
+    bad = np.argwhere(_outside(clean, low, high, low_open, high_open))
+    if len(bad):
+        where = tuple(int(index) for index in bad[0])
+        element = f"{field}[{', '.join(map(str, where))}]"
+        raise InputError.of(element, float(clean[where]), _interval(low, high, low_open, high_open), remedy)
+    clean.setflags(write=False)
+    return clean
+
+
+def per_agent(
+    field: str,
+    value: object,
+    *,
+    low: float = -math.inf,
+    high: float = math.inf,
+    low_open: bool = False,
+    high_open: bool = False,
+    remedy: str = "",
+) -> float | FloatArray:
+    """Return a scalar for all agents as a float, or one value per agent as a read-only (n,) array.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        A number, or anything that NumPy turns into an array of numbers.
+    low, high, low_open, high_open
+        The range of each value.
+    remedy : str
+        What to do about it.
+
+    Returns
+    -------
+    float or ndarray, shape (n,)
+        Clean.
+
+    Raises
+    ------
+    InputError
+        As `number` and `array` do.
+    """
+    bounds: _Bounds = {"low": low, "high": high, "low_open": low_open, "high_open": high_open}
+    if axes(value):
+        clean = array(field, value, ("n_agents",), **bounds, remedy=remedy)
+        if not len(clean):
+            raise InputError.of(f"shape of {field}", clean.shape, "(n_agents,), one for each agent")
+        return clean
+    return number(field, value, **bounds, remedy=remedy)
+
+
+def choice(field: str, value: object, words: Sequence[str]) -> str:
+    """Return `value` if it is one of some words, or refuse it by name.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+    words : sequence of str
+        What is allowed.
+
+    Returns
+    -------
+    str
+        The word.
+
+    Raises
+    ------
+    InputError
+        If it is none of them.
+    """
+    if not isinstance(value, str) or value not in words:
+        raise InputError.of(field, value, " or ".join(map(repr, words)))
+    return value
+
+
+def flag(field: str, value: object) -> bool:
+    """Return `value` as a bool, or refuse it by name: "no" and 0.0 are no answers.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+
+    Returns
+    -------
+    bool
+        Of Python.
+
+    Raises
+    ------
+    InputError
+        If it is neither True nor False.
+    """
+    value = _scalar(value)
+    if not isinstance(value, bool | np.bool_):
+        raise InputError.of(field, value, "True or False")
+    return bool(value)
+
+
+def path(field: str, value: object) -> Path:
+    """Return `value` as a path, or refuse it by name.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+
+    Returns
+    -------
+    Path
+        Whether or not there is anything.
+
+    Raises
+    ------
+    InputError
+        If it is neither a string nor a path.
+    """
+    if not isinstance(value, str | os.PathLike):
+        raise InputError.of(field, value, "the name of a file or folder, a string or a Path")
+    return Path(value)
+
+
+def instance(field: str, value: _Value, kind: type, allowed: str, remedy: str = "") -> _Value:
+    """Return `value` if it is an object of a kind, or refuse it by name.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+    kind : type
+        A class, or a protocol that can be checked.
+    allowed : str
+        What is allowed, to be read after "must be".
+    remedy : str
+        What to do about it.
+
+    Returns
+    -------
+    object
+        The same.
+
+    Raises
+    ------
+    InputError
+        If it is another kind of thing, or a class: that has the methods, but it is no object.
+    """
+    if isinstance(value, type) and (isinstance(value, kind) or kind in value.__mro__):
+        raise InputError.of(field, value, allowed, f"make an object of it: {value.__name__}(...)")
+    if not isinstance(value, kind):
+        raise InputError.of(field, value, allowed, remedy)
+    return value
+
+
+def elements(field: str, value: Iterable[_Value], allowed: str) -> list[_Value]:
+    """Return the elements of a list, tuple, series or other ordered collection, or refuse it by name.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+    allowed : str
+        What is allowed, to be read after "must be".
+
+    Returns
+    -------
+    list
+        Whatever they are.
+
+    Raises
+    ------
+    InputError
+        If it is a string, without order, or has no elements at all.
+    """
+    try:
+        if isinstance(value, str | bytes | Mapping | Set):
+            raise TypeError
+        return list(value)
+    except TypeError:
+        raise InputError.of(field, value, allowed) from None
+
+
+def instances(field: str, value: Iterable[_Value], kind: type, allowed: str) -> tuple[_Value, ...]:
+    """Return the elements of a list if all are objects of a kind, or refuse them by name.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+    kind : type
+        A class, or a protocol that can be checked.
+    allowed : str
+        What each may be, to be read after "must be".
+
+    Returns
+    -------
+    tuple
+        The same elements.
+
+    Raises
+    ------
+    InputError
+        As `elements` and `instance` do.
+    """
+    given = elements(field, value, f"a list, each of it {allowed}")
+    return tuple(instance(f"{field}[{position}]", each, kind, allowed) for position, each in enumerate(given))
+
+
+def fits(field: str, value: npt.ArrayLike, n_agents: int) -> None:
+    """Refuse an array that has not one value for each agent; scalars fit always.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : float or array_like
+        What was given.
+    n_agents : int
+        n.
+
+    Raises
+    ------
+    InputError
+        Naming both lengths.
+    """
+    if np.ndim(value) and np.shape(value) != (n_agents,):
+        remedy = "give one number for all agents or one for each"
+        raise InputError.of(f"shape of {field}", np.shape(value), f"({n_agents},)", remedy)
+
+
+def memory(field: str, value: object, needed: float, what: str) -> None:
+    """Refuse what cannot fit into the memory of this machine.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+    needed : float
+        Bytes that it certainly needs.
+    what : str
+        What they hold.
+
+    Raises
+    ------
+    InputError
+        If they are more than the machine has.
+    """
+    try:
+        there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):  # a system that does not tell
+        return
+    if needed > there:
+        allowed = (
+            f"less: {what} would take {needed / 1e9:,.3g} GB, and this machine has {there / 1e9:,.3g} GB"
+        )
+        raise InputError.of(field, value, allowed)
+
+
+def text(field: str, value: object, *, empty: bool = False) -> str:
+    """Return a name or a title that fits on one line, or refuse it by name.
+
+    Parameters
+    ----------
+    field : str
+        The name under which the user gave the value.
+    value : object
+        What was given.
+    empty : bool
+        Whether it may be empty.
+
+    Returns
+    -------
+    str
+        Without control characters and ends of lines, and of at most 500 letters.
+
+    Raises
+    ------
+    InputError
+        If it is no such string.
+    """
+    if not isinstance(value, str) or not (value or empty):
+        raise InputError.of(field, value, "a string" if empty else "a string that is not empty")
+    if len(value) > _LONGEST_TEXT:
+        raise InputError.of(field, value, f"at most {_LONGEST_TEXT} letters long")
+    if _NO_LETTER.search(value):
+        raise InputError.of(field, value, "on one line and without control characters")
+    return value

@@ -1,0 +1,299 @@
+"""What a terminal, or a log, shows of a run that goes on."""
+
+import time as real
+from collections import deque
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Protocol, Self
+
+import numpy as np
+from rich.cells import cell_len
+from rich.console import Console, Group
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from aimd_des.plots.style import colour, resource_label
+from aimd_des.problem.problem import Problem
+from aimd_des.utils.terminal_text import fit
+from aimd_des.watch.monitor import Look
+
+__all__ = ["LiveView", "PlainView", "View", "sparkline"]
+
+# How often a run is looked at, in lines and as fast as it goes.
+_LINES, _LOOKS = 20, 1000
+# Seconds between two pictures.
+_FRAME = 0.1
+# Where a bar of demand ends, in multiples of the capacity.
+_WIDEST = 1.2
+_EIGHTHS = " ▏▎▍▌▋▊▉"
+_HEIGHTS = "▁▂▃▄▅▆▇█"
+_ASCII_HEIGHTS = "_.-~=*#@"
+_NARROWEST, _BROADEST = 8, 40
+# What is left of a line for the bar and the curve when all numbers are written.
+_NUMBERS = 41
+
+
+class View(Protocol):
+    """Shows looks; a context within which the run goes on."""
+
+    #: Whether looks come so often that not all of them need all measures.
+    sparing: bool
+
+    def interval(self, speed: float | None) -> float:
+        """Say how much simulated time lies between the looks that it wants."""
+        ...
+
+    def __enter__(self) -> Self:
+        """Begin."""
+        ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End, also where the run is stopped."""
+
+    def show(self, look: Look) -> None:
+        """Show a look, or take note of it."""
+
+    def end(self, look: Look) -> None:
+        """Show the last look."""
+
+
+class PlainView:
+    """A line for each look, for files and pipes.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is shared.
+    until : float
+        The end of the run.
+    write : callable
+        Called with each line.
+    """
+
+    sparing = False
+
+    def __init__(self, problem: Problem, until: float, write: Callable[[str], None]) -> None:
+        self._problem, self._until, self._write = problem, until, write
+
+    def interval(self, speed: float | None) -> float:
+        """Ask for twenty looks over the run.
+
+        Parameters
+        ----------
+        speed : float, optional
+            Units of simulated time per second; does not matter.
+
+        Returns
+        -------
+        float
+            In units of simulated time.
+        """
+        return self._until / _LINES
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        return None
+
+    def show(self, look: Look) -> None:
+        """Write a line.
+
+        Parameters
+        ----------
+        look : Look
+            What is seen.
+        """
+        parts = [
+            f"{resource_label(resource)} {look.demand[j]:.4g} of {look.capacity[j]:.4g},"
+            f" {look.signals[j]:,d} signals, used {_percent(look.utilisation[j])},"
+            f" misallocation {_percent(look.misallocation[j])}"
+            for j, resource in enumerate(self._problem.resources)
+        ]
+        self._write(f"time {look.time:,.6g} of {self._until:,.6g}: {'; '.join(parts)}")
+
+    def end(self, look: Look) -> None:
+        """Write the last line.
+
+        Parameters
+        ----------
+        look : Look
+            What is seen.
+        """
+        self.show(look)
+
+
+class LiveView:
+    """A picture that is drawn anew ten times a second.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is shared.
+    until : float
+        The end of the run.
+    title : str
+        What the run is about.
+    console : Console, optional
+        The terminal.
+    clock : callable
+        Real time in seconds.
+    """
+
+    sparing = True
+
+    def __init__(
+        self,
+        problem: Problem,
+        until: float,
+        title: str = "",
+        console: Console | None = None,
+        clock: Callable[[], float] = real.monotonic,
+    ) -> None:
+        self._problem, self._until, self._title, self._clock = problem, until, title, clock
+        self._console = Console() if console is None else console
+        self._live = Live(console=self._console, auto_refresh=False)
+        self._past: deque[Look] = deque(maxlen=_BROADEST)
+        self._drawn = -np.inf
+
+    def interval(self, speed: float | None) -> float:
+        """Ask for a look for each picture, or a thousand where nobody knows how fast it goes.
+
+        Parameters
+        ----------
+        speed : float, optional
+            Units of simulated time per second.
+
+        Returns
+        -------
+        float
+            In units of simulated time.
+        """
+        return self._until / _LOOKS if speed is None else speed * _FRAME
+
+    def __enter__(self) -> Self:
+        self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._past:
+            self._draw()
+        self._live.stop()
+
+    def show(self, look: Look) -> None:
+        """Take note of a look, and draw if the last picture is old enough.
+
+        Parameters
+        ----------
+        look : Look
+            What is seen.
+        """
+        self._past.append(look)
+        if self._clock() - self._drawn >= _FRAME:
+            self._draw()
+
+    def end(self, look: Look) -> None:
+        """Draw the last look.
+
+        Parameters
+        ----------
+        look : Look
+            What is seen.
+        """
+        self._past.append(look)
+        self._draw()
+
+    def _draw(self) -> None:
+        self._live.update(self._picture(), refresh=True)
+        self._drawn = self._clock()
+
+    def _picture(self) -> Group:
+        """Put together what is shown, as wide as the terminal allows."""
+        look, plain = self._past[-1], self._console.options.ascii_only
+        resources = [*map(fit, self._problem.resource_names)]
+        names = max(cell_len(name) for name in ("resource", *resources))
+        left = self._console.width - _NUMBERS - names
+        curve = left >= 2 * _NARROWEST
+        width = int(np.clip(left // 2 if curve else left, _NARROWEST, _BROADEST))
+        table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+        for title in ("resource", "demand"):
+            table.add_column(title, no_wrap=True)
+        table.add_column(justify="right", no_wrap=True)
+        if curve:
+            table.add_column("last looks", no_wrap=True)
+        for title in ("signals", "used", "misalloc."):
+            table.add_column(title, justify="right", no_wrap=True)
+        for j, name in enumerate(resources):
+            past = [float(one.demand[j] / one.capacity[j]) for one in list(self._past)[-width:]]
+            table.add_row(
+                Text(name),
+                _bar(past[-1], width, _style(j), plain),
+                Text(_percent(past[-1]), style="reverse" if past[-1] > 1.0 else ""),
+                *([Text(sparkline(past, plain), style=_style(j))] if curve else []),
+                Text(f"{look.signals[j]:,d}"),
+                Text(_percent(look.utilisation[j])),
+                Text(_percent(look.misallocation[j])),
+            )
+        return Group(*self._heading(look), Text(), table)
+
+    def _heading(self, look: Look) -> list[Text | Table]:
+        """Say what is run, and how far it is."""
+        clock = Table.grid(padding=(0, 1))
+        bar = ProgressBar(total=self._until, completed=look.time, width=20)
+        clock.add_row(Text(f"time {look.time:,.6g} of {self._until:,.6g}"), bar)
+        return [*([Text(fit(self._title), style="bold")] if self._title else []), clock]
+
+
+def _style(resource: int) -> str:
+    """Give a resource its colour; black is not seen on a black ground."""
+    return colour(resource) if colour(resource) != "#000000" else "bold"
+
+
+def _percent(share: float) -> str:
+    return "-" if np.isnan(share) else f"{100.0 * share:.1f} %"
+
+
+def _bar(share: float, width: int, style: str, plain: bool) -> Text:
+    """Draw total demand as a bar, with a mark at the capacity."""
+    filled = min(max(share, 0.0) / _WIDEST, 1.0) * width
+    whole = int(filled)
+    if plain:
+        cells = list(("#" * whole).ljust(width))
+    else:
+        rest = _EIGHTHS[int(8 * (filled - whole))] if whole < width else ""
+        cells = list(("█" * whole + rest).ljust(width))
+    mark = min(int(width / _WIDEST), width - 1)
+    cells[mark] = "|" if plain else "┃"
+    text = Text("".join(cells), style=style)
+    text.stylize("bold default", mark, mark + 1)
+    return text
+
+
+def sparkline(values: Sequence[float], plain: bool = False) -> str:
+    """Draw a curve with one sign for each value, from the least to the greatest of them.
+
+    Parameters
+    ----------
+    values : sequence of float
+        At least one.
+    plain : bool
+        Whether the terminal shows ASCII only.
+
+    Returns
+    -------
+    str
+        As long as there are values.
+    """
+    signs = _ASCII_HEIGHTS if plain else _HEIGHTS
+    low, span = min(values), max(values) - min(values)
+    if span <= 0.0:
+        return signs[len(signs) // 2] * len(values)
+    return "".join(signs[min(int(8 * (value - low) / span), 7)] for value in values)
