@@ -3,61 +3,58 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from aimd_des import _deprecated
+from aimd_des._version import RESULT_VERSION
+from aimd_des._version import __version__ as __version__
+
 if TYPE_CHECKING:
-    from aimd_des import (interventions, latency, loss, theory, topology)
-    from aimd_des.dynamics import averaging
-    from aimd_des.dynamics import loss_compensation as compensation
-    from aimd_des.fleet import Camera, Fleet
+    from aimd_des import averaging, compensation, interventions, latency, loss, lowlevel, theory, topology
     from aimd_des.channel import BroadcastChannel
     from aimd_des.dynamics.clocks import Clocks
+    from aimd_des.engine.agent_process import Camera
     from aimd_des.engine.control_unit import Crossing, Sampled
-    from aimd_des.problem.costs import CoupledCosts, CustomCosts, PolynomialCosts
-    from aimd_des.synchronous.synchronous import run_discrete
-    from aimd_des.utils.errors import InputError, SimulationError
-    from aimd_des.problem.optimum import Optimum, normalization_factors, solve_optimum
-    from aimd_des.problem.problem import Problem, Resource
-    from aimd_des.results.recording import Recording
-    from aimd_des.scenario.models import model
-    from aimd_des.results.result import Result
-    from aimd_des.scenario import load_scenario
     from aimd_des.engine.simulation import Simulation
+    from aimd_des.fleet import Fleet
+    from aimd_des.problem import Problem, Resource
+    from aimd_des.problem.costs import CoupledCosts, CustomCosts, PolynomialCosts
+    from aimd_des.problem.optimum import Optimum, normalization_factors, solve_optimum
+    from aimd_des.results import Recording, Result
+    from aimd_des.scenario import load_scenario
+    from aimd_des.scenario.models import model
     from aimd_des.study import Study, load_study, run_study
-
-__version__ = "0.1.0"
-
-#: Raised when a scenario gives other results than before: see lines of the changelog tagged **Results**.
-RESULT_VERSION = 1
+    from aimd_des.synchronous import run_discrete
+    from aimd_des.utils.errors import InputError, SimulationError
 
 # Where each public name lives.
 _HOME = {
     "BroadcastChannel": "channel",
-    "Camera": "agents",
-    "Clocks": "clock",
-    "CoupledCosts": "costs",
-    "Crossing": "control_unit",
-    "CustomCosts": "costs",
-    "Fleet": "agents",
-    "InputError": "errors",
-    "Optimum": "optimum",
-    "PolynomialCosts": "costs",
+    "Camera": "engine.agent_process",
+    "Clocks": "dynamics.clocks",
+    "CoupledCosts": "problem.costs",
+    "Crossing": "engine.control_unit",
+    "CustomCosts": "problem.costs",
+    "Fleet": "fleet",
+    "InputError": "utils.errors",
+    "Optimum": "problem.optimum",
+    "PolynomialCosts": "problem.costs",
     "Problem": "problem",
-    "Recording": "recording",
+    "Recording": "results",
     "Resource": "problem",
     "Result": "results",
-    "Sampled": "control_unit",
-    "Simulation": "simulation",
-    "SimulationError": "errors",
+    "Sampled": "engine.control_unit",
+    "Simulation": "engine.simulation",
+    "SimulationError": "utils.errors",
     "Study": "study",
     "load_scenario": "scenario",
     "load_study": "study",
-    "model": "registry",
-    "normalization_factors": "optimum",
-    "run_discrete": "discrete",
+    "model": "scenario.models",
+    "normalization_factors": "problem.optimum",
+    "run_discrete": "synchronous",
     "run_study": "study",
-    "solve_optimum": "optimum",
+    "solve_optimum": "problem.optimum",
 }
 # Modules that are public as a whole.
-_MODULES = {"averaging", "compensation", "interventions", "latency", "loss", "theory", "topology"}
+_MODULES = {"averaging", "compensation", "interventions", "latency", "loss", "lowlevel", "theory", "topology"}
 
 __all__ = [
     "RESULT_VERSION",
@@ -86,6 +83,7 @@ __all__ = [
     "load_scenario",
     "load_study",
     "loss",
+    "lowlevel",
     "model",
     "normalization_factors",
     "run_discrete",
@@ -107,3 +105,6 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted(__all__)
+
+
+_deprecated.install()

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from aimd_des import (Camera, Fleet, PolynomialCosts, Problem, Recording, Simulation)
+from aimd_des import Camera, Fleet, PolynomialCosts, Problem, Recording, Simulation
 from aimd_des.channel import BroadcastChannel, latency
 from aimd_des.engine.control_unit import Crossing
 from benchmarks import asynchronous_simpy

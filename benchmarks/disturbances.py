@@ -4,7 +4,19 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
-from aimd_des import (BroadcastChannel, Crossing, Fleet, Problem, Recording, Simulation, averaging, compensation, latency, loss, topology)
+from aimd_des import (
+    BroadcastChannel,
+    Crossing,
+    Fleet,
+    Problem,
+    Recording,
+    Simulation,
+    averaging,
+    compensation,
+    latency,
+    loss,
+    topology,
+)
 from aimd_des.interventions import Absence, CapacityProfile, UnusualActivity
 from benchmarks.harness import (
     Contestant,

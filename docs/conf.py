@@ -8,7 +8,7 @@ from sphinx.application import Sphinx
 DOCS = Path(__file__).parent
 sys.path[:0] = [str(DOCS / "_extensions"), str(DOCS.parent)]
 
-from aimd_des import __version__
+from aimd_des import __version__  # noqa: E402 - the path is set above
 
 project = "aimd_des"
 author = "The aimd_des authors"

@@ -14,7 +14,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import (Crossing, Problem, Sampled, theory)
+from aimd_des import Crossing, Problem, Sampled, theory
 from aimd_des.plots import shared_legend
 from models.smart_cameras import smart_cameras
 from scenarios.common import figures

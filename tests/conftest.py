@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 
-from aimd_des import (CoupledCosts, CustomCosts, PolynomialCosts, Problem, Resource, Result)
-from aimd_des.utils.jit import _PackageCache
+from aimd_des import CoupledCosts, CustomCosts, PolynomialCosts, Problem, Resource, Result
 from aimd_des.problem.costs import Costs
+from aimd_des.utils.jit import _PackageCache
 
 try:
     import fcntl

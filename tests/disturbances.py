@@ -6,9 +6,21 @@ from typing import Any
 import networkx as nx
 from hypothesis import strategies as st
 
-from aimd_des import (Problem, latency, loss, topology)
+from aimd_des import Problem, latency, loss, topology
+from aimd_des.interventions import (
+    Absence,
+    CapacityProfile,
+    CapacityRamp,
+    CapacityStep,
+    Crash,
+    Failover,
+    Intervention,
+    Join,
+    Partition,
+    Prices,
+    UnusualActivity,
+)
 from aimd_des.problem.costs import Costs, weighted_costs
-from aimd_des.interventions import (Absence, CapacityProfile, CapacityRamp, CapacityStep, Crash, Failover, Intervention, Join, Partition, Prices, UnusualActivity)
 
 Made = Callable[[Problem], Any]
 

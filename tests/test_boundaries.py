@@ -6,7 +6,7 @@ from itertools import accumulate
 import numpy as np
 import pytest
 
-from aimd_des import (Camera, Clocks, InputError, Result, Sampled, Simulation, SimulationError, solve_optimum)
+from aimd_des import Camera, Clocks, InputError, Result, Sampled, Simulation, SimulationError, solve_optimum
 from aimd_des.channel.latency.kernels import quantile_row
 from aimd_des.engine.conditions import growth_of
 from aimd_des.latency import Uniform

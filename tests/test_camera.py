@@ -10,12 +10,26 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from aimd_des import (BroadcastChannel, Camera, Clocks, CoupledCosts, Crossing, PolynomialCosts, Problem, Recording, Result, Sampled, Simulation, latency, loss)
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Clocks,
+    CoupledCosts,
+    Crossing,
+    PolynomialCosts,
+    Problem,
+    Recording,
+    Result,
+    Sampled,
+    Simulation,
+    latency,
+    loss,
+)
 from aimd_des.channel import Broadcast, Copies
-from aimd_des.engine.environment import Kind
-from aimd_des.utils.rng import Purpose, key
-from aimd_des.engine.system import System
 from aimd_des.engine.delivery import ProcessGenerator
+from aimd_des.engine.environment import Kind
+from aimd_des.engine.system import System
+from aimd_des.utils.rng import Purpose, key
 from tests.conftest import (
     problems,
     quadratic_problem,

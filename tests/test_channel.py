@@ -10,9 +10,9 @@ import pytest
 
 from aimd_des import InputError, Problem, Result
 from aimd_des.channel import Broadcast, BroadcastChannel, Draws
+from aimd_des.engine.simulation import Simulation
 from aimd_des.latency import Constant
 from aimd_des.loss import Bernoulli
-from aimd_des.engine.simulation import Simulation
 from aimd_des.utils.rng import Purpose, key
 from models import smart_cameras
 from tests.conftest import quadratic_problem, quietly, random_problem, reference_draws

@@ -5,15 +5,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des import (BroadcastChannel, SimulationError, latency, loss)
-from aimd_des.utils import rng as streams
-from aimd_des.channel import (Broadcast, CompiledLink, Draws, Link)
+from aimd_des import BroadcastChannel, SimulationError, latency, loss
+from aimd_des.channel import Broadcast, CompiledLink, Draws, Link
 from aimd_des.channel.transmit_kernel import transmit
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils import rng
 from aimd_des.utils.rng import Purpose
+from aimd_des.utils.validation import FloatArray
 
 N = 7
-KEYS = {purpose: streams.key(3, purpose) for purpose in Purpose}
+KEYS = {purpose: rng.key(3, purpose) for purpose in Purpose}
 EACH = np.linspace(0.0, 0.9, N)
 RECORD = np.arange(3 * N).reshape(3, N) % 2
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aimd_des import InputError, SimulationError
-from aimd_des.utils import validation as checks
+from aimd_des.utils import validation
 
 
 def refusal(check: Callable[..., object], *arguments: Any, **options: Any) -> str:
@@ -43,7 +43,9 @@ def refusal(check: Callable[..., object], *arguments: Any, **options: Any) -> st
     ],
 )
 def test_number_names_field_value_range_and_remedy(value: object, shown: str) -> None:
-    message = refusal(checks.number, "capacity of disk", value, low=0.0, low_open=True, remedy="buy another")
+    message = refusal(
+        validation.number, "capacity of disk", value, low=0.0, low_open=True, remedy="buy another"
+    )
     assert message == f"capacity of disk = {shown}: must be a finite number greater than 0; buy another"
 
 
@@ -66,37 +68,39 @@ def test_number_knows_open_and_closed_ends(
     bounds: dict[str, Any], words: str, inside: list[float], outside: list[float]
 ) -> None:
     for value in inside:
-        clean = checks.number("x", value, **bounds)
+        clean = validation.number("x", value, **bounds)
         assert (clean, type(clean)) == (value, float)
     for value in outside:
-        assert refusal(checks.number, "x", value, **bounds).endswith(f"must be {words}")
+        assert refusal(validation.number, "x", value, **bounds).endswith(f"must be {words}")
 
 
 @pytest.mark.parametrize("value", [3, 3.0, np.int64(3), np.float32(3), Fraction(3)])
 def test_number_takes_every_kind_of_real_number(value: Any) -> None:
-    clean = checks.number("x", value)
+    clean = validation.number("x", value)
     assert (clean, type(clean)) == (3.0, float)
 
 
 @pytest.mark.parametrize("value", [True, np.False_, 2.0, "2", None, math.nan, 1j, [1], -1, 7, -(10**30)])
 def test_integer_names_field_value_range_and_remedy(value: object) -> None:
-    message = refusal(checks.integer, "seed", value, low=0, high=6, remedy="take 1")
+    message = refusal(validation.integer, "seed", value, low=0, high=6, remedy="take 1")
     assert message == f"seed = {value!r}: must be an integer of at least 0 and at most 6; take 1"
 
 
 def test_integer_says_one_sided_ranges() -> None:
-    assert refusal(checks.integer, "n", 0, low=1).endswith("must be an integer of at least 1")
-    assert refusal(checks.integer, "n", 9, high=8).endswith("must be an integer at most 8")
-    assert refusal(checks.integer, "n", 0.5).endswith("must be an integer")
+    assert refusal(validation.integer, "n", 0, low=1).endswith("must be an integer of at least 1")
+    assert refusal(validation.integer, "n", 9, high=8).endswith("must be an integer at most 8")
+    assert refusal(validation.integer, "n", 0.5).endswith("must be an integer")
 
 
 @pytest.mark.parametrize("value", [5, np.int8(5), np.uint64(5), 10**30])
 def test_integer_takes_every_kind_of_integer_of_any_size(value: Any) -> None:
-    clean = checks.integer("n", value, low=0)
+    clean = validation.integer("n", value, low=0)
     assert (clean, type(clean)) == (int(value), int)
 
 
-@pytest.mark.parametrize(("check", "sign"), [(checks.number, 1), (checks.number, -1), (checks.integer, -1)])
+@pytest.mark.parametrize(
+    ("check", "sign"), [(validation.number, 1), (validation.number, -1), (validation.integer, -1)]
+)
 def test_an_integer_too_long_to_be_printed_is_refused_like_others(
     check: Callable[..., object], sign: int
 ) -> None:
@@ -119,13 +123,15 @@ def test_an_integer_too_long_to_be_printed_is_refused_like_others(
     ],
 )
 def test_array_refuses_what_is_no_array_of_numbers(value: object) -> None:
-    message = refusal(checks.array, "weights", value, (2,), remedy="see the guide")
+    message = refusal(validation.array, "weights", value, (2,), remedy="see the guide")
     assert message == f"weights = {value!r}: must be an array of numbers of shape (2,); see the guide"
 
 
 @pytest.mark.parametrize("value", [[1 + 2j, 3], np.array([1j, 2])])
 def test_array_refuses_complex_numbers_without_a_warning(value: object) -> None:
-    assert refusal(checks.array, "weights", value, (2,)).endswith("must be an array of numbers of shape (2,)")
+    assert refusal(validation.array, "weights", value, (2,)).endswith(
+        "must be an array of numbers of shape (2,)"
+    )
 
 
 @pytest.mark.parametrize(
@@ -140,7 +146,7 @@ def test_array_refuses_complex_numbers_without_a_warning(value: object) -> None:
 )
 def test_array_names_the_shape_it_wants(value: object, shape: tuple[int | str, ...], wanted: str) -> None:
     have = np.shape(value)  # type: ignore[arg-type]
-    message = refusal(checks.array, "weights", value, shape, remedy="one per agent")
+    message = refusal(validation.array, "weights", value, shape, remedy="one per agent")
     assert message == f"shape of weights = {have!r}: must be {wanted}; one per agent"
 
 
@@ -150,13 +156,15 @@ def test_array_names_the_shape_it_wants(value: object, shape: tuple[int | str, .
 def test_array_names_the_first_bad_element(bad: float, shown: str) -> None:
     values = np.full((2, 3), 0.5)
     values[1, 0] = values[1, 2] = bad
-    message = refusal(checks.array, "loss", values, ("n", 3), low=0.0, low_open=True, high=1.0, remedy="less")
+    message = refusal(
+        validation.array, "loss", values, ("n", 3), low=0.0, low_open=True, high=1.0, remedy="less"
+    )
     assert message == f"loss[1, 0] = {shown}: must be a finite number greater than 0 and at most 1; less"
 
 
 def test_array_is_a_copy_that_cannot_be_written() -> None:
     given_values = np.array([1, 2, 3])
-    clean = checks.array("x", given_values, ("n",))
+    clean = validation.array("x", given_values, ("n",))
     given_values[0] = 7
     assert clean.tolist() == [1.0, 2.0, 3.0]
     assert clean.dtype == np.float64
@@ -166,13 +174,13 @@ def test_array_is_a_copy_that_cannot_be_written() -> None:
 
 @pytest.mark.parametrize("value", [2, 2.0, np.float64(2), np.int32(2)])
 def test_per_agent_gives_a_float_for_a_scalar(value: Any) -> None:
-    clean = checks.per_agent("alpha", value, low=0.0)
+    clean = validation.per_agent("alpha", value, low=0.0)
     assert (clean, type(clean)) == (2.0, float)
 
 
 @pytest.mark.parametrize("value", [[1, 2], (1, 2), np.array([1, 2])])
 def test_per_agent_gives_an_array_for_many(value: Any) -> None:
-    clean = checks.per_agent("alpha", value, low=0.0)
+    clean = validation.per_agent("alpha", value, low=0.0)
     assert isinstance(clean, np.ndarray)
     assert clean.tolist() == [1.0, 2.0]
     assert not clean.flags.writeable
@@ -190,26 +198,26 @@ def test_per_agent_gives_an_array_for_many(value: Any) -> None:
     ],
 )
 def test_per_agent_refuses_as_its_parts_do(value: object, start: str) -> None:
-    message = refusal(checks.per_agent, "alpha", value, low=0.0, low_open=True, remedy="help")
+    message = refusal(validation.per_agent, "alpha", value, low=0.0, low_open=True, remedy="help")
     assert message.startswith(start)
     assert message.endswith("; help")
 
 
 def test_per_agent_refuses_a_ragged_list() -> None:
-    assert "alpha" in refusal(checks.per_agent, "alpha", [[1.0], [1.0, 2.0]])
+    assert "alpha" in refusal(validation.per_agent, "alpha", [[1.0], [1.0, 2.0]])
 
 
 def test_fits_lets_scalars_through_and_counts_arrays() -> None:
-    checks.fits("latency", 0.5, 3)
-    checks.fits("latency", np.ones(3), 3)
-    message = refusal(checks.fits, "latency", np.ones(2), 3)
+    validation.fits("latency", 0.5, 3)
+    validation.fits("latency", np.ones(3), 3)
+    message = refusal(validation.fits, "latency", np.ones(2), 3)
     assert message == "shape of latency = (2,): must be (3,); give one number for all agents or one for each"
 
 
 @given(st.floats(allow_nan=True, allow_infinity=True), st.floats(-10, 10), st.floats(-10, 10))
 def test_number_and_array_agree_with_the_definition(value: float, low: float, high: float) -> None:
     allowed = math.isfinite(value) and low < value <= high
-    for check, given_value in ((checks.number, value), (checks.per_agent, [value])):
+    for check, given_value in ((validation.number, value), (validation.per_agent, [value])):
         if allowed:
             assert check("x", given_value, low=low, low_open=True, high=high) == value
         else:
@@ -234,7 +242,7 @@ def test_the_exceptions_are_what_callers_expect() -> None:
 
 @pytest.mark.parametrize("value", ["memory", "a b", "Zürich → Genève", "ذاكرة", "a" * 500, "$x^2$"])
 def test_text_takes_names_of_all_scripts(value: str) -> None:
-    assert checks.text("name", value) is value
+    assert validation.text("name", value) is value
 
 
 @pytest.mark.parametrize(
@@ -242,23 +250,23 @@ def test_text_takes_names_of_all_scripts(value: str) -> None:
 )
 def test_text_refuses_what_is_no_letter(value: str) -> None:
     with pytest.raises(InputError) as caught:
-        checks.text("name", value)
+        validation.text("name", value)
     assert str(caught.value) == f"name = {value!r}: must be on one line and without control characters"
 
 
 def test_text_refuses_pages_and_what_is_no_string() -> None:
     with pytest.raises(InputError, match=r"must be at most 500 letters long$"):
-        checks.text("name", "a" * 501)
+        validation.text("name", "a" * 501)
     with pytest.raises(InputError, match=r"^name = 5: must be a string that is not empty$"):
-        checks.text("name", 5)
+        validation.text("name", 5)
     with pytest.raises(InputError, match=r"^name = '': must be a string that is not empty$"):
-        checks.text("name", "")
-    assert checks.text("name", "", empty=True) == ""
+        validation.text("name", "")
+    assert validation.text("name", "", empty=True) == ""
 
 
 def test_memory_refuses_what_the_machine_has_not() -> None:
-    checks.memory("steps", 5, 1e6, "a byte for each")
+    validation.memory("steps", 5, 1e6, "a byte for each")
     with pytest.raises(
         InputError, match=r"^steps = 5: must be less: a byte for each would take 1e\+09 GB, and"
     ):
-        checks.memory("steps", 5, 1e18, "a byte for each")
+        validation.memory("steps", 5, 1e18, "a byte for each")

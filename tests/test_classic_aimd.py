@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aimd_des import (InputError, Recording, Result, run_discrete, theory)
+from aimd_des import InputError, Recording, Result, run_discrete, theory
 from aimd_des.scenario.models import model_parameters, named_model
 from models import classic_aimd
 

@@ -55,10 +55,10 @@ def test_an_unknown_command_is_refused() -> None:
 def test_progress_is_shown_where_a_run_takes_its_time(
     patience: float, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("aimd_des.progress._PATIENCE", patience)
+    monkeypatch.setattr("aimd_des.cli.progress._PATIENCE", patience)
     monkeypatch.setenv("COLUMNS", "120")
     clock = iter([0.0, 40.0, 50.0])  # 40 s of compiling, and 10 s of running
-    monkeypatch.setattr("aimd_des.progress.time", SimpleNamespace(monotonic=lambda: next(clock)))
+    monkeypatch.setattr("aimd_des.cli.progress.time", SimpleNamespace(monotonic=lambda: next(clock)))
     with RunProgress(8000.0) as progress:
         progress.update(500.0, 10_000)
         progress.update(2000.0, 100_000)

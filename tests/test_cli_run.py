@@ -10,8 +10,8 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from aimd_des.utils.errors import SimulationError
 from aimd_des.scenario import Scenario, load_scenario
+from aimd_des.utils.errors import SimulationError
 from tests.command_line import TABLES, digest, everything, invoke, refusal, run, write
 from tests.conftest import INLINE, quietly
 
@@ -62,7 +62,7 @@ def test_a_figure_that_fails_is_a_warning_and_no_reason_to_lose_a_run(
     def fail(*args: Any) -> Any:
         raise ZeroDivisionError("no picture")
 
-    monkeypatch.setattr("aimd_des.plots.figures.sum_of_averages", fail)
+    monkeypatch.setattr("aimd_des.plots.paper_figures.sum_of_averages", fail)
     sentence = r"^out/figure4.png: is missing \(ZeroDivisionError: no picture\); all numbers are written$"
     with pytest.warns(RuntimeWarning, match=sentence):
         outcome = invoke("run", str(write()), "--out", "out")

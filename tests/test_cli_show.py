@@ -6,8 +6,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from aimd_des.utils.checksums import checksums_of, write_checksums
 from aimd_des.cli.terminal_tables import shown
+from aimd_des.utils.checksums import checksums_of, write_checksums
 from tests.command_line import refusal, run, said, words, write
 
 pytestmark = pytest.mark.usefixtures("own_folder")

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from aimd_des.cli.terminal_tables import (interval, plus_minus, print_pairs, print_table, said, shown)
+from aimd_des.cli.terminal_tables import interval, plus_minus, print_pairs, print_table, said, shown
 
 
 @pytest.mark.parametrize(

@@ -13,11 +13,22 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from aimd_des import (BroadcastChannel, Camera, Crossing, Problem, Recording, Result, Sampled, Simulation, latency, loss)
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.rng import Purpose
-from aimd_des.engine.system import System
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Crossing,
+    Problem,
+    Recording,
+    Result,
+    Sampled,
+    Simulation,
+    latency,
+    loss,
+)
 from aimd_des.engine.delivery import Signal
+from aimd_des.engine.system import System
+from aimd_des.utils.rng import Purpose
+from aimd_des.utils.validation import FloatArray
 from tests.conftest import quadratic_problem, quietly, random_problem, reference_draws
 
 Dynamics = Literal["discrete", "continuous"]

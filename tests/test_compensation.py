@@ -8,14 +8,36 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aimd_des import (BroadcastChannel, Camera, Crossing, Fleet, InputError, Problem, Recording, Sampled, Simulation, theory)
-from aimd_des.dynamics.loss_compensation import (ESTIMATED, KNOWN, NOTHING, Compensation, EstimatedLoss, KnownLoss, compensation_factor, estimated_loss, no_compensation, read_number)
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Crossing,
+    Fleet,
+    InputError,
+    Problem,
+    Recording,
+    Sampled,
+    Simulation,
+    theory,
+)
+from aimd_des.dynamics.loss_compensation import (
+    ESTIMATED,
+    KNOWN,
+    NOTHING,
+    Compensation,
+    EstimatedLoss,
+    KnownLoss,
+    compensation_factor,
+    estimated_loss,
+    no_compensation,
+    read_number,
+)
+from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
+from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import Kind
+from aimd_des.engine.system import System
 from aimd_des.interventions import Absence, Crash
 from aimd_des.problem.optimum import solve_optimum
-from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
-from aimd_des.engine.system import System
-from aimd_des.engine.delivery import ProcessGenerator
 from models.smart_cameras import smart_cameras
 from scenarios.common.systems import memory_alone, spread
 from tests.conftest import assert_same_run, quietly, random_problem

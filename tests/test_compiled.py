@@ -16,16 +16,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numba.core.errors import TypingError
 
-from aimd_des.utils.jit import ABOVE_KERNELS
 from aimd_des.problem.costs import Costs
 from aimd_des.problem.costs.kernels import cost_table, gradient_row, marginal_cost
 from aimd_des.scenario import Scenario
+from aimd_des.utils.jit import ABOVE_KERNELS
 from tests.conftest import INLINE, ROOT, python, random_problem
 from tests.test_layering import ORDER
 
 SOURCE = """
 import numpy as np
-from aimd_des.compiled import announced, formula, kernel, routine
+from aimd_des.utils.jit import announced, formula, kernel, routine
 
 @formula
 def line(x, alpha, steps):
@@ -128,7 +128,7 @@ def cached_program(package: Path) -> Callable[[], list[str]]:
     """A copy of the package with a kernel that uses a formula of another file; run it in a fresh process."""
     shutil.copytree(ROOT / "aimd_des", package / "aimd_des", ignore=shutil.ignore_patterns("__pycache__"))
     (package / "aimd_des" / "outer.py").write_text(
-        "from aimd_des.compiled import kernel\nfrom aimd_des.inner import times\n\n"
+        "from aimd_des.utils.jit import kernel\nfrom aimd_des.inner import times\n\n"
         "@kernel\ndef apply(x):\n    return times(x)\n",
         encoding="utf-8",
     )
@@ -145,7 +145,7 @@ def cached_program(package: Path) -> Callable[[], list[str]]:
 def test_a_kernel_is_compiled_anew_when_a_formula_of_another_file_changes(tmp_path: Path) -> None:
     inner = tmp_path / "aimd_des" / "inner.py"
     run = cached_program(tmp_path)
-    formula = "from aimd_des.compiled import formula\n\n@formula\ndef times(x):\n    return {} * x\n"
+    formula = "from aimd_des.utils.jit import formula\n\n@formula\ndef times(x):\n    return {} * x\n"
     inner.write_text(formula.format("2.0"), encoding="utf-8")
     assert run() == ["42.0", "0"]
     assert run() == ["42.0", "1"]  # from the cache
@@ -158,7 +158,7 @@ def test_no_kernel_can_depend_on_what_leaves_it_as_it_was() -> None:
     assert {"__init__", *ORDER[ORDER.index("simulation") + 1 :]} == ABOVE_KERNELS
     for path in (ROOT / "aimd_des").rglob("*.py"):
         if Path(path.relative_to(ROOT / "aimd_des").parts[0]).stem in ABOVE_KERNELS:
-            assert "aimd_des.compiled" not in path.read_text(encoding="utf-8")
+            assert "aimd_des.utils.jit" not in path.read_text(encoding="utf-8")
 
 
 def derivatives(costs: Costs, averages: Any) -> Any:
@@ -237,7 +237,7 @@ def test_compiled_code_that_allocates_is_refused(module: ModuleType) -> None:
 # -- where nothing can be kept, and where nothing is compiled --------------------------------------------
 
 KERNELS = (
-    "from aimd_des.compiled import kernel\n"
+    "from aimd_des.utils.jit import kernel\n"
     "@kernel\ndef twice(x):\n    return 2.0 * x\n"
     "@kernel\ndef thrice(x):\n    return 3.0 * x\n"
     "print(twice(1.0), thrice(1.0))\n"

@@ -16,13 +16,35 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aimd_des import (BroadcastChannel, Clocks, Crossing, Problem, Recording, Result, Sampled, Simulation, averaging, latency, loss)
+from aimd_des import (
+    BroadcastChannel,
+    Clocks,
+    Crossing,
+    Problem,
+    Recording,
+    Result,
+    Sampled,
+    Simulation,
+    averaging,
+    latency,
+    loss,
+)
+from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import Kind
-from aimd_des.interventions import (Absence, CapacityRamp, CapacityStep, Crash, Failover, Intervention, Join, Partition, UnusualActivity)
+from aimd_des.engine.system import System
+from aimd_des.interventions import (
+    Absence,
+    CapacityRamp,
+    CapacityStep,
+    Crash,
+    Failover,
+    Intervention,
+    Join,
+    Partition,
+    UnusualActivity,
+)
 from aimd_des.latency import Latency
 from aimd_des.loss import Loss
-from aimd_des.engine.system import System
-from aimd_des.engine.delivery import ProcessGenerator
 from tests.conftest import python, quietly, random_problem
 from tests.test_camera import tick_times
 

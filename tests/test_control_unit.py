@@ -10,10 +10,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aimd_des import (BroadcastChannel, Clocks, Crossing, InputError, PolynomialCosts, Problem, Recording, Result, Sampled, Simulation, SimulationError, latency)
+from aimd_des import (
+    BroadcastChannel,
+    Clocks,
+    Crossing,
+    InputError,
+    PolynomialCosts,
+    Problem,
+    Recording,
+    Result,
+    Sampled,
+    Simulation,
+    SimulationError,
+    latency,
+)
+from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import Kind
 from aimd_des.engine.system import System
-from aimd_des.engine.delivery import ProcessGenerator
 from tests.conftest import problems, quadratic_problem, quietly, random_problem, resource
 from tests.test_camera import Script
 

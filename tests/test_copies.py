@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from aimd_des import (Camera, Crossing, Fleet, Recording, Result, Simulation)
+from aimd_des import Camera, Crossing, Fleet, Recording, Result, Simulation
 from tests.conftest import quadratic_problem
 
 

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aimd_des import (CoupledCosts, CustomCosts, InputError, PolynomialCosts, Problem)
-from aimd_des.utils.validation import FloatArray
+from aimd_des import CoupledCosts, CustomCosts, InputError, PolynomialCosts, Problem
 from aimd_des.problem.costs import Costs, check_on_box
 from aimd_des.problem.costs.base import sample_box
+from aimd_des.utils.validation import FloatArray
 from tests.conftest import FAMILIES, as_custom, random_costs, reference_derivative, resource
 
 CASES = st.tuples(st.integers(0, 2**32 - 1), st.integers(1, 5), st.integers(1, 3), st.sampled_from(FAMILIES))

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 import pytest
 
-from aimd_des.utils import portable_math as elementary
+from aimd_des.utils import portable_math
 from aimd_des.utils.validation import FloatArray
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -87,13 +87,13 @@ def compiled(formula: Callable[[float], float]) -> Callable[[FloatArray], FloatA
 @pytest.mark.parametrize(
     ("function", "exact", "points", "bound"),
     [
-        (elementary.log, Decimal.ln, LOG_POINTS, 1.0),
-        (elementary.exp, Decimal.exp, EXP_POINTS, 1.0),
-        (elementary.log1p, lambda x: (1 + x).ln(), np.abs(SMALL_POINTS), 2.0),
-        (elementary.log1p, lambda x: (1 + x).ln(), -np.minimum(np.abs(SMALL_POINTS), 0.99), 2.0),
-        (elementary.log1p, lambda x: (1 + x).ln(), LOG_POINTS[LOG_POINTS > 1e-3], 2.0),
-        (elementary.expm1, lambda x: x.exp() - 1, SMALL_POINTS[SMALL_POINTS != 0.0], 3.0),
-        (elementary.expm1, lambda x: x.exp() - 1, EXP_POINTS[EXP_POINTS != 0.0], 3.0),
+        (portable_math.log, Decimal.ln, LOG_POINTS, 1.0),
+        (portable_math.exp, Decimal.exp, EXP_POINTS, 1.0),
+        (portable_math.log1p, lambda x: (1 + x).ln(), np.abs(SMALL_POINTS), 2.0),
+        (portable_math.log1p, lambda x: (1 + x).ln(), -np.minimum(np.abs(SMALL_POINTS), 0.99), 2.0),
+        (portable_math.log1p, lambda x: (1 + x).ln(), LOG_POINTS[LOG_POINTS > 1e-3], 2.0),
+        (portable_math.expm1, lambda x: x.exp() - 1, SMALL_POINTS[SMALL_POINTS != 0.0], 3.0),
+        (portable_math.expm1, lambda x: x.exp() - 1, EXP_POINTS[EXP_POINTS != 0.0], 3.0),
     ],
 )
 def test_functions_are_good_to_the_last_bits(
@@ -106,7 +106,10 @@ def test_functions_are_good_to_the_last_bits(
 
 
 def test_the_bound_would_see_a_value_that_is_two_places_off() -> None:
-    wrong = [lambda x: elementary.log(x) * (1.0 + 2.0**-51), lambda x: elementary.log(x * (1.0 + 2.0**-51))]
+    wrong = [
+        lambda x: portable_math.log(x) * (1.0 + 2.0**-51),
+        lambda x: portable_math.log(x * (1.0 + 2.0**-51)),
+    ]
     assert all(worst(function, Decimal.ln, LOG_POINTS[:500]) > 1.0 for function in wrong)
 
 
@@ -126,7 +129,7 @@ def normal_integral(z: Decimal) -> tuple[Decimal, Decimal]:
 def test_normal_numbers_are_quantiles_at_the_middle_of_their_cells() -> None:
     with localcontext(prec=60):
         for uniform in UNIFORMS[::3].tolist():
-            z = elementary.standard_normal(uniform)
+            z = portable_math.standard_normal(uniform)
             integral, density = normal_integral(Decimal(z))
             wanted = Decimal(uniform) + Decimal(2) ** -54 - Decimal("0.5")
             # Phi is straight enough over a few units in the last place.
@@ -135,18 +138,18 @@ def test_normal_numbers_are_quantiles_at_the_middle_of_their_cells() -> None:
 
 def test_normal_numbers_are_symmetric_and_finite() -> None:
     mirrored = (1.0 - UNIFORMS) - CELL
-    normals = compiled(elementary.standard_normal)
+    normals = compiled(portable_math.standard_normal)
     assert np.array_equal(normals(mirrored), -normals(UNIFORMS))
-    assert elementary.standard_normal(0.0) == -elementary.standard_normal(1.0 - CELL) > -8.3
+    assert portable_math.standard_normal(0.0) == -portable_math.standard_normal(1.0 - CELL) > -8.3
 
 
 def test_functions_know_the_edges() -> None:
     inf, nan = math.inf, math.nan
     cases = {
-        elementary.log: {0.0: -inf, -1.0: nan, inf: inf, nan: nan, 1.0: 0.0, -inf: nan},
-        elementary.log1p: {-1.0: -inf, -2.0: nan, inf: inf, nan: nan, 0.0: 0.0, 1e-300: 1e-300},
-        elementary.exp: {0.0: 1.0, 710.0: inf, inf: inf, -746.0: 0.0, -inf: 0.0, nan: nan},
-        elementary.expm1: {
+        portable_math.log: {0.0: -inf, -1.0: nan, inf: inf, nan: nan, 1.0: 0.0, -inf: nan},
+        portable_math.log1p: {-1.0: -inf, -2.0: nan, inf: inf, nan: nan, 0.0: 0.0, 1e-300: 1e-300},
+        portable_math.exp: {0.0: 1.0, 710.0: inf, inf: inf, -746.0: 0.0, -inf: 0.0, nan: nan},
+        portable_math.expm1: {
             0.0: 0.0,
             710.0: inf,
             inf: inf,
@@ -159,17 +162,17 @@ def test_functions_know_the_edges() -> None:
     for function, pairs in cases.items():
         for x, wanted in pairs.items():
             assert function(x) == wanted or (math.isnan(wanted) and math.isnan(function(x))), (function, x)
-    assert elementary.exp(-0.0) == 1.0
-    assert elementary.log(-0.0) == -inf
+    assert portable_math.exp(-0.0) == 1.0
+    assert portable_math.log(-0.0) == -inf
 
 
 @pytest.mark.parametrize(
     ("formula", "points"),
     [
-        (elementary.log, LOG_POINTS),
-        (elementary.log_normal, LOG_POINTS[LOG_POINTS >= 2.0**-1022]),
-        (elementary.exp, EXP_POINTS),
-        (elementary.standard_normal, UNIFORMS),
+        (portable_math.log, LOG_POINTS),
+        (portable_math.log_normal, LOG_POINTS[LOG_POINTS >= 2.0**-1022]),
+        (portable_math.exp, EXP_POINTS),
+        (portable_math.standard_normal, UNIFORMS),
     ],
 )
 def test_compiled_formulas_give_the_same_bits(formula: Callable[[float], float], points: FloatArray) -> None:
@@ -179,12 +182,17 @@ def test_compiled_formulas_give_the_same_bits(formula: Callable[[float], float],
 
 def test_logarithms_of_normal_numbers_are_those_of_all_numbers() -> None:
     points = np.concatenate([LOG_POINTS[LOG_POINTS >= 2.0**-1022], 1.0 - UNIFORMS])
-    assert compiled(elementary.log_normal)(points).tobytes() == compiled(elementary.log)(points).tobytes()
+    assert (
+        compiled(portable_math.log_normal)(points).tobytes() == compiled(portable_math.log)(points).tobytes()
+    )
 
 
 @pytest.mark.parametrize(
     ("row", "formula", "points"),
-    [(elementary.logs, elementary.log, LOG_POINTS), (elementary.exps, elementary.exp, EXP_POINTS)],
+    [
+        (portable_math.logs, portable_math.log, LOG_POINTS),
+        (portable_math.exps, portable_math.exp, EXP_POINTS),
+    ],
 )
 def test_arrays_keep_their_shape(
     row: Callable[[FloatArray], FloatArray], formula: Callable[[float], float], points: FloatArray
@@ -198,7 +206,7 @@ def test_arrays_keep_their_shape(
 
 # Written down on x86-64. A machine on which one of them differs gives other runs for the same seed.
 BITS = {
-    elementary.log: {
+    portable_math.log: {
         "0x1.999999999999ap-4": "-0x1.26bb1bbb55515p+1",
         "0x1.6a09e667f3bccp-1": "-0x1.62e42fefa39f1p-2",
         "0x1.6a09e667f3bcdp-1": "-0x1.62e42fefa39eep-2",
@@ -210,13 +218,13 @@ BITS = {
         "0x1.fffffffffffffp-1": "-0x1.0000000000000p-53",
         "0x1.0000000000000p-53": "-0x1.25e4f7b2737fap+5",
     },
-    elementary.log1p: {
+    portable_math.log1p: {
         "0x1.b7cdfd9d7bdbbp-34": "0x1.b7cdfd9d1d693p-34",
         "-0x1.3333333333333p-2": "-0x1.6d3c324e13f4fp-2",
         "0x1.6666666666666p-1": "0x1.0fae81914a991p-1",
         "-0x1.4f8b588e368f1p-17": "-0x1.4f8bc681e6005p-17",
     },
-    elementary.exp: {
+    portable_math.exp: {
         "0x1.0000000000000p+0": "0x1.5bf0a8b145769p+1",
         "-0x1.0000000000000p+0": "0x1.78b56362cef38p-2",
         "0x1.999999999999ap-4": "0x1.1aec7b35a00d4p+0",
@@ -228,13 +236,13 @@ BITS = {
         "0x1.62d999999999ap+9": "0x1.d75ae7a50ee14p+1023",
         "0x1.12e0be826d695p-30": "0x1.000000044b830p+0",
     },
-    elementary.expm1: {
+    portable_math.expm1: {
         "0x1.b7cdfd9d7bdbbp-34": "0x1.b7cdfd9dda4e3p-34",
         "-0x1.3333333333333p-2": "-0x1.0966f2c7907f6p-2",
         "0x1.6666666666666p-1": "0x1.03854c24d130dp+0",
         "0x1.6000000000000p+2": "0x1.e76244f21bbf6p+7",
     },
-    elementary.standard_normal: {
+    portable_math.standard_normal: {
         "0x0.0p+0": "-0x1.095b059d67c4cp+3",
         "0x1.0000000000000p-1": "0x1.40d931ff62707p-53",
         "0x1.3333333333333p-4": "-0x1.7085226d3e521p+0",
@@ -282,7 +290,7 @@ def borrowed(source: str) -> list[str]:
 
 
 def test_nothing_that_decides_a_run_asks_the_machines_library() -> None:
-    files = [ROOT / "aimd_des/elementary.py", *(ROOT / "aimd_des/channel").rglob("*.py")]
+    files = [ROOT / "aimd_des/utils/portable_math.py", *(ROOT / "aimd_des/channel").rglob("*.py")]
     assert len(files) > 10
     assert {str(file): found for file in files if (found := borrowed(file.read_text("utf-8")))} == {}
 

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from scipy.optimize import brentq
 
-from aimd_des import (InputError, run_discrete, solve_optimum, theory)
+from aimd_des import InputError, run_discrete, solve_optimum, theory
 from aimd_des.scenario.models import model_parameters, named_model
 from models import ev_charging
 from models.ev_charging import EVENING_PEAK, Vehicles, capacity_left, daily_base_load, vehicle_schedule

@@ -15,13 +15,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aimd_des import (BroadcastChannel, Camera, Clocks, Crossing, Problem, Recording, Result, Sampled, Simulation, latency)
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Clocks,
+    Crossing,
+    Problem,
+    Recording,
+    Result,
+    Sampled,
+    Simulation,
+    latency,
+)
 from aimd_des.channel import Broadcast, Copies
+from aimd_des.engine.delivery import ProcessGenerator, Signal
 from aimd_des.engine.environment import Kind
+from aimd_des.engine.system import System
 from aimd_des.interventions import CapacityProfile, CapacityRamp, CapacityStep
 from aimd_des.results.event_log import Entry, EventLog
-from aimd_des.engine.system import System
-from aimd_des.engine.delivery import ProcessGenerator, Signal
 from tests.conftest import problems, quadratic_problem, quietly, random_problem
 from tests.test_camera import Script, exactly, send_at, story
 

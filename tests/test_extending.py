@@ -11,11 +11,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des import (BroadcastChannel, Camera, Clocks, Crossing, CustomCosts, InputError, Problem, Recording, Result, Sampled, Simulation, run_discrete)
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Clocks,
+    Crossing,
+    CustomCosts,
+    InputError,
+    Problem,
+    Recording,
+    Result,
+    Sampled,
+    Simulation,
+    run_discrete,
+)
 from aimd_des.channel import Copies
+from aimd_des.engine.delivery import ProcessGenerator, Signal
 from aimd_des.engine.environment import Kind
 from aimd_des.engine.system import System
-from aimd_des.engine.delivery import ProcessGenerator, Signal
 from tests.conftest import assert_same_run, random_problem
 from tests.test_doctests import ROOT, python_blocks
 

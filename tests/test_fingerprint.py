@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des import (CoupledCosts, CustomCosts, PolynomialCosts, Problem, Resource)
+from aimd_des import CoupledCosts, CustomCosts, PolynomialCosts, Problem, Resource
 from aimd_des.problem.costs import weighted_costs
 from aimd_des.study.fingerprint import FORM, fingerprint, problem_digests
 from tests.conftest import python

@@ -9,11 +9,31 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aimd_des import (BroadcastChannel, Camera, Clocks, Crossing, CustomCosts, Fleet, InputError, Problem, Recording, Resource, Result, Sampled, Simulation, SimulationError, averaging, compensation, latency, loss, run_discrete)
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Clocks,
+    Crossing,
+    CustomCosts,
+    Fleet,
+    InputError,
+    Problem,
+    Recording,
+    Resource,
+    Result,
+    Sampled,
+    Simulation,
+    SimulationError,
+    averaging,
+    compensation,
+    latency,
+    loss,
+    run_discrete,
+)
 from aimd_des.channel import Broadcast, Copies, Draws
+from aimd_des.engine.delivery import ProcessGenerator, Signal
 from aimd_des.engine.environment import Kind
 from aimd_des.engine.system import System
-from aimd_des.engine.delivery import ProcessGenerator, Signal
 from models import smart_cameras
 from tests.conftest import problems, quadratic_problem, quietly, random_problem
 from tests.disturbances import disturbances, networks

@@ -6,11 +6,21 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aimd_des import (BroadcastChannel, Camera, Crossing, InputError, Result, Simulation, averaging, loss, topology)
-from aimd_des.dynamics.averaging import Cumulative
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Crossing,
+    InputError,
+    Result,
+    Simulation,
+    averaging,
+    loss,
+    topology,
+)
 from aimd_des.channel import Copies
-from aimd_des.dynamics.loss_compensation import Answering
+from aimd_des.dynamics.averaging import Cumulative
 from aimd_des.dynamics.averaging_formulas import Memory
+from aimd_des.dynamics.loss_compensation import Answering
 from tests.conftest import assert_same_run, quadratic_problem, quietly
 
 N = 4

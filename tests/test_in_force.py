@@ -11,7 +11,18 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import (InputError, Recording, Result, Simulation, Study, interventions, load_study, plots, run_study, solve_optimum)
+from aimd_des import (
+    InputError,
+    Recording,
+    Result,
+    Simulation,
+    Study,
+    interventions,
+    load_study,
+    plots,
+    run_study,
+    solve_optimum,
+)
 from aimd_des.report import report_run
 from aimd_des.report.html_page import render
 from aimd_des.scenario import load_scenario

@@ -7,12 +7,40 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des import (BroadcastChannel, Camera, Crossing, Fleet, InputError, PolynomialCosts, Problem, Recording, Result, Sampled, Simulation, averaging, run_discrete)
-from aimd_des.problem.costs import CoupledCosts, weighted_costs
-from aimd_des.engine.environment import Kind
-from aimd_des.interventions import (Absence, CapacityProfile, CapacityRamp, CapacityStep, Crash, Failover, Join, Partition, Prices, UnusualActivity, join, leave, set_capacity)
-from aimd_des.engine.system import System
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Crossing,
+    Fleet,
+    InputError,
+    PolynomialCosts,
+    Problem,
+    Recording,
+    Result,
+    Sampled,
+    Simulation,
+    averaging,
+    run_discrete,
+)
 from aimd_des.engine.delivery import ProcessGenerator
+from aimd_des.engine.environment import Kind
+from aimd_des.engine.system import System
+from aimd_des.interventions import (
+    Absence,
+    CapacityProfile,
+    CapacityRamp,
+    CapacityStep,
+    Crash,
+    Failover,
+    Join,
+    Partition,
+    Prices,
+    UnusualActivity,
+    join,
+    leave,
+    set_capacity,
+)
+from aimd_des.problem.costs import CoupledCosts, weighted_costs
 from tests.conftest import quadratic_problem, quietly, random_problem
 
 EVENTS = Recording(demand="end", events=True)

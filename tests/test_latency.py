@@ -18,12 +18,21 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from aimd_des import InputError
-from aimd_des.utils import rng as streams
 from aimd_des.channel import BroadcastChannel, Draws
 from aimd_des.channel.latency.kernels import quantile_row
-from aimd_des.utils.validation import FloatArray
-from aimd_des.latency import (Constant, Empirical, Exponential, Latency, LogNormal, Pareto, ShiftedGamma, Uniform)
+from aimd_des.latency import (
+    Constant,
+    Empirical,
+    Exponential,
+    Latency,
+    LogNormal,
+    Pareto,
+    ShiftedGamma,
+    Uniform,
+)
+from aimd_des.utils import rng
 from aimd_des.utils.rng import Purpose
+from aimd_des.utils.validation import FloatArray
 
 SEED, SIZE = 31, 200_000
 HIGHEST = 1.0 - 2.0**-53  # the largest uniform number
@@ -55,7 +64,7 @@ MODELS: dict[str, Latency] = {
 
 def draws(n: int, number: int = 0, resource: int = 0, seed: int = SEED, copy: int = 0) -> Draws:
     """The random numbers of one broadcast, none but those for latency."""
-    keys = {Purpose.LATENCY: streams.key(seed, Purpose.LATENCY)}
+    keys = {Purpose.LATENCY: rng.key(seed, Purpose.LATENCY)}
     return Draws(keys, resource, number, 0.0, n, copy)
 
 

@@ -10,64 +10,31 @@ ROOT = Path(__file__).resolve().parents[1]
 
 # Each module of the framework imports only from those above it. A package counts as one module.
 ORDER = [
-    "errors",
-    "checksums",
-    "checks",
-    "handed",
-    "compiled",
-    "elementary",
-    "environment",
-    "streams",
-    "ticks",
-    "clock",
-    "frames",
-    "costs",
-    "problem",
-    "names",
-    "sources",
-    "registry",
-    "gradients",
-    "optimum",
-    "conditions",
-    "memory",
-    "averaging",
-    "compensation",
-    "state",
-    "response",
-    "population",
-    "log",
-    "metrics",
-    "recording",
-    "overload",
-    "tracking",
-    "results",
-    "steps",
-    "discrete",
+    "_version",
+    "utils",
     "channel",
     "latency",
     "loss",
     "topology",
-    "transport",
-    "transmission",
-    "readings",
-    "system",
-    "observing",
-    "control_unit",
-    "agents",
-    "interventions",
-    "simulation",
+    "problem",
     "theory",
-    "scenario",
+    "dynamics",
+    "averaging",
+    "compensation",
+    "results",
+    "engine",
+    "lowlevel",
+    "synchronous",
     "plots",
-    "output",
-    "stored",
-    "progress",
-    "terminal",
+    "fleet",
+    "interventions",
+    "watch",
+    "scenario",
     "study",
     "report",
-    "watch",
     "cli",
     "__main__",
+    "_deprecated",
 ]
 
 # Whom the files of a folder may import, among the folders of this project.
@@ -128,9 +95,7 @@ def wrong_imports(source: str, path: Path) -> list[str]:
         if target[0] not in ALLOWED[top]:
             wrong.append(f"{path}:{line}: {top} must not import {name}")
         elif top == target[0] == "aimd_des" and not is_facade:
-            module = target[1] if len(target) > 1 else "__version__"
-            if module in {"__version__", "RESULT_VERSION"}:
-                continue  # what the package itself defines
+            module = target[1] if len(target) > 1 else "the package"
             if module not in ORDER:
                 wrong.append(f"{path}:{line}: import {name} from the module that defines it")
             elif ORDER.index(module) > ORDER.index(own):
@@ -159,7 +124,7 @@ def classes_on_simpy(tree: ast.Module) -> set[ast.ClassDef]:
 
 def simpy_privates(source: str, path: Path) -> list[str]:
     """Every use of SimPy's private names in `source`, thought to stand at `path`."""
-    if path == Path("aimd_des/environment.py"):
+    if path == Path("aimd_des/engine/environment.py"):
         return []
     tree = ast.parse(source)
     # `self._value` is our own business, except in a class that is a SimPy event itself.
@@ -202,14 +167,14 @@ def test_simpys_privates_stay_in_one_file(path: Path) -> None:
 @pytest.mark.parametrize(
     ("path", "source"),
     [
-        ("aimd_des/errors.py", "from aimd_des.checks import number"),
-        ("aimd_des/costs/base.py", "from aimd_des import problem"),
-        ("aimd_des/costs/base.py", "from ..problem import Problem"),
-        ("aimd_des/costs/base.py", "def later():\n    import aimd_des.cli"),
-        ("aimd_des/costs/base.py", "from aimd_des import Problem"),
-        ("aimd_des/cli/group.py", "import aimd_des\naimd_des.Problem"),
-        ("aimd_des/scenario.py", "import aimd_des\naimd_des.cli.main()"),
-        ("aimd_des/cli/group.py", "from models import smart_cameras"),
+        ("aimd_des/utils/errors.py", "from aimd_des.problem import Problem"),
+        ("aimd_des/problem/costs/base.py", "from aimd_des import interventions"),
+        ("aimd_des/problem/costs/base.py", "from ...results import Result"),
+        ("aimd_des/problem/costs/base.py", "def later():\n    import aimd_des.cli"),
+        ("aimd_des/problem/costs/base.py", "from aimd_des import Problem"),
+        ("aimd_des/cli/main.py", "import aimd_des"),
+        ("aimd_des/scenario.py", "import aimd_des.cli"),
+        ("aimd_des/cli/main.py", "from models import smart_cameras"),
         ("aimd_des/__init__.py", "import scenarios.paper"),
         ("models/smart_cameras.py", "from scenarios import paper"),
         ("scenarios/paper.py", "from tests.test_layering import ORDER"),
@@ -223,12 +188,18 @@ def test_an_import_that_goes_the_wrong_way_is_found(path: str, source: str) -> N
 @pytest.mark.parametrize(
     ("path", "source"),
     [
-        ("aimd_des/costs/base.py", "from aimd_des.checks import number\nfrom aimd_des import errors"),
-        ("aimd_des/costs/base.py", "from .polynomial import PolynomialCosts"),
-        ("aimd_des/costs/__init__.py", "from .base import Costs\nfrom ..errors import InputError"),
+        (
+            "aimd_des/problem/costs/base.py",
+            "from aimd_des.utils.validation import number\nfrom aimd_des.utils import errors",
+        ),
+        ("aimd_des/problem/costs/base.py", "from .polynomial import PolynomialCosts"),
+        (
+            "aimd_des/problem/__init__.py",
+            "from .problem import Problem\nfrom ..utils.errors import InputError",
+        ),
         ("aimd_des/__init__.py", "from aimd_des.cli import main"),
-        ("aimd_des/cli/group.py", "import aimd_des\nprint(aimd_des.__version__)"),
-        ("aimd_des/errors.py", "import numpy"),
+        ("aimd_des/cli/main.py", "from aimd_des._version import __version__"),
+        ("aimd_des/utils/errors.py", "import numpy"),
         ("models/smart_cameras.py", "from aimd_des import Problem"),
         ("scenarios/paper.py", "from models import smart_cameras\nimport aimd_des.theory"),
     ],
@@ -248,10 +219,10 @@ def test_an_import_that_goes_the_right_way_is_let_through(path: str, source: str
     ],
 )
 def test_a_use_of_simpys_privates_is_found(source: str) -> None:
-    assert len(simpy_privates(source, Path("aimd_des/simulation.py"))) == 1
-    assert simpy_privates(source, Path("aimd_des/environment.py")) == []
+    assert len(simpy_privates(source, Path("aimd_des/engine/simulation.py"))) == 1
+    assert simpy_privates(source, Path("aimd_des/engine/environment.py")) == []
 
 
 def test_private_names_of_our_own_are_let_through() -> None:
     source = "class Own:\n    def set(self):\n        self._value = 1"
-    assert simpy_privates(source, Path("aimd_des/simulation.py")) == []
+    assert simpy_privates(source, Path("aimd_des/engine/simulation.py")) == []

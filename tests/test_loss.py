@@ -16,18 +16,18 @@ import pytest
 from scipy import stats
 
 from aimd_des import InputError, SimulationError
-from aimd_des.utils import rng as streams
 from aimd_des.channel import BroadcastChannel, Draws
-from aimd_des.utils.validation import FloatArray
-from aimd_des.loss import (Bernoulli, Combined, CommonMode, GilbertElliott, Loss, Trace)
+from aimd_des.loss import Bernoulli, Combined, CommonMode, GilbertElliott, Loss, Trace
+from aimd_des.utils import rng
 from aimd_des.utils.rng import Purpose
+from aimd_des.utils.validation import FloatArray
 
 SEED, LINKS = 47, 2000
 
 
 def draws(n: int, number: int = 0, time: float = 0.0, resource: int = 0, seed: int = SEED) -> Draws:
     """The random numbers of one broadcast, none but those for loss."""
-    return Draws({Purpose.LOSS: streams.key(seed, Purpose.LOSS)}, resource, number, time, n)
+    return Draws({Purpose.LOSS: rng.key(seed, Purpose.LOSS)}, resource, number, time, n)
 
 
 def losses(loss: Loss, n: int, times: Iterable[float], seed: int = SEED) -> Any:

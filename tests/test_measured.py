@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from aimd_des import interventions, topology
-from aimd_des.utils.errors import InputError
 from aimd_des.latency import Empirical
 from aimd_des.loss import Trace
+from aimd_des.utils.errors import InputError
 
 READERS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "all columns of a trace": (lambda path: Trace.from_csv(path, repeat=True), "1\n0\n0\n1\n"),

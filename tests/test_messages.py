@@ -10,11 +10,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des import (BroadcastChannel, Camera, Clocks, CoupledCosts, Crossing, PolynomialCosts, Problem, Recording, Resource, Result, Sampled, Simulation, latency)
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Clocks,
+    CoupledCosts,
+    Crossing,
+    PolynomialCosts,
+    Problem,
+    Recording,
+    Resource,
+    Result,
+    Sampled,
+    Simulation,
+    latency,
+)
 from aimd_des.channel import Broadcast, Copies, Link
+from aimd_des.engine.delivery import ProcessGenerator, Signal
 from aimd_des.engine.environment import Kind
 from aimd_des.engine.system import System
-from aimd_des.engine.delivery import ProcessGenerator, Signal
 from tests.conftest import quadratic_problem, quietly, random_problem, signals_of
 
 BUSY = {"latency": latency.Exponential(0.8), "loss": 0.2, "duplication": 0.3}

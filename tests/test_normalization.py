@@ -5,10 +5,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from aimd_des.utils.validation import FloatArray
-from aimd_des.problem.costs import (Costs, CoupledCosts, CustomCosts, PolynomialCosts)
-from aimd_des.utils.errors import InputError
+from aimd_des.problem.costs import Costs, CoupledCosts, CustomCosts, PolynomialCosts
 from aimd_des.problem.optimum import in_f_delta, normalization_factors
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 
 def largest_probability(costs: Costs, factors: FloatArray, low: FloatArray, high: FloatArray) -> float:

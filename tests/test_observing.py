@@ -15,11 +15,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aimd_des import (BroadcastChannel, Clocks, Crossing, Problem, Recording, Result, Sampled, Simulation, latency)
-from aimd_des.engine import observers as observing
+from aimd_des import (
+    BroadcastChannel,
+    Clocks,
+    Crossing,
+    Problem,
+    Recording,
+    Result,
+    Sampled,
+    Simulation,
+    latency,
+)
+from aimd_des.engine import observers
+from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import Kind
 from aimd_des.engine.system import System
-from aimd_des.engine.delivery import ProcessGenerator
 from tests.conftest import assert_same_run, problems, quadratic_problem, quietly, random_problem
 from tests.test_camera import send_at, tick_times
 
@@ -230,7 +240,7 @@ def test_how_many_changes_are_integrated_in_one_go_does_not_matter(
     problem, parts = random_problem(2, 5, 2), {"processes": [meddle], **CONTINUOUS["crossing"]}
     usual = run(problem, **parts)
     assert usual.account.responses.sum() > 30
-    monkeypatch.setattr(observing, "_BUFFERED", buffered)
+    monkeypatch.setattr(observers, "_BUFFERED", buffered)
     assert_same_run(run(problem, **parts), usual)
 
 

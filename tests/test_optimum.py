@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize
 
-from aimd_des.utils.validation import FloatArray
-from aimd_des.problem.costs import (Costs, CoupledCosts, CustomCosts, PolynomialCosts)
-from aimd_des.utils.errors import InputError, SimulationError
+from aimd_des.problem.costs import Costs, CoupledCosts, CustomCosts, PolynomialCosts
 from aimd_des.problem.optimum import Optimum, solve_optimum
 from aimd_des.problem.problem import Problem, Resource
+from aimd_des.utils.errors import InputError, SimulationError
+from aimd_des.utils.validation import FloatArray
 
 
 def problem_of(costs: Costs, capacity: npt.ArrayLike) -> Problem:

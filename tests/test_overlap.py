@@ -6,15 +6,28 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des import (BroadcastChannel, Camera, Crossing, Fleet, InputError, PolynomialCosts, Problem, Recording, Result, Sampled, Simulation, latency)
-from aimd_des.utils import rng as streams
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Crossing,
+    Fleet,
+    InputError,
+    PolynomialCosts,
+    Problem,
+    Recording,
+    Result,
+    Sampled,
+    Simulation,
+    latency,
+)
 from aimd_des.channel import Broadcast, Draws
-from aimd_des.problem.costs import Costs, weighted_costs
-from aimd_des.engine.environment import Kind
-from aimd_des.interventions import (Failover, Partition, UnusualActivity, reconnect, recover, weigh)
-from aimd_des.utils.rng import Purpose
-from aimd_des.engine.system import System
 from aimd_des.engine.delivery import ProcessGenerator
+from aimd_des.engine.environment import Kind
+from aimd_des.engine.system import System
+from aimd_des.interventions import Failover, Partition, UnusualActivity, reconnect, recover, weigh
+from aimd_des.problem.costs import Costs, weighted_costs
+from aimd_des.utils import rng
+from aimd_des.utils.rng import Purpose
 from tests.conftest import quadratic_problem, quietly, random_problem
 
 EVENTS = Recording(demand="end", events=True)
@@ -218,7 +231,7 @@ def test_links_keep_the_order_of_what_is_not_cut(delay: float, agents: Any) -> N
         "agents": agents,
     }
     result = run(problem, 60.0, *faults, **options)
-    link = BroadcastChannel(**parts).open(4, {purpose: streams.key(1, purpose) for purpose in Purpose})
+    link = BroadcastChannel(**parts).open(4, {purpose: rng.key(1, purpose) for purpose in Purpose})
     sent = [
         (time + delay, link.transmit(Broadcast(0, number, time), time + delay).arrival.tolist())
         for number, time in enumerate(result.signals["time"].tolist())

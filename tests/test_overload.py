@@ -8,12 +8,22 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from aimd_des import (BroadcastChannel, Camera, Crossing, Fleet, Problem, Recording, Sampled, Simulation, run_discrete)
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Crossing,
+    Fleet,
+    Problem,
+    Recording,
+    Sampled,
+    Simulation,
+    run_discrete,
+)
 from aimd_des.cli import main
 from aimd_des.problem.costs import PolynomialCosts
-from aimd_des.utils.errors import OverloadWarning
 from aimd_des.results.overload import Opportunities, run_away
-from aimd_des.results.recording import Signals
+from aimd_des.results.run_data import Signals
+from aimd_des.utils.errors import OverloadWarning
 from models import smart_cameras
 from tests.conftest import resource
 

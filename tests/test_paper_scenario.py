@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 from matplotlib.image import imread
 
-from aimd_des import (InputError, load_scenario, run_discrete, solve_optimum)
+from aimd_des import InputError, load_scenario, run_discrete, solve_optimum
 from aimd_des.scenario.run_folder import check_folder
 from models.smart_cameras import smart_cameras
 from scenarios import paper

@@ -5,11 +5,33 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des import (BroadcastChannel, Camera, Crossing, Fleet, InputError, Problem, Recording, Result, Sampled, Simulation, averaging, compensation, run_discrete)
-from aimd_des.engine.environment import Kind
-from aimd_des.interventions import (Absence, CapacityStep, set_capacity, set_decrease, set_increase, set_normalization, set_threshold)
-from aimd_des.engine.system import System
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Crossing,
+    Fleet,
+    InputError,
+    Problem,
+    Recording,
+    Result,
+    Sampled,
+    Simulation,
+    averaging,
+    compensation,
+    run_discrete,
+)
 from aimd_des.engine.delivery import ProcessGenerator
+from aimd_des.engine.environment import Kind
+from aimd_des.engine.system import System
+from aimd_des.interventions import (
+    Absence,
+    CapacityStep,
+    set_capacity,
+    set_decrease,
+    set_increase,
+    set_normalization,
+    set_threshold,
+)
 from tests.conftest import quadratic_problem, quietly, random_problem
 
 BOTH = pytest.mark.parametrize("agents", [Camera, Fleet])

@@ -11,9 +11,19 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from aimd_des import (BroadcastChannel, Camera, Crossing, Fleet, Problem, Recording, Sampled, Simulation, theory)
-from aimd_des.problem.costs import PolynomialCosts
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Crossing,
+    Fleet,
+    Problem,
+    Recording,
+    Sampled,
+    Simulation,
+    theory,
+)
 from aimd_des.interventions import CapacityStep, Failover, Partition
+from aimd_des.problem.costs import PolynomialCosts
 from tests.conftest import resource
 
 # 24 agents hold 0.5 each; a signal takes about 9 % of that, and so outdoes the growth over a hold-off.

@@ -7,10 +7,32 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import (InputError, PolynomialCosts, Problem, Recording, Resource, Result, run_discrete, solve_optimum)
-from aimd_des.problem.optimum import Optimum
-from aimd_des.plots import (absolute_error, average_allocations, capacity_events, colour, cost_ratio, derivatives, error_histogram, instantaneous_allocations, paper_figures, relative_error, sum_of_averages, sum_of_demand)
+from aimd_des import (
+    InputError,
+    PolynomialCosts,
+    Problem,
+    Recording,
+    Resource,
+    Result,
+    run_discrete,
+    solve_optimum,
+)
+from aimd_des.plots import (
+    absolute_error,
+    average_allocations,
+    capacity_events,
+    colour,
+    cost_ratio,
+    derivatives,
+    error_histogram,
+    instantaneous_allocations,
+    paper_figures,
+    relative_error,
+    sum_of_averages,
+    sum_of_demand,
+)
 from aimd_des.plots.selection import looks, typical_agents, window
+from aimd_des.problem.optimum import Optimum
 from tests.conftest import python
 
 UNITS = ("GB", "10 GB", "Mbps", "kW", "litres", "km")

@@ -13,8 +13,39 @@ from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from aimd_des import (BroadcastChannel, Crossing, Fleet, InputError, PolynomialCosts, Problem, Recording, Resource, Result, Simulation, interventions, latency, loss, run_discrete, solve_optimum, topology)
-from aimd_des.plots import (averages_against_optimum, colour, consensus, demand_and_signals, error_decay, heat_map, network_map, paper_figures, shared_legend, signal_raster, sum_of_demand, tracking_error, tracking_level)
+from aimd_des import (
+    BroadcastChannel,
+    Crossing,
+    Fleet,
+    InputError,
+    PolynomialCosts,
+    Problem,
+    Recording,
+    Resource,
+    Result,
+    Simulation,
+    interventions,
+    latency,
+    loss,
+    run_discrete,
+    solve_optimum,
+    topology,
+)
+from aimd_des.plots import (
+    averages_against_optimum,
+    colour,
+    consensus,
+    demand_and_signals,
+    error_decay,
+    heat_map,
+    network_map,
+    paper_figures,
+    shared_legend,
+    signal_raster,
+    sum_of_demand,
+    tracking_error,
+    tracking_level,
+)
 from tests.test_plots import END, FULL, curves, drawn, empty_axes, problem
 
 N, UNTIL = 12, 200.0

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des import (InputError, PolynomialCosts, Problem, Resource)
+from aimd_des import InputError, PolynomialCosts, Problem, Resource
 from tests.conftest import quadratic_problem, resource
 
 TWO_AGENTS = PolynomialCosts([2], [[[1.0]], [[2.0]]])

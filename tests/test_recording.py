@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aimd_des import InputError, Recording, run_discrete
-from aimd_des.results.recording import Signals
+from aimd_des.results.run_data import Signals
 from tests.conftest import quadratic_problem
 
 

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des import (Crossing, Fleet, Problem, Recording, Sampled, Simulation, theory)
-from aimd_des.dynamics.averaging import (Averaging, Cumulative, Forgetting, Window)
-from aimd_des.problem.costs import PolynomialCosts
+from aimd_des import Crossing, Fleet, Problem, Recording, Sampled, Simulation, theory
+from aimd_des.dynamics.averaging import Averaging, Cumulative, Forgetting, Window
 from aimd_des.interventions import CapacityStep
+from aimd_des.problem.costs import PolynomialCosts
 from tests.conftest import resource
 
 # By Student's t with 7 degrees of freedom beyond once in 1,000.

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from aimd_des import InputError, Problem
-from aimd_des.scenario.models import made_by, models_of, named_model
 from aimd_des.scenario.kinds import kinds
+from aimd_des.scenario.models import made_by, models_of, named_model
 from aimd_des.scenario.module_source import decorated, modules_in, source_of
 from tests.command_line import invoke, refusal, said, write
 
@@ -163,16 +163,16 @@ def test_a_model_that_returns_something_else_is_refused() -> None:
     [
         ("from aimd_des import model", "model"),
         ("from aimd_des import model as registered", "registered"),
-        ("from aimd_des.registry import model", "model"),
+        ("from aimd_des.scenario.models import model", "model"),
         ("from aimd_des import registry", "registry.model"),
         ("from aimd_des import *", "model"),
         ("import aimd_des", "aimd_des.model"),
-        ("import aimd_des.registry", "aimd_des.registry.model"),
-        ("import aimd_des.registry as r", "r.model"),
+        ("import aimd_des.scenario.models", "aimd_des.scenario.models.model"),
+        ("import aimd_des.scenario.models as r", "r.model"),
     ],
 )
 def test_the_decorator_is_known_by_all_its_names(imported: str, mark: str) -> None:
-    marks = frozenset({"aimd_des.model", "aimd_des.registry.model"})
+    marks = frozenset({"aimd_des.model", "aimd_des.scenario.models.model"})
     source = f"{imported}\nif True:\n    @{mark}\n    def mine():\n        ...\n"
     assert decorated(source, marks) == ["mine"]
     assert decorated(source.replace("aimd_des", "other"), marks) == []

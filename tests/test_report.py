@@ -342,7 +342,9 @@ def test_report_refuses_what_it_cannot_show(monkeypatch: pytest.MonkeyPatch) -> 
     assert "it has no run.json" in refusal("report", "empty")
     assert "in a folder that exists" in refusal("report", str(folder), "--out", "no/where.html")
     assert "it is a folder" in refusal("report", str(folder), "--out", "empty", "--overwrite")
-    monkeypatch.setattr("aimd_des.report.page.find_spec", lambda name: None if name == "altair" else name)
+    monkeypatch.setattr(
+        "aimd_des.report.html_page.find_spec", lambda name: None if name == "altair" else name
+    )
     sentence = refusal("report", str(folder))
     assert "a report needs altair, which is not installed; say pip install 'aimd-des[report]'" in sentence
 

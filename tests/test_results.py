@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aimd_des import (PolynomialCosts, Problem, Recording, Result, run_discrete, solve_optimum)
+from aimd_des import PolynomialCosts, Problem, Recording, Result, run_discrete, solve_optimum
 from aimd_des.engine.simulation import Simulation
 from tests.conftest import quietly, random_problem, resource
 

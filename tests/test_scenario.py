@@ -14,9 +14,9 @@ from pydantic import ValidationError
 
 from aimd_des import InputError, Recording, run_discrete
 from aimd_des.channel import BroadcastChannel
-from aimd_des.scenario.models import model_parameters, named_model
-from aimd_des.scenario import Scenario, load_scenario
 from aimd_des.engine.simulation import Simulation
+from aimd_des.scenario import Scenario, load_scenario
+from aimd_des.scenario.models import model_parameters, named_model
 from models import smart_cameras
 from tests.conftest import INLINE, ROOT, quietly
 
@@ -240,7 +240,7 @@ def test_a_model_is_run_with_the_seed_of_the_scenario() -> None:
 def test_a_model_of_the_users_own_is_found_in_the_working_directory() -> None:
     Path("my_own_model.py").write_text(
         "from aimd_des import PolynomialCosts, Problem, Resource\n"
-        "from aimd_des.registry import model\n\n"
+        "from aimd_des.scenario.models import model\n\n"
         "@model\n"
         "def mine(size: int = 2) -> Problem:\n"
         "    memory = Resource('memory', 1.0, 0.1, 0.5, 0.1)\n"
@@ -255,7 +255,7 @@ def test_a_model_of_the_users_own_is_found_in_the_working_directory() -> None:
 
 def test_a_parameter_of_a_model_may_be_none() -> None:
     Path("a_model_with_none.py").write_text(
-        "from aimd_des.registry import model\n\n@model\ndef mine(weights=None, size=2):\n    ...\n",
+        "from aimd_des.scenario.models import model\n\n@model\ndef mine(weights=None, size=2):\n    ...\n",
         encoding="utf-8",
     )
     scenario = load('until = 50\nmodel = "a_model_with_none"\n').resolved()

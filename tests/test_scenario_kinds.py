@@ -9,10 +9,27 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from aimd_des import (BroadcastChannel, Camera, Clocks, InputError, PolynomialCosts, Problem, Recording, Resource, Simulation, averaging, compensation, interventions, latency, loss, run_discrete, topology)
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Clocks,
+    InputError,
+    PolynomialCosts,
+    Problem,
+    Recording,
+    Resource,
+    Simulation,
+    averaging,
+    compensation,
+    interventions,
+    latency,
+    loss,
+    run_discrete,
+    topology,
+)
 from aimd_des.scenario import Scenario
-from aimd_des.scenario.kinds import (KINDS, Kind, describe, kinds, kinds_of)
-from aimd_des.scenario.tables import (ChannelTable, ClocksTable, CostsTable, RecordingTable, ResourceTable)
+from aimd_des.scenario.kinds import KINDS, Kind, describe, kinds, kinds_of
+from aimd_des.scenario.tables import ChannelTable, ClocksTable, CostsTable, RecordingTable, ResourceTable
 from tests.conftest import ROOT
 
 MEMORY = Resource("memory", capacity=1.0, increase=0.01, decrease=0.5, normalization=0.1)

@@ -11,7 +11,20 @@ import jsonschema
 import numpy as np
 import pytest
 
-from aimd_des import (BroadcastChannel, Crossing, InputError, Problem, Simulation, averaging, compensation, interventions, latency, loss, run_discrete, topology)
+from aimd_des import (
+    BroadcastChannel,
+    Crossing,
+    InputError,
+    Problem,
+    Simulation,
+    averaging,
+    compensation,
+    interventions,
+    latency,
+    loss,
+    run_discrete,
+    topology,
+)
 from aimd_des.scenario import Scenario, load_scenario, validate_scenario
 from aimd_des.scenario.kind_tables import NetworkTable
 from aimd_des.scenario.schema import scenario_schema

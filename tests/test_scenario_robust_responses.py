@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des import (BroadcastChannel, Crossing, Fleet, Problem, Recording, Simulation)
+from aimd_des import BroadcastChannel, Crossing, Fleet, Problem, Recording, Simulation
 from aimd_des.dynamics.loss_compensation import Compensation, EstimatedLoss
 from aimd_des.study import jackknife, mean_and_error
 from aimd_des.theory import believed_loss

@@ -9,7 +9,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aimd_des import (BroadcastChannel, Clocks, Crossing, Problem, Recording, Result, Sampled, Simulation, averaging, compensation, interventions, latency, loss)
+from aimd_des import (
+    BroadcastChannel,
+    Clocks,
+    Crossing,
+    Problem,
+    Recording,
+    Result,
+    Sampled,
+    Simulation,
+    averaging,
+    compensation,
+    interventions,
+    latency,
+    loss,
+)
 from aimd_des.problem.costs import Costs, weighted_costs
 from tests.conftest import quietly, random_problem
 from tests.support import second_simulator

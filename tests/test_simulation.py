@@ -13,13 +13,14 @@ import simpy
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from aimd_des import (InputError, Problem, Recording, Result, run_discrete)
-from aimd_des.fleet import Camera, Fleet
+from aimd_des import InputError, Problem, Recording, Result, run_discrete
 from aimd_des.channel import BroadcastChannel
 from aimd_des.dynamics.clocks import Clock, Clocks
+from aimd_des.engine.agent_process import Camera
 from aimd_des.engine.control_unit import Crossing, Sampled
 from aimd_des.engine.environment import Kind
 from aimd_des.engine.simulation import Simulation
+from aimd_des.fleet import Fleet
 from aimd_des.utils.rng import Purpose
 from models import smart_cameras
 from tests.conftest import (
@@ -405,7 +406,7 @@ def test_another_process_gives_the_same_run() -> None:
     program = """
 from aimd_des import run_discrete
 from aimd_des.channel import BroadcastChannel
-from aimd_des.simulation import Simulation
+from aimd_des.engine.simulation import Simulation
 from models import smart_cameras
 problem = smart_cameras(seed=3, n_cameras=7)
 print(Simulation(problem, channel=BroadcastChannel(latency=1.5, loss=0.2), seed=8).run(600).digest)

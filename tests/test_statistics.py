@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from aimd_des import InputError
-from aimd_des.utils.validation import FloatArray
-from aimd_des.study.statistics.intervals import (Interval, difference, mean_interval, paired_difference)
+from aimd_des.study.statistics.intervals import Interval, difference, mean_interval, paired_difference
 from aimd_des.study.statistics.steady_state import batch_means, mser
 from aimd_des.study.statistics.stopping import replications_needed
 from aimd_des.study.statistics.summary import compare, summarise
+from aimd_des.utils.validation import FloatArray
 
 STUDIES = 1000
 HONEST = (0.93, 0.97)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des import (BroadcastChannel, Clocks, Crossing, Fleet, InputError, Recording, Result, Simulation)
+from aimd_des import BroadcastChannel, Clocks, Crossing, Fleet, InputError, Recording, Result, Simulation
 from aimd_des import run_discrete as run_synchronous
 from aimd_des.dynamics.averaging import Forgetting, Window
 from aimd_des.interventions import Absence, CapacityStep

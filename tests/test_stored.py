@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 
 from aimd_des import InputError
-from aimd_des.utils.checksums import (SUMS, checksums_of, read_checksums, verified, write_checksums)
-from aimd_des.results.frames import name_as_written, safe_names
 from aimd_des.report import report_run
+from aimd_des.results.frames import name_as_written, safe_names
 from aimd_des.scenario.stored_run import load_run
+from aimd_des.utils.checksums import SUMS, checksums_of, read_checksums, verified, write_checksums
 from tests.command_line import invoke, refusal, run, said, write
 from tests.conftest import INLINE
 

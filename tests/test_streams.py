@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aimd_des import InputError
-from aimd_des.utils import rng as streams
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils import rng
 from aimd_des.utils.rng import Purpose
+from aimd_des.utils.validation import FloatArray
 from tests.conftest import reference_draws
 
 SEEDS = st.one_of(st.integers(0, 2**64), st.just(10**40))
@@ -27,7 +27,7 @@ SEEDS = st.one_of(st.integers(0, 2**64), st.just(10**40))
     st.integers(0, 70),
 )
 def test_uniforms_are_numpys_philox_to_the_bit(seed: int, purpose: Purpose, j: int, b: int, n: int) -> None:
-    drawn = streams.uniforms(streams.key(seed, purpose), j, b, n)
+    drawn = rng.uniforms(rng.key(seed, purpose), j, b, n)
     assert np.array_equal(drawn, reference_draws(seed, purpose, j, b, n))
 
 
@@ -35,7 +35,7 @@ def test_uniforms_are_numpys_philox_to_the_bit(seed: int, purpose: Purpose, j: i
 def test_generators_are_numpys_philox_to_the_bit(seed: int, purpose: Purpose) -> None:
     key = np.random.SeedSequence(seed, spawn_key=(int(purpose),)).generate_state(2, np.uint64)
     expected = np.random.Generator(np.random.Philox(key=key)).random(9)
-    assert np.array_equal(streams.generator(seed, purpose).random(9), expected)
+    assert np.array_equal(rng.generator(seed, purpose).random(9), expected)
 
 
 def test_spawn_keys_never_change() -> None:
@@ -47,14 +47,14 @@ def test_spawn_keys_never_change() -> None:
 
 @given(SEEDS, st.integers(1, 40), st.integers(0, 40))
 def test_the_first_draws_stay_when_agents_are_added(seed: int, n: int, more: int) -> None:
-    key = streams.key(seed, Purpose.RESPONSE)
-    few, many = streams.uniforms(key, 1, 5, n), streams.uniforms(key, 1, 5, n + more)
+    key = rng.key(seed, Purpose.RESPONSE)
+    few, many = rng.uniforms(key, 1, 5, n), rng.uniforms(key, 1, 5, n + more)
     assert np.array_equal(few, many[:n])
 
 
 def test_no_two_addresses_share_a_draw() -> None:
     addresses = product((0, 1), Purpose, range(3), range(20))
-    rows = [streams.uniforms(streams.key(s, purpose), j, b, 61) for s, purpose, j, b in addresses]
+    rows = [rng.uniforms(rng.key(s, purpose), j, b, 61) for s, purpose, j, b in addresses]
     draws = np.concatenate(rows)
     # 36,600 draws of 53 bits: two of them agree by chance with probability below 1e-6.
     assert len(np.unique(draws)) == len(draws)
@@ -68,8 +68,8 @@ SEED, AGENTS, RESOURCES, BROADCASTS = 20_240, 100, 3, 1000
 
 
 def block(seed: int, purpose: Purpose) -> FloatArray:
-    key = streams.key(seed, purpose)
-    rows = [[streams.uniforms(key, j, b, AGENTS) for b in range(BROADCASTS)] for j in range(RESOURCES)]
+    key = rng.key(seed, purpose)
+    rows = [[rng.uniforms(key, j, b, AGENTS) for b in range(BROADCASTS)] for j in range(RESOURCES)]
     return np.array(rows)
 
 
@@ -132,6 +132,6 @@ def test_the_scores_find_draws_that_are_a_little_wrong(name: str, spoil: Any, dr
 
 @pytest.mark.parametrize("seed", [-1, 1.0, "1", None, True, math.nan, [1]])
 def test_a_seed_that_is_none_is_refused(seed: Any) -> None:
-    for make in (streams.key, streams.generator):
+    for make in (rng.key, rng.generator):
         with pytest.raises(InputError, match=r"^seed = .*: must be an integer of at least 0$"):
             make(seed, Purpose.RESPONSE)

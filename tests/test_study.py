@@ -12,11 +12,11 @@ import tomli_w
 import aimd_des
 from aimd_des import InputError
 from aimd_des.results.result import Result
-from aimd_des.study import (Axis, Precision, Study, read_study)
+from aimd_des.study import Axis, Precision, Study, read_study
 from aimd_des.study.columns import FRAMES, MEASURES
+from aimd_des.study.condition import Condition
 from aimd_des.study.points import expand, run_of
 from aimd_des.study.schedule import Schedule
-from aimd_des.study.condition import Condition
 from tests.conftest import INLINE, quadratic_problem, quietly
 
 BASE = {key: value for key, value in tomllib.loads(INLINE).items() if key != "seed"}

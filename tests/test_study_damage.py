@@ -183,7 +183,7 @@ def test_a_run_that_is_not_whole_is_missing_and_run_again(
 def test_many_damaged_runs_are_not_all_told(
     whole: StudyResults, copy: Path, said: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("aimd_des.study.sweep._MOST_TOLD", 2)
+    monkeypatch.setattr("aimd_des.study.run._MOST_TOLD", 2)
     for path in (copy / "runs").iterdir():
         path.write_bytes(b"")
     in_a_thread(whole.study, copy)
@@ -303,7 +303,7 @@ def test_a_sweep_that_runs_nothing_writes_nothing_and_versions_are_those_of_runs
     whole: StudyResults, copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = {path: path.stat().st_mtime_ns for path in copy.rglob("*") if path.is_file()}
-    monkeypatch.setattr("aimd_des.study.worker._versions", lambda: VERSIONS)
+    monkeypatch.setattr("aimd_des.study.worker_task._versions", lambda: VERSIONS)
     assert in_a_thread(whole.study, copy).versions == whole.versions
     assert {path: path.stat().st_mtime_ns for path in copy.rglob("*") if path.is_file()} == before
     grown = in_a_thread(design(axes=AXES, replications=3), copy)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des.utils.errors import InputError, SimulationError
 from aimd_des.study import jackknife, mean_and_error, replicate
+from aimd_des.utils.errors import InputError, SimulationError
 from scenarios.common.systems import memory_alone
 from tests.conftest import python
 

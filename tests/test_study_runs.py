@@ -25,17 +25,17 @@ import pytest
 import tomli_w
 
 import aimd_des
-from aimd_des import (InputError, SimulationError, Study, load_study, run_study)
+from aimd_des import InputError, SimulationError, Study, load_study, run_study
 from aimd_des.study import StudyResults, Tally
 from aimd_des.study import worker_task as worker
 from aimd_des.study.executor import execute
-from aimd_des.study.plan import planned
 from aimd_des.study.locks import exclusive, private_folder
+from aimd_des.study.plan import planned
 from aimd_des.study.run_tables import run_schema
-from aimd_des.study.workers import dask_executor
 from aimd_des.study.seal import write_sealed
 from aimd_des.study.store import Store
 from aimd_des.study.worker_task import Outcome, Task
+from aimd_des.study.workers import dask_executor
 from tests.conftest import INLINE, ROOT, python, quietly
 
 BASE = {**{key: value for key, value in tomllib.loads(INLINE).items() if key != "seed"}, "until": 30}
@@ -562,7 +562,7 @@ def sweep():
     return child
 
 study = Study.model_validate(tomllib.loads(Path("study.toml").read_text()))
-forkserver.set_forkserver_preload(["slow_disk", "aimd_des.study.worker"])
+forkserver.set_forkserver_preload(["slow_disk", "aimd_des.study.worker_task"])
 forkserver.ensure_running()
 alone = {os.getpid(), forkserver._forkserver._forkserver_pid, resource_tracker._resource_tracker._pid}
 rng, child = random.Random(1), None

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from aimd_des import (InputError, Result, run_discrete, solve_optimum, theory)
-from aimd_des.utils.validation import FloatArray
+from aimd_des import InputError, Result, run_discrete, solve_optimum, theory
 from aimd_des.scenario.models import model_parameters, named_model
+from aimd_des.utils.validation import FloatArray
 from models import tcp_flows
 
 WEIGHTS = np.array([1.0, 1.25, 1.5, 1.75, 2.0] * 4)

@@ -13,11 +13,22 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from aimd_des import (BroadcastChannel, Crossing, InputError, Problem, Sampled, Simulation, SimulationError, run_discrete, solve_optimum, theory)
-from aimd_des.utils.validation import FloatArray
-from aimd_des.problem.costs import (CoupledCosts, CustomCosts, PolynomialCosts, weighted_costs)
+from aimd_des import (
+    BroadcastChannel,
+    Crossing,
+    InputError,
+    Problem,
+    Sampled,
+    Simulation,
+    SimulationError,
+    run_discrete,
+    solve_optimum,
+    theory,
+)
+from aimd_des.problem.costs import CoupledCosts, CustomCosts, PolynomialCosts, weighted_costs
 from aimd_des.theory import prediction
 from aimd_des.theory.moments import exact_averages
+from aimd_des.utils.validation import FloatArray
 from models import smart_cameras
 from tests.conftest import FAMILIES, random_costs, random_problem, resource
 

@@ -14,10 +14,21 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from aimd_des import (BroadcastChannel, Crossing, Fleet, InputError, Problem, Sampled, Simulation, run_discrete, solve_optimum, theory)
-from aimd_des.utils.validation import FloatArray
+from aimd_des import (
+    BroadcastChannel,
+    Crossing,
+    Fleet,
+    InputError,
+    Problem,
+    Sampled,
+    Simulation,
+    run_discrete,
+    solve_optimum,
+    theory,
+)
 from aimd_des.problem.costs import CoupledCosts, PolynomialCosts
 from aimd_des.theory.totals import Cuts, walk_by_crossings, walk_by_looks
+from aimd_des.utils.validation import FloatArray
 from models import smart_cameras
 from tests.conftest import resource
 

@@ -20,15 +20,27 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from networkx.readwrite.graphml import GraphML
 
-from aimd_des import (BroadcastChannel, Camera, Crossing, Fleet, InputError, Recording, Simulation, SimulationError, latency, loss, topology)
-from aimd_des.utils import rng as streams
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Crossing,
+    Fleet,
+    InputError,
+    Recording,
+    Simulation,
+    SimulationError,
+    latency,
+    loss,
+    topology,
+)
 from aimd_des.channel import Broadcast, CompiledLink, Draws
 from aimd_des.channel.transmit_kernel import transmit
+from aimd_des.utils import rng
 from aimd_des.utils.rng import Purpose
 from tests.conftest import assert_same_run, quietly, random_problem
 
 HIGHEST_Z = 4.5
-KEYS = {purpose: streams.key(11, purpose) for purpose in Purpose}
+KEYS = {purpose: rng.key(11, purpose) for purpose in Purpose}
 
 
 def arrivals(channel: Any, broadcasts: int = 1, departure: float = 0.0, spacing: float = 0.0) -> Any:
@@ -487,7 +499,7 @@ def test_random_geometric_graphs_join_what_is_near() -> None:
     other = topology.random_geometric(60, 0.3, latency_per_distance=2.0, seed=5)
     assert other.nodes[1]["pos"] != places[1]
     # Not the numbers that a problem of the same seed is made from.
-    assert places[1][0] != streams.generator(4, Purpose.PROBLEM).random()
+    assert places[1][0] != rng.generator(4, Purpose.PROBLEM).random()
 
 
 # -- files -------------------------------------------------------------------------------------------------

@@ -10,9 +10,21 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
-from aimd_des import (BroadcastChannel, Camera, Crossing, Fleet, InputError, Recording, Result, Simulation, interventions, latency, loss)
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Crossing,
+    Fleet,
+    InputError,
+    Recording,
+    Result,
+    Simulation,
+    interventions,
+    latency,
+    loss,
+)
 from aimd_des.scenario import load_scenario
-from aimd_des.watch import (LiveView, Look, Looker, PlainView, last_look)
+from aimd_des.watch import LiveView, Look, Looker, PlainView, last_look
 from aimd_des.watch.terminal import sparkline
 from tests.command_line import digest, invoke, refusal, run, write
 from tests.conftest import INLINE, assert_same_run, random_problem
@@ -120,7 +132,7 @@ def test_measuring_takes_a_small_part_of_the_time(monkeypatch: pytest.MonkeyPatc
     for sparing, expected in ((True, 2), (False, 40)):
         measured: list[int] = []
         monkeypatch.setattr(
-            "aimd_des.watch.looks._misallocation", lambda *_, to=measured: to.append(1) or PROBLEM.capacity
+            "aimd_des.watch.monitor._misallocation", lambda *_, to=measured: to.append(1) or PROBLEM.capacity
         )
         simulated(Looker(lambda _: None, 1.0, sparing=sparing, clock=Clock(tick=1.0)), agents=Fleet)
         assert len(measured) == expected
@@ -272,7 +284,7 @@ def test_ctrl_c_ends_with_the_state_so_far(terminal: bool, monkeypatch: pytest.M
             raise KeyboardInterrupt
         return np.zeros(2)
 
-    monkeypatch.setattr("aimd_des.watch.looks._misallocation", interrupted)
+    monkeypatch.setattr("aimd_des.watch.monitor._misallocation", interrupted)
     if terminal:
         monkeypatch.setenv("FORCE_COLOR", "1")
     outcome = invoke("watch", "five.toml")

@@ -10,7 +10,24 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from aimd_des import (BroadcastChannel, Clocks, Crossing, CustomCosts, InputError, PolynomialCosts, Problem, Recording, Resource, Sampled, Simulation, averaging, interventions, latency, loss, run_discrete)
+from aimd_des import (
+    BroadcastChannel,
+    Clocks,
+    Crossing,
+    CustomCosts,
+    InputError,
+    PolynomialCosts,
+    Problem,
+    Recording,
+    Resource,
+    Sampled,
+    Simulation,
+    averaging,
+    interventions,
+    latency,
+    loss,
+    run_discrete,
+)
 from tests.wrong_kinds import CALLS, PROBLEM, TAKEN, WRONG
 
 
@@ -129,7 +146,7 @@ REFUSALS: dict[str, tuple[Any, str]] = {
     "a class of control units": (
         lambda: Simulation(PROBLEM, dynamics="continuous", control_unit=Crossing, seed=1),
         (
-            "control_unit = <class 'aimd_des.control_unit.Crossing'>: must be a control unit, such as "
+            "control_unit = <class 'aimd_des.engine.control_unit.Crossing'>: must be a control unit, such as "
             "Sampled(1.0) or Crossing(1.0); make an object of it: Crossing(...)"
         ),
     ),
@@ -181,7 +198,10 @@ REFUSALS: dict[str, tuple[Any, str]] = {
     "yes": (lambda: Recording(events="yes"), "recording.events = 'yes': must be True or False"),
     "a control unit that makes agents": (
         lambda: Simulation(PROBLEM, agents=Crossing, seed=1),
-        "agents = <class 'aimd_des.control_unit.Crossing'>: must be a class or function that makes an agent",
+        (
+            "agents = <class 'aimd_des.engine.control_unit.Crossing'>: "
+            "must be a class or function that makes an agent"
+        ),
     ),
     "two interventions after the end": (
         lambda: Simulation(

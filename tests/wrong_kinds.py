@@ -9,7 +9,30 @@ import networkx as nx
 import numpy as np
 import pandas as pd
 
-from aimd_des import (BroadcastChannel, Camera, Clocks, CoupledCosts, Crossing, CustomCosts, PolynomialCosts, Problem, Recording, Resource, Sampled, Simulation, averaging, compensation, interventions, latency, loss, normalization_factors, run_discrete, solve_optimum, theory, topology)
+from aimd_des import (
+    BroadcastChannel,
+    Camera,
+    Clocks,
+    CoupledCosts,
+    Crossing,
+    CustomCosts,
+    PolynomialCosts,
+    Problem,
+    Recording,
+    Resource,
+    Sampled,
+    Simulation,
+    averaging,
+    compensation,
+    interventions,
+    latency,
+    loss,
+    normalization_factors,
+    run_discrete,
+    solve_optimum,
+    theory,
+    topology,
+)
 
 #: What is no number, list or part, or is one that no argument takes.
 WRONG: dict[str, Any] = {

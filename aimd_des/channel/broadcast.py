@@ -7,18 +7,27 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.channel.random_draws import Draws
-from aimd_des.channel.latency import (Constant, Empirical, Exponential, Latency, LogNormal, Pareto, ShiftedGamma, Uniform)
+from aimd_des.channel.latency import (
+    Constant,
+    Empirical,
+    Exponential,
+    Latency,
+    LogNormal,
+    Pareto,
+    ShiftedGamma,
+    Uniform,
+)
 from aimd_des.channel.latency.base import Parametrised, draw_latency
 from aimd_des.channel.latency.kernels import LatencyTable
 from aimd_des.channel.loss import Bernoulli, Loss, LossProcess
 from aimd_des.channel.loss.base import draw_loss, start_loss
 from aimd_des.channel.loss.kernels import LossTable, TabledLoss, refuse_loss
 from aimd_des.channel.parameters import model_of
-from aimd_des.channel.transmit_kernel import (ChannelTable, channel_table, put_in_order, transmit)
-from aimd_des.utils.validation import FloatArray
+from aimd_des.channel.random_draws import Draws
+from aimd_des.channel.transmit_kernel import ChannelTable, channel_table, put_in_order, transmit
+from aimd_des.utils import validation
 from aimd_des.utils.rng import Key, Purpose
+from aimd_des.utils.validation import FloatArray
 
 __all__ = [
     "Broadcast",
@@ -201,8 +210,8 @@ class BroadcastChannel:
     def __post_init__(self) -> None:
         object.__setattr__(self, "latency", model_of("latency", self.latency, Latency, Constant))
         object.__setattr__(self, "loss", model_of("loss", self.loss, Loss, Bernoulli))
-        object.__setattr__(self, "fifo", checks.flag("fifo", self.fifo))
-        duplication = checks.per_agent("duplication", self.duplication, low=0.0, high=1.0)
+        object.__setattr__(self, "fifo", validation.flag("fifo", self.fifo))
+        duplication = validation.per_agent("duplication", self.duplication, low=0.0, high=1.0)
         object.__setattr__(self, "duplication", duplication)
 
     def open(self, n_agents: int, keys: Mapping[Purpose, Key]) -> Link:
@@ -228,7 +237,7 @@ class BroadcastChannel:
         assert isinstance(self.latency, Latency)  # noqa: S101 - __post_init__ saw to it
         assert isinstance(self.loss, Loss)  # noqa: S101
         self.latency.check(n_agents)
-        checks.fits("duplication", self.duplication, n_agents)
+        validation.fits("duplication", self.duplication, n_agents)
         duplication, loss = np.asarray(self.duplication, dtype=np.float64), start_loss(self.loss, n_agents)
         if tables := compiled_models(self.latency, loss, n_agents):
             return CompiledLink(channel_table(*tables, duplication, self.fifo, keys))

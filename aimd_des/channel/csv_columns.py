@@ -6,7 +6,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TypeVar
 
-from aimd_des.utils import validation as checks
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
 __all__ = ["read_columns"]
@@ -45,12 +45,12 @@ def read_columns(
         column is missing (naming the nearest one) or stands there twice, or a cell is refused
         (naming its row, counted from 1 below the names).
     """
-    known, rows = _rows(checks.path("path", path))
+    known, rows = _rows(validation.path("path", path))
     _refuse_values(path, known, parse)
     values = []
     if columns is None:
         columns = known
-    for column in checks.instances("columns", columns, str, "the name of a column"):
+    for column in validation.instances("columns", columns, str, "the name of a column"):
         if known.count(column) != 1:
             near = get_close_matches(column, known, n=1)
             hint = f"did you mean {near[0]!r}?" if near and column not in known else ""

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils.validation import FloatArray
 from aimd_des.utils.jit import routine
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["NetworkTable", "network_table", "spread"]
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["LONGEST", "fit", "model_of", "refuse", "scalar_or_row", "take"]
 
@@ -30,7 +30,7 @@ def take(model: object, *names: str, **bounds: Any) -> None:
     *names : str
         Its parameters with these bounds; refused as "Model.name".
     **bounds
-        As for `checks.per_agent`.
+        As for `validation.per_agent`.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def take(model: object, *names: str, **bounds: Any) -> None:
         If a value is outside its range.
     """
     for name in names:
-        clean = checks.per_agent(f"{type(model).__name__}.{name}", getattr(model, name), **bounds)
+        clean = validation.per_agent(f"{type(model).__name__}.{name}", getattr(model, name), **bounds)
         object.__setattr__(model, name, clean)
 
 
@@ -66,11 +66,11 @@ def model_of(field: str, given: Any, kind: type, plain: Callable[[Any], Any]) ->
     InputError
         If it is neither numbers nor a model.
     """
-    if isinstance(given, Real | np.ndarray) or checks.axes(given):
+    if isinstance(given, Real | np.ndarray) or validation.axes(given):
         return plain(given)
     name = kind.__name__.lower()
     allowed = f"a number, one for each agent, or a model of {name} such as {name}.{_EXAMPLES[name]}"
-    return checks.instance(field, given, kind, allowed)
+    return validation.instance(field, given, kind, allowed)
 
 
 def fit(model: object, names: tuple[str, ...], n_agents: int | None = None) -> None:
@@ -94,7 +94,7 @@ def fit(model: object, names: tuple[str, ...], n_agents: int | None = None) -> N
         value = getattr(model, name)
         if np.ndim(value):
             n_agents = len(value) if n_agents is None else n_agents
-            checks.fits(f"{type(model).__name__}.{name}", value, n_agents)
+            validation.fits(f"{type(model).__name__}.{name}", value, n_agents)
 
 
 def refuse(model: object, name: str, wrong: npt.ArrayLike, allowed: str) -> None:

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from aimd_des.utils import rng as streams
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils import rng
 from aimd_des.utils.rng import Key, Purpose
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["LANES_PER_COPY", "LANES_PER_PART", "Draws"]
 
@@ -57,7 +57,7 @@ class Draws:
         Returns
         -------
         int
-            The lane of `streams.uniforms_row`.
+            The lane of `rng.uniforms_row`.
         """
         return self.copy * LANES_PER_COPY + self.part * LANES_PER_PART + attempt
 
@@ -77,4 +77,4 @@ class Draws:
             On [0, 1).
         """
         key, lane = self.keys[purpose], self.lane(attempt)
-        return streams.uniforms(key, self.resource, self.number, self.n_agents, lane)
+        return rng.uniforms(key, self.resource, self.number, self.n_agents, lane)

@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.channel.random_draws import LANES_PER_COPY
 from aimd_des.channel.latency.kernels import LatencyTable, latency_row
 from aimd_des.channel.loss.kernels import LossTable, loss_row
 from aimd_des.channel.network_kernel import NetworkTable, network_table, spread
-from aimd_des.utils.validation import FloatArray
+from aimd_des.channel.random_draws import LANES_PER_COPY
 from aimd_des.utils.jit import kernel, routine
 from aimd_des.utils.rng import Key, Purpose, uniforms_row
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["ChannelTable", "channel_table", "put_in_order", "transmit"]
 

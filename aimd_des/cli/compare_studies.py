@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from aimd_des.cli.scenario_diff import HEADS, differences, print_differences
 from aimd_des.cli.printing import say
+from aimd_des.cli.scenario_diff import HEADS, differences, print_differences
 from aimd_des.cli.study_tables import chosen_measures
-from aimd_des.cli.terminal_tables import (interval, plus_minus, print_pairs, print_table, said)
+from aimd_des.cli.terminal_tables import interval, plus_minus, print_pairs, print_table, said
 from aimd_des.utils.errors import InputError
 
 if TYPE_CHECKING:

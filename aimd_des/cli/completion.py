@@ -3,8 +3,8 @@
 import click
 from click.shell_completion import get_completion_class
 
-from aimd_des.cli.printing import say
 from aimd_des.cli.errors import Refusal
+from aimd_des.cli.printing import say
 
 __all__ = ["command"]
 

@@ -6,8 +6,8 @@ from dataclasses import asdict
 import click
 
 from aimd_des.cli.catalog import TOPICS, Entry, entries
-from aimd_des.cli.printing import say
 from aimd_des.cli.errors import refusing
+from aimd_des.cli.printing import say
 
 __all__ = ["command"]
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
-import aimd_des
-from aimd_des.cli.printing import let_go_of_output, say
+from aimd_des._version import __version__
 from aimd_des.cli.errors import INTERRUPTED
+from aimd_des.cli.printing import let_go_of_output, say
 from aimd_des.utils.terminal_text import fit
 
 __all__ = ["main"]
@@ -67,7 +67,7 @@ class _Lazy(click.Group):
 
 
 @click.group(cls=_Lazy, epilog=_EPILOG, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(aimd_des.__version__, prog_name="aimd-des")
+@click.version_option(__version__, prog_name="aimd-des")
 def main() -> None:
     """Simulate asynchronous AIMD resource allocation with one-bit capacity signals.
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from aimd_des.cli.printing import say
 from aimd_des.cli.errors import refusing, writing
+from aimd_des.cli.printing import say
 
 __all__ = ["command"]
 
@@ -32,7 +32,7 @@ def command(folder: Path, out: Path | None, overwrite: bool) -> None:
     Needs the extra `report`: pip install 'aimd-des[report]'.
     """
     from aimd_des.cli.study_tables import is_study
-    from aimd_des.report import (check_page, report_run, report_study, write_page)
+    from aimd_des.report import check_page, report_run, report_study, write_page
 
     path = folder.resolve().with_name(f"{folder.resolve().name}.html") if out is None else out
     with refusing():

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import click
 
-from aimd_des.cli.printing import say
 from aimd_des.cli.errors import refusing, writing
+from aimd_des.cli.printing import say
 from aimd_des.cli.set_option import changes, check_command, set_option
 
 __all__ = ["command"]
@@ -48,13 +48,13 @@ def command(
     and optimum.parquet (what they are held against), figures as PNG, run.json (digest, seed, versions), and
     SHA256SUMS (a checksum of each file).  The same scenario and seed give the same digest.
     """
-    from aimd_des.cli.run_tables import print_measures
-    from aimd_des.utils.errors import OverloadWarning
-    from aimd_des.scenario.run_folder import check_folder, write_run
-    from aimd_des.results.overload import overload_words
     from aimd_des.cli.progress import RunProgress
+    from aimd_des.cli.run_tables import print_measures
+    from aimd_des.results.overload import overload_words
     from aimd_des.scenario import load_scenario
+    from aimd_des.scenario.run_folder import check_folder, write_run
     from aimd_des.scenario.stored_run import load_run
+    from aimd_des.utils.errors import OverloadWarning
 
     folder = Path("results") / scenario.stem if out is None else out
     with refusing():

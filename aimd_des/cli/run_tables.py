@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from difflib import get_close_matches
 
-from aimd_des.cli.scenario_diff import HEADS, differences, print_differences
 from aimd_des.cli.printing import say
+from aimd_des.cli.scenario_diff import HEADS, differences, print_differences
 from aimd_des.cli.terminal_tables import print_pairs, print_table
-from aimd_des.utils.errors import InputError
 from aimd_des.scenario.stored_run import StoredRun
+from aimd_des.utils.errors import InputError
 
 __all__ = ["compare_runs", "print_measures", "show_run"]
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import click
 
-from aimd_des.cli.printing import say
 from aimd_des.cli.errors import writing
+from aimd_des.cli.printing import say
 
 __all__ = ["command", "schema_of"]
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from aimd_des.cli.printing import say
-from aimd_des.cli.terminal_tables import (interval, plus_minus, print_pairs, print_table)
+from aimd_des.cli.terminal_tables import interval, plus_minus, print_pairs, print_table
 from aimd_des.utils.errors import InputError
 
 if TYPE_CHECKING:

@@ -55,10 +55,10 @@ def _described(path: Path) -> str:
 
 
 def _study(path: Path) -> str:
-    from aimd_des.utils.errors import InputError
     from aimd_des.scenario.dry_run import check_to_run
     from aimd_des.study.file import read_study
     from aimd_des.study.points import expand, run_of
+    from aimd_des.utils.errors import InputError
 
     study = read_study(path)
     points = expand(study)

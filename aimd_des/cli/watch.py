@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from aimd_des.cli.printing import say
 from aimd_des.cli.errors import INTERRUPTED, refusing
+from aimd_des.cli.printing import say
 from aimd_des.cli.set_option import changes, check_command, set_option
 
 if TYPE_CHECKING:

@@ -8,10 +8,10 @@ lasted.  A short memory adapts fast, and pays with averages that scatter: see `t
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.portable_math import expm1
+from aimd_des.dynamics.averaging_formulas import CUMULATIVE, FORGETTING, WINDOW, Memory
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
-from aimd_des.dynamics.averaging_formulas import (CUMULATIVE, FORGETTING, WINDOW, Memory)
+from aimd_des.utils.portable_math import expm1
 
 __all__ = ["Averaging", "Cumulative", "Forgetting", "Window"]
 
@@ -73,9 +73,11 @@ class Window:
     parts: int = 20
 
     def __post_init__(self) -> None:
-        length = checks.number("Window.length", self.length, low=0.0, low_open=True)
+        length = validation.number("Window.length", self.length, low=0.0, low_open=True)
         object.__setattr__(self, "length", length)
-        object.__setattr__(self, "parts", checks.integer("Window.parts", self.parts, low=2, high=_MOST_PARTS))
+        object.__setattr__(
+            self, "parts", validation.integer("Window.parts", self.parts, low=2, high=_MOST_PARTS)
+        )
 
     def memory(self, grain: float) -> Memory:
         """Return what the formulas need.
@@ -124,7 +126,7 @@ class Forgetting:
     time_constant: float
 
     def __post_init__(self) -> None:
-        clean = checks.number("Forgetting.time_constant", self.time_constant, low=0.0, low_open=True)
+        clean = validation.number("Forgetting.time_constant", self.time_constant, low=0.0, low_open=True)
         object.__setattr__(self, "time_constant", clean)
 
     def memory(self, grain: float) -> Memory:

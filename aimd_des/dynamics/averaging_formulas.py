@@ -20,9 +20,9 @@ are compiled into kernels, and called as they stand by processes.
 
 from typing import NamedTuple
 
-from aimd_des.utils.validation import FloatArray
 from aimd_des.utils.jit import formula
 from aimd_des.utils.portable_math import exp, expm1
+from aimd_des.utils.validation import FloatArray
 
 __all__ = [
     "CUMULATIVE",

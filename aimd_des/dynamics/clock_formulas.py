@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from aimd_des.utils.validation import FloatArray
 from aimd_des.utils.jit import kernel
 from aimd_des.utils.rng import Key, uniform_at
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["PHASES", "next_tick", "next_ticks", "tick_time"]
 

@@ -6,12 +6,11 @@ from typing import Literal
 
 import numpy as np
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils import rng as streams
-from aimd_des.utils.validation import FloatArray
+from aimd_des.dynamics.clock_formulas import PHASES, next_tick, next_ticks, tick_time
+from aimd_des.utils import rng, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Key
-from aimd_des.dynamics.clock_formulas import (PHASES, next_tick, next_ticks, tick_time)
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["AgentClocks", "Clock", "Clocks"]
 
@@ -44,8 +43,8 @@ class Clock:
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "period", checks.number("period", self.period, low=0.0, low_open=True))
-        object.__setattr__(self, "phase", checks.number("phase", self.phase, low=0.0))
+        object.__setattr__(self, "period", validation.number("period", self.period, low=0.0, low_open=True))
+        object.__setattr__(self, "phase", validation.number("phase", self.phase, low=0.0))
 
     def time(self, tick: int) -> float:
         """Return the time of a tick.
@@ -114,15 +113,15 @@ class Clocks:
 
     def __post_init__(self) -> None:
         clean = {
-            "period": checks.per_agent("period", self.period, low=0.0, low_open=True),
-            "drift": checks.per_agent("drift", self.drift, low=-1.0, low_open=True),
-            "jitter": checks.per_agent("jitter", self.jitter, low=0.0),
+            "period": validation.per_agent("period", self.period, low=0.0, low_open=True),
+            "drift": validation.per_agent("drift", self.drift, low=-1.0, low_open=True),
+            "jitter": validation.per_agent("jitter", self.jitter, low=0.0),
         }
         if isinstance(self.phase, str):
             if self.phase != "random":
                 raise InputError.of("phase", self.phase, "'random', a number or an array of numbers")
         else:
-            clean["phase"] = checks.per_agent("phase", self.phase, low=0.0)
+            clean["phase"] = validation.per_agent("phase", self.phase, low=0.0)
         for name, value in clean.items():
             object.__setattr__(self, name, value)
 
@@ -148,13 +147,13 @@ class Clocks:
         """
         rows = {}
         for name in ("period", "drift", "jitter"):
-            checks.fits(name, getattr(self, name), n_agents)
+            validation.fits(name, getattr(self, name), n_agents)
             rows[name] = np.array(np.broadcast_to(getattr(self, name), (n_agents,)), dtype=np.float64)
         period = rows["period"] * (1.0 + rows["drift"])
         if isinstance(self.phase, str):
-            phase = period * streams.uniforms(key, PHASES, 0, n_agents)
+            phase = period * rng.uniforms(key, PHASES, 0, n_agents)
         else:
-            checks.fits("phase", self.phase, n_agents)
+            validation.fits("phase", self.phase, n_agents)
             phase = np.array(np.broadcast_to(self.phase, (n_agents,)), dtype=np.float64)
         late = rows["jitter"] >= period
         if late.any():

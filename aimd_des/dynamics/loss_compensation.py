@@ -21,9 +21,9 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils import validation
 from aimd_des.utils.jit import formula
+from aimd_des.utils.validation import FloatArray
 
 __all__ = [
     "ESTIMATED",
@@ -116,7 +116,7 @@ class KnownLoss:
 
     def __post_init__(self) -> None:
         remedy = "an agent that hears nothing cannot answer"
-        clean = checks.per_agent(
+        clean = validation.per_agent(
             "KnownLoss.loss", self.loss, low=0.0, high=1.0, high_open=True, remedy=remedy
         )
         object.__setattr__(self, "loss", clean)
@@ -144,7 +144,7 @@ class KnownLoss:
         InputError
             If there is a loss for each agent and their number is not n.
         """
-        checks.fits("KnownLoss.loss", self.loss, n_agents)
+        validation.fits("KnownLoss.loss", self.loss, n_agents)
         return Answering(KNOWN, np.array(np.broadcast_to(self.loss, (n_agents,)), dtype=np.float64), 0)
 
 
@@ -166,7 +166,7 @@ class EstimatedLoss:
     number_bits: int = 8
 
     def __post_init__(self) -> None:
-        bits = checks.integer("EstimatedLoss.number_bits", self.number_bits, low=2, high=_MOST_BITS)
+        bits = validation.integer("EstimatedLoss.number_bits", self.number_bits, low=2, high=_MOST_BITS)
         object.__setattr__(self, "number_bits", bits)
 
     @property

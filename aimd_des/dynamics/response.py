@@ -14,10 +14,19 @@ probability lambda = Gamma * grad_j f(average) / average^j, eq. (prob_x).  The f
 the rule, written once: kernels compile them, processes call them as they stand.
 """
 
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.jit import formula, kernel
-from aimd_des.dynamics.averaging_formulas import (CUMULATIVE, WINDOW, accumulated_at, age_at, average_at, folded_at, keep_parts, time_average)
+from aimd_des.dynamics.averaging_formulas import (
+    CUMULATIVE,
+    WINDOW,
+    accumulated_at,
+    age_at,
+    average_at,
+    folded_at,
+    keep_parts,
+    time_average,
+)
 from aimd_des.dynamics.state import Law, State
+from aimd_des.utils.jit import formula, kernel
+from aimd_des.utils.validation import FloatArray
 
 __all__ = [
     "CONTINUOUS",

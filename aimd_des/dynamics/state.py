@@ -5,15 +5,21 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils import returned_values as handed
 from aimd_des.dynamics.averaging import Averaging, Cumulative
-from aimd_des.utils.validation import FloatArray
-from aimd_des.dynamics.loss_compensation import (ESTIMATED, KNOWN, NOTHING, Answering, Compensation, no_compensation)
-from aimd_des.engine.conditions import locked
-from aimd_des.utils.errors import InputError
-from aimd_des.dynamics.averaging_formulas import (CUMULATIVE, FORGETTING, WINDOW, Memory)
+from aimd_des.dynamics.averaging_formulas import CUMULATIVE, FORGETTING, WINDOW, Memory
+from aimd_des.dynamics.loss_compensation import (
+    ESTIMATED,
+    KNOWN,
+    NOTHING,
+    Answering,
+    Compensation,
+    no_compensation,
+)
 from aimd_des.problem.problem import Problem
+from aimd_des.utils import returned_values, validation
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.locked_arrays import locked
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Law", "State", "law_of", "start"]
 
@@ -130,13 +136,15 @@ def law_of(
 
 
 def _memory_of(averaging: Averaging, grain: float) -> Memory:
-    field = handed.said_by(averaging, "memory")
-    memory = handed.instance(field, averaging.memory(grain), Memory, "a Memory, see aimd_des.memory")
+    field = returned_values.said_by(averaging, "memory")
+    memory = returned_values.instance(
+        field, averaging.memory(grain), Memory, "a Memory, see aimd_des.dynamics.averaging_formulas"
+    )
     if memory.kind not in (CUMULATIVE, WINDOW, FORGETTING):
         raise InputError.of(f"{field}.kind", memory.kind, "CUMULATIVE, WINDOW or FORGETTING")
     for name in ("rate", "span", "part"):
-        checks.number(f"{field}.{name}", getattr(memory, name), low=0.0)
-    checks.integer(f"{field}.parts", memory.parts, low=0)
+        validation.number(f"{field}.{name}", getattr(memory, name), low=0.0)
+    validation.integer(f"{field}.parts", memory.parts, low=0)
     return memory
 
 
@@ -144,15 +152,15 @@ def _answering_of(compensation: Compensation | None, n_agents: int) -> Answering
     if compensation is None:
         answering = no_compensation(n_agents)
     else:
-        field = handed.said_by(compensation, "answering")
-        answering = handed.instance(
+        field = returned_values.said_by(compensation, "answering")
+        answering = returned_values.instance(
             field, compensation.answering(n_agents), Answering, "an Answering, see aimd_des.compensation"
         )
         if answering.rule not in (NOTHING, KNOWN, ESTIMATED):
             raise InputError.of(f"{field}.rule", answering.rule, "NOTHING, KNOWN or ESTIMATED")
-        checks.array(f"{field}.loss", answering.loss, (n_agents,), low=0.0, high=1.0, high_open=True)
-        checks.integer(f"{field}.period", answering.period, low=0)
-        checks.integer(f"{type(compensation).__name__}.bits", compensation.bits, low=0)
+        validation.array(f"{field}.loss", answering.loss, (n_agents,), low=0.0, high=1.0, high_open=True)
+        validation.integer(f"{field}.period", answering.period, low=0)
+        validation.integer(f"{type(compensation).__name__}.bits", compensation.bits, low=0)
     return answering._replace(loss=locked(np.array(answering.loss, dtype=np.float64)))
 
 

@@ -2,16 +2,32 @@
 
 from collections.abc import Sequence
 
-from aimd_des.utils.validation import FloatArray
-from aimd_des.dynamics.loss_compensation import (ESTIMATED, KNOWN, NOTHING, compensation_factor, estimated_loss, read_number)
-from aimd_des.problem.costs import Costs
+from aimd_des.dynamics.averaging_formulas import (
+    CUMULATIVE,
+    WINDOW,
+    accumulated_at,
+    age_at,
+    average_at,
+    folded_at,
+    keep_parts,
+    time_average,
+)
+from aimd_des.dynamics.loss_compensation import (
+    ESTIMATED,
+    KNOWN,
+    NOTHING,
+    compensation_factor,
+    estimated_loss,
+    read_number,
+)
+from aimd_des.dynamics.response import demand_at, response_probability
+from aimd_des.engine.delivery import ProcessGenerator, Signal
 from aimd_des.engine.environment import Kind, Mailbox
+from aimd_des.engine.system import System
+from aimd_des.problem.costs import Costs
 from aimd_des.problem.costs.kernels import marginal_cost
 from aimd_des.results.event_log import Entry
-from aimd_des.dynamics.averaging_formulas import (CUMULATIVE, WINDOW, accumulated_at, age_at, average_at, folded_at, keep_parts, time_average)
-from aimd_des.dynamics.response import demand_at, response_probability
-from aimd_des.engine.system import System
-from aimd_des.engine.delivery import ProcessGenerator, Signal
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Camera"]
 

@@ -2,79 +2,20 @@
 
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils.validation import FloatArray
 from aimd_des.problem.costs import Costs
 from aimd_des.problem.problem import Problem
+from aimd_des.results.run_data import Piece
+from aimd_des.utils.locked_arrays import locked
+from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Conditions", "Piece", "growth_of", "locked", "put"]
+__all__ = ["Conditions", "growth_of"]
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
-
-_Array = TypeVar("_Array", bound=npt.NDArray[Any])
-
-
-def locked(array: _Array) -> _Array:
-    """Let nobody write into an array but `put`.
-
-    Parameters
-    ----------
-    array : ndarray
-        With memory of its own.
-
-    Returns
-    -------
-    ndarray
-        The same.
-    """
-    array.setflags(write=False)
-    return array
-
-
-def put(array: npt.NDArray[Any], where: Any, value: Any) -> None:
-    """Write into an array that is locked: for the functions of `interventions` alone.
-
-    Who holds the array sees the change.  A part that writes there itself would be obeyed by those who look
-    and not by those who have copied, and no log would tell of it.
-
-    Parameters
-    ----------
-    array : ndarray
-        Locked before and after.
-    where : index
-        Which elements.
-    value : scalar or array_like
-        What they are from now on.
-    """
-    array.setflags(write=True)
-    array[where] = value
-    array.setflags(write=False)
-
-
-class Piece(NamedTuple):
-    """The problem that is in force from one intervention to the next.
-
-    Attributes
-    ----------
-    start : float
-        Since when, in units of time.
-    capacity : ndarray, shape (m,)
-        C, in units of the resources.
-    present : ndarray of bool, shape (n,)
-        Which agents take part.
-    costs : Costs
-        The private costs of all agents.
-    """
-
-    start: float
-    capacity: FloatArray
-    present: BoolArray
-    costs: Costs
 
 
 @dataclass(eq=False)

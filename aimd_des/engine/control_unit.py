@@ -8,14 +8,14 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import simpy
 
-from aimd_des.utils import validation as checks
 from aimd_des.dynamics.clocks import Clock
-from aimd_des.utils.jit import formula
-from aimd_des.engine.environment import Kind, Mailbox
-from aimd_des.utils.errors import SimulationError
-from aimd_des.results.overload import Opportunities
-from aimd_des.engine.system import System
 from aimd_des.engine.delivery import ProcessGenerator
+from aimd_des.engine.environment import Kind, Mailbox
+from aimd_des.engine.system import System
+from aimd_des.results.overload import Opportunities
+from aimd_des.utils import validation
+from aimd_des.utils.errors import SimulationError
+from aimd_des.utils.jit import formula
 
 __all__ = ["ControlUnit", "Crossing", "Sampled", "Unanswered", "adapted", "soonest_crossing"]
 
@@ -66,7 +66,7 @@ class Sampled:
         clock = Clock(self.period, self.phase)
         object.__setattr__(self, "period", clock.period)
         object.__setattr__(self, "phase", clock.phase)
-        delay = checks.number("sensing_delay", self.sensing_delay, low=0.0)
+        delay = validation.number("sensing_delay", self.sensing_delay, low=0.0)
         object.__setattr__(self, "sensing_delay", delay)
 
     def opportunities(self, start: float, end: float) -> Opportunities:
@@ -221,10 +221,12 @@ class Crossing:
 
     def __post_init__(self) -> None:
         for name in ("refractory", "sensing_delay"):
-            object.__setattr__(self, name, checks.number(name, getattr(self, name), low=0.0))
+            object.__setattr__(self, name, validation.number(name, getattr(self, name), low=0.0))
         if self.longest is not None:
-            checks.number("refractory", self.refractory, low=0.0, low_open=True, remedy="0 cannot be doubled")
-            longest = checks.number("longest", self.longest, low=self.refractory)
+            validation.number(
+                "refractory", self.refractory, low=0.0, low_open=True, remedy="0 cannot be doubled"
+            )
+            longest = validation.number("longest", self.longest, low=self.refractory)
             object.__setattr__(self, "longest", longest)
 
     @property

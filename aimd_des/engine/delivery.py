@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 import simpy
 
-from aimd_des.utils import rng as streams
-from aimd_des.utils.validation import FloatArray
 from aimd_des.engine.environment import Kind, OrderedEnvironment
 from aimd_des.results.event_log import Entry, EventLog
+from aimd_des.utils import rng
 from aimd_des.utils.rng import Key
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Agent", "Carrier", "Collective", "ProcessGenerator", "ResponseDraws", "Signal"]
 
@@ -99,7 +99,7 @@ class ResponseDraws(dict[Signal, list[float]]):
     def __missing__(self, signal: Signal) -> list[float]:
         if len(self) == _ROWS_KEPT:
             del self[next(iter(self))]
-        row = streams.uniforms(self.key, signal.resource, signal.number, self.n_agents, signal.copy)
+        row = rng.uniforms(self.key, signal.resource, signal.number, self.n_agents, signal.copy)
         draws: list[float] = row.tolist()
         self[signal] = draws
         return draws

@@ -11,13 +11,14 @@ from heapq import heapify, heapreplace
 
 import numpy as np
 
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.jit import kernel
-from aimd_des.engine.environment import Kind
-from aimd_des.results.metrics import (Overshoot, Stretch, fold_overshoot, load_of, overshoot_of)
-from aimd_des.results.recording import Observations, Recording
-from aimd_des.engine.system import System
 from aimd_des.engine.delivery import ProcessGenerator
+from aimd_des.engine.environment import Kind
+from aimd_des.engine.system import System
+from aimd_des.results.metrics import Overshoot, Stretch, fold_overshoot, load_of, overshoot_of
+from aimd_des.results.recording import Recording
+from aimd_des.results.run_data import Observations
+from aimd_des.utils.jit import kernel
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["ConstantPieces", "LinearPieces", "Observer", "fold_change"]
 

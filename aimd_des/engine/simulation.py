@@ -1,32 +1,42 @@
 """Puts control unit, channel, agents and observers together and runs them: wiring, no rules."""
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Literal, cast, get_args
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Literal, Protocol, cast, get_args
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils import returned_values as handed
-from aimd_des.fleet import Autopilot, Camera, Fleet
-from aimd_des.dynamics.averaging import Averaging, Cumulative
 from aimd_des.channel import BroadcastChannel, Channel
+from aimd_des.dynamics.averaging import Averaging, Cumulative
 from aimd_des.dynamics.clocks import Clocks
 from aimd_des.dynamics.loss_compensation import Compensation
-from aimd_des.engine.control_unit import ControlUnit, Crossing, Sampled
-from aimd_des.utils.errors import InputError
-from aimd_des.interventions import Intervention, check_absences, check_end
-from aimd_des.results.event_log import EventLog
-from aimd_des.engine.observers import Observer
-from aimd_des.problem.problem import Problem
-from aimd_des.results.recording import Account, Recording
 from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
-from aimd_des.results.result import Result
 from aimd_des.dynamics.state import law_of
-from aimd_des.engine.system import System
+from aimd_des.engine.agent_process import Camera
+from aimd_des.engine.control_unit import ControlUnit, Crossing, Sampled
+from aimd_des.engine.declared import Intervention, check_absences, check_end
 from aimd_des.engine.delivery import Agent, ProcessGenerator
+from aimd_des.engine.observers import Observer
+from aimd_des.engine.system import System
+from aimd_des.problem.problem import Problem
+from aimd_des.results.event_log import EventLog
+from aimd_des.results.recording import Recording
+from aimd_des.results.result import Result
+from aimd_des.results.run_data import Account
+from aimd_des.utils import returned_values, validation
+from aimd_des.utils.errors import InputError
 
 __all__ = ["Simulation"]
 
 Dynamics = Literal["discrete", "continuous"]
 Maker = Callable[[int, System], Agent]
+
+
+class Population(Protocol):
+    """All agents of a run, but for the special ones, in a representation of their own, such as `Fleet`."""
+
+    def populate(
+        self, system: System, absent: Collection[int], control_unit: ControlUnit, observer: Observer
+    ) -> ProcessGenerator:
+        """Bring the agents into a run; return the process of the control unit, which they may speed up."""
+        ...
 
 
 _FUNCTION = cast(type, Callable)  # which annotations know, and `isinstance` does
@@ -50,7 +60,7 @@ def _refuse_strangers(**parts: object) -> None:
     """Refuse parts that are another kind of thing; None stands for what holds unless it is given."""
     for name, part in parts.items():
         if part is not None:
-            checks.instance(name, part, *_PARTS[name])
+            validation.instance(name, part, *_PARTS[name])
 
 
 def _check_maker(field: str, maker: object) -> None:
@@ -111,7 +121,7 @@ class Simulation:
         dynamics: Dynamics = "discrete",
         control_unit: ControlUnit | None = None,
         channel: Channel | None = None,
-        agents: Maker | type[Fleet] = Camera,
+        agents: Maker | Population = Camera,
         special: Mapping[int, Maker] | None = None,
         clocks: Clocks | None = None,
         averaging: Averaging | None = None,
@@ -121,8 +131,8 @@ class Simulation:
         recording: Recording | None = None,
         processes: Sequence[Callable[[System], ProcessGenerator]] = (),
     ) -> None:
-        checks.instance("problem", problem, Problem, "a Problem")
-        checks.choice("dynamics", dynamics, get_args(Dynamics))
+        validation.instance("problem", problem, Problem, "a Problem")
+        validation.choice("dynamics", dynamics, get_args(Dynamics))
         _refuse_strangers(
             control_unit=control_unit,
             channel=channel,
@@ -137,12 +147,12 @@ class Simulation:
         if dynamics == "discrete" and isinstance(control_unit, Crossing):
             reason = "a Sampled with discrete agents: their demand jumps at ticks and crosses nothing"
             raise InputError.of("control_unit", control_unit, reason, "or choose continuous dynamics")
-        if agents is not Fleet:
+        if not hasattr(agents, "populate"):
             _check_maker("agents", agents)
-        self.seed = checks.integer("seed", seed, low=0)
+        self.seed = validation.integer("seed", seed, low=0)
         grain = DISCRETE if dynamics == "discrete" else CONTINUOUS
         law_of(problem, grain, averaging, compensation)  # and what does not fit the agents
-        changes = checks.instances("interventions", interventions, Intervention, "an intervention")
+        changes = validation.instances("interventions", interventions, Intervention, "an intervention")
         for intervention in changes:
             intervention.check(problem)
         check_absences(problem, changes)
@@ -150,22 +160,22 @@ class Simulation:
         self.dynamics: Dynamics = dynamics
         self.control_unit = Sampled() if control_unit is None else control_unit
         self.channel = BroadcastChannel() if channel is None else channel
-        self.agents: Maker | type[Fleet] = agents
+        self.agents = agents
         self.special = self._checked(special)
         self.clocks = Clocks() if clocks is None and dynamics == "discrete" else clocks
         self.averaging = Cumulative() if averaging is None else averaging
         self.compensation = compensation
         self.interventions = changes
         self.recording = Recording() if recording is None else recording
-        self.processes = checks.instances("processes", processes, _FUNCTION, "a function of the system")
+        self.processes = validation.instances("processes", processes, _FUNCTION, "a function of the system")
 
     def _checked(self, special: Mapping[int, Maker] | None) -> dict[int, Maker]:
         """Take in the special agents in the order of their index."""
         if special is None:
             return {}
-        checks.instance("special", special, Mapping, "a dict of makers of agents by their index")
+        validation.instance("special", special, Mapping, "a dict of makers of agents by their index")
         for index, maker in special.items():
-            checks.integer("index in special", index, low=0, high=self.problem.n_agents - 1)
+            validation.integer("index in special", index, low=0, high=self.problem.n_agents - 1)
             _check_maker(f"special[{index}]", maker)
         return dict(sorted(special.items()))
 
@@ -200,9 +210,11 @@ class Simulation:
         OverloadWarning
             Once, if demand has run away from the capacity.
         """
-        until = checks.number("until", until, low=0.0, low_open=True)
+        until = validation.number("until", until, low=0.0, low_open=True)
         if watch is not None:
-            checks.instance("watch", watch, _FUNCTION, "a function of simulated time and number of events")
+            validation.instance(
+                "watch", watch, _FUNCTION, "a function of simulated time and number of events"
+            )
         check_end(self.interventions, until)
         log = EventLog() if self.recording.events else None
         system = System(
@@ -211,10 +223,10 @@ class Simulation:
         observer = Observer(system, self.recording)
         self._populate(system, observer)
         for intervention in self.interventions:
-            said = handed.said_by(intervention, "process")
+            said = returned_values.said_by(intervention, "process")
             _start(system.env.intervene, said, intervention.process(system))
         for process in self.processes:
-            _start(system.env.process, handed.said_by(process), process(system))
+            _start(system.env.process, returned_values.said_by(process), process(system))
         system.env.run_to(until, watch)
         system.finish()
         signals = system.transmitter.sent.signals()
@@ -245,27 +257,21 @@ class Simulation:
 
     def _populate(self, system: System, observer: Observer) -> None:
         """Start the control unit, then the agents."""
-        control_unit, maker = self.control_unit, cast(Any, self.agents)
-        process, method = control_unit.process(system), handed.said_by(control_unit, "process")
-        if maker is Fleet:
-            fleet = Fleet(system, self.special, observer.meter)
-            system.join(fleet)
-            if type(control_unit) is Sampled or type(control_unit) is Crossing:
-                process = Autopilot(fleet, control_unit, observer).process()
-            special = self.special
+        control_unit, populate = self.control_unit, getattr(self.agents, "populate", None)
+        if populate is None:
+            process, make_all = control_unit.process(system), cast(Maker, self.agents)
+            makers = {index: self.special.get(index, make_all) for index in range(self.problem.n_agents)}
         else:
-            special = {
-                index: self.special.get(index, cast(Maker, maker)) for index in range(self.problem.n_agents)
-            }
-        _start(system.env.process, method, process)
-        for index, make in special.items():
+            process, makers = populate(system, self.special, control_unit, observer), self.special
+        _start(system.env.process, returned_values.said_by(control_unit, "process"), process)
+        for index, make in makers.items():
             agent = make(index, system)
-            handed.having(handed.said_by(make), agent, ["receive", "process"])
+            returned_values.having(returned_values.said_by(make), agent, ["receive", "process"])
             system.agents[index] = agent
-            _start(system.env.process, handed.said_by(agent, "process"), agent.process())
+            _start(system.env.process, returned_values.said_by(agent, "process"), agent.process())
 
 
 def _start(start: Callable[[ProcessGenerator], object], method: str, process: object) -> None:
     """Let a process of a part live, which may be the user's own."""
-    handed.generator(method, process)
+    returned_values.generator(method, process)
     start(cast(ProcessGenerator, process))

@@ -4,26 +4,24 @@ from collections.abc import Callable
 
 import numpy as np
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils import returned_values as handed
-from aimd_des.utils import rng as streams
-from aimd_des.dynamics.averaging import Averaging
 from aimd_des.channel import Channel
+from aimd_des.dynamics.averaging import Averaging
+from aimd_des.dynamics.averaging_formulas import folded_at, keep_parts
 from aimd_des.dynamics.clocks import Clocks
 from aimd_des.dynamics.loss_compensation import Compensation
-from aimd_des.engine.conditions import Conditions
-from aimd_des.engine.environment import OrderedEnvironment
-from aimd_des.utils.errors import InputError
-from aimd_des.results.event_log import Entry, EventLog
-from aimd_des.dynamics.averaging_formulas import folded_at, keep_parts
-from aimd_des.problem.lookup import agent_index, resource_index
-from aimd_des.problem.problem import Problem
-from aimd_des.engine.system_view import Readings
 from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
 from aimd_des.dynamics.state import law_of, start
-from aimd_des.utils.rng import Purpose
+from aimd_des.engine.conditions import Conditions
+from aimd_des.engine.delivery import Agent, Carrier, Collective, ResponseDraws, Signal
+from aimd_des.engine.environment import OrderedEnvironment
+from aimd_des.engine.system_view import Readings
 from aimd_des.engine.transmitter import Transmitter
-from aimd_des.engine.delivery import (Agent, Carrier, Collective, ResponseDraws, Signal)
+from aimd_des.problem.lookup import agent_index, resource_index
+from aimd_des.problem.problem import Problem
+from aimd_des.results.event_log import Entry, EventLog
+from aimd_des.utils import returned_values, rng, validation
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.rng import Purpose
 
 __all__ = ["System"]
 
@@ -79,9 +77,9 @@ class System(Readings):
         compensation: Compensation | None = None,
     ) -> None:
         n, m = problem.n_agents, problem.n_resources
-        self.keys = {purpose: streams.key(seed, purpose) for purpose in Purpose}
+        self.keys = {purpose: rng.key(seed, purpose) for purpose in Purpose}
         self.link = channel.open(n, self.keys)
-        handed.having(handed.said_by(channel, "open"), self.link, ["transmit"])
+        returned_values.having(returned_values.said_by(channel, "open"), self.link, ["transmit"])
         grain = CONTINUOUS if clocks is None else DISCRETE
         law = law_of(problem, grain, averaging, compensation)
         own = None if clocks is None else clocks.start(n, self.keys[Purpose.CLOCK])
@@ -115,7 +113,7 @@ class System(Readings):
             finite.
         """
         i, j = agent_index(self.problem, agent), resource_index(self.problem, resource)
-        demand = checks.number("demand", demand, low=0.0)
+        demand = validation.number("demand", demand, low=0.0)
         if self.conditions.away[i]:
             name = self.problem.agent_names[i]
             raise InputError.of("agent", name, "one that is here", "let it join first")
@@ -216,6 +214,6 @@ class System(Readings):
             anything but a time for each agent that is not before the departure.
         """
         j = resource_index(self.problem, resource)
-        delay = checks.number("delay", delay, low=0.0)
+        delay = validation.number("delay", delay, low=0.0)
         self.settle()
         self.transmitter.send(j, self.env.now, delay, self.total)

@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 
-from aimd_des.utils.validation import FloatArray
 from aimd_des.dynamics.clocks import AgentClocks
-from aimd_des.engine.environment import OrderedEnvironment
-from aimd_des.problem.lookup import agent_index, resource_index
-from aimd_des.dynamics.totals import (average_of, observe, observe_totals, total_of, totals)
-from aimd_des.problem.problem import Problem
 from aimd_des.dynamics.response import demand_at
 from aimd_des.dynamics.state import Law, State
+from aimd_des.dynamics.totals import average_of, observe, observe_totals, total_of, totals
+from aimd_des.engine.environment import OrderedEnvironment
+from aimd_des.problem.lookup import agent_index, resource_index
+from aimd_des.problem.problem import Problem
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Readings"]
 

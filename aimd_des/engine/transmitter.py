@@ -9,14 +9,14 @@ import numpy as np
 import numpy.typing as npt
 import simpy
 
-from aimd_des.utils import returned_values as handed
-from aimd_des.channel import (Broadcast, Copies, DrawnLink, Link)
-from aimd_des.utils.validation import FloatArray
+from aimd_des.channel import Broadcast, Copies, DrawnLink, Link
 from aimd_des.engine.conditions import Conditions
+from aimd_des.engine.delivery import Carrier, Collective, Signal
 from aimd_des.engine.environment import Kind, OrderedEnvironment
 from aimd_des.results.event_log import Entry, EventLog
-from aimd_des.results.recording import Signals
-from aimd_des.engine.delivery import Carrier, Collective, Signal
+from aimd_des.results.run_data import Signals
+from aimd_des.utils import returned_values
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["SentSignals", "Transmitter"]
 
@@ -179,14 +179,14 @@ class Transmitter:
         link = self.link
         if isinstance(link, DrawnLink):
             return link.draw(signal, departure)
-        field = handed.said_by(link, "transmit")
-        copies = handed.instance(field, link.transmit(signal, departure), Copies, "Copies")
+        field = returned_values.said_by(link, "transmit")
+        copies = returned_values.instance(field, link.transmit(signal, departure), Copies, "Copies")
         arrival = self._times(f"{field}.arrival", copies.arrival, departure)
         second = copies.second
         return Copies(arrival, None if second is None else self._times(f"{field}.second", second, departure))
 
     def _times(self, field: str, times: object, departure: float) -> FloatArray:
-        return handed.numbers(field, times, (self.n_agents,), "agent", departure).copy()
+        return returned_values.numbers(field, times, (self.n_agents,), "agent", departure).copy()
 
     def _lose(self, signal: Broadcast, lost: npt.NDArray[np.bool_]) -> None:
         """Enter the loss of copies that go no further."""

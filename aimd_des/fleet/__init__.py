@@ -1,7 +1,5 @@
-"""The agents: one SimPy process each, or all of them as a fleet."""
+"""All standard agents of a run in compiled code: the events of agents that are processes, much faster."""
 
-from aimd_des.fleet.control_process import Autopilot
-from aimd_des.engine.agent_process import Camera
 from aimd_des.fleet.fleet import Fleet
 
-__all__ = ["Autopilot", "Camera", "Fleet"]
+__all__ = ["Fleet"]

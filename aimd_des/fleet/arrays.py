@@ -5,14 +5,14 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.dynamics.clock_formulas import next_tick, tick_time
+from aimd_des.dynamics.state import Law, State
 from aimd_des.fleet.in_flight import BLOCK, SECOND, Flights
 from aimd_des.fleet.radix_heap import bits_of, put
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.jit import routine
 from aimd_des.problem.costs.kernels import CostTable
-from aimd_des.dynamics.state import Law, State
+from aimd_des.utils.jit import routine
 from aimd_des.utils.rng import Key, uniforms_row
-from aimd_des.dynamics.clock_formulas import next_tick, tick_time
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["LAST", "Answers", "Books", "Crowd", "Rhythm", "Scratch", "accept", "scratch_for"]
 

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.fleet.arrays import Crowd, accept
 from aimd_des.channel.transmit_kernel import ChannelTable, put_in_order, transmit
-from aimd_des.utils.validation import FloatArray
+from aimd_des.fleet.arrays import Crowd, accept
 from aimd_des.utils.jit import routine
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Post", "broadcast"]
 

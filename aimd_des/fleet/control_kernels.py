@@ -2,17 +2,28 @@
 
 import numpy as np
 
-from aimd_des.fleet.arrays import LAST, Crowd
-from aimd_des.fleet.observer_kernels import Meter, Watch, fold_answers
-from aimd_des.fleet.control_state import (BROADCAST, CROWDED, LOOK, REACHED, REFUSED, ROW, STANDSTILL, TICK, Limits, Pilot)
-from aimd_des.fleet.broadcast_kernel import Post, broadcast
-from aimd_des.fleet.response_kernels import settle
-from aimd_des.utils.jit import announced, formula, routine
+from aimd_des.dynamics.clock_formulas import next_ticks
+from aimd_des.dynamics.totals import observe_totals, total_of
 from aimd_des.engine.control_unit import MOST_AT_ONE_INSTANT, adapted, soonest_crossing
 from aimd_des.engine.environment import Kind
+from aimd_des.fleet.arrays import LAST, Crowd
+from aimd_des.fleet.broadcast_kernel import Post, broadcast
+from aimd_des.fleet.control_state import (
+    BROADCAST,
+    CROWDED,
+    LOOK,
+    REACHED,
+    REFUSED,
+    ROW,
+    STANDSTILL,
+    TICK,
+    Limits,
+    Pilot,
+)
+from aimd_des.fleet.observer_kernels import Meter, Watch, fold_answers
+from aimd_des.fleet.response_kernels import settle
 from aimd_des.results.metrics import fold_overshoot
-from aimd_des.dynamics.totals import observe_totals, total_of
-from aimd_des.dynamics.clock_formulas import next_ticks
+from aimd_des.utils.jit import announced, formula, routine
 
 __all__ = ["sample", "sense", "settle_and_fold"]
 

@@ -5,23 +5,23 @@ import math
 import numpy as np
 import simpy
 
-from aimd_des.fleet.arrays import LAST
-from aimd_des.fleet.fleet import TOLD_AT_ONCE, Fleet
-from aimd_des.fleet.observer_kernels import Watch
-from aimd_des.fleet.control_state import (CROWDED, LOOK, REACHED, REFUSED, ROW, STANDSTILL, TICK, Limits, Pilot)
-from aimd_des.fleet.broadcast_kernel import Post
-from aimd_des.fleet.control_kernels import sample, sense
 from aimd_des.channel import BroadcastChannel, CompiledLink
 from aimd_des.channel.loss.kernels import refuse_loss
 from aimd_des.channel.transmit_kernel import ChannelTable
 from aimd_des.engine.control_unit import Crossing, Sampled, Unanswered
+from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import Kind, Mailbox
-from aimd_des.utils.errors import SimulationError
 from aimd_des.engine.observers import ConstantPieces, Observer
 from aimd_des.engine.system import System
-from aimd_des.engine.delivery import ProcessGenerator
+from aimd_des.fleet.arrays import LAST
+from aimd_des.fleet.broadcast_kernel import Post
+from aimd_des.fleet.compiled_agents import TOLD_AT_ONCE, CompiledAgents
+from aimd_des.fleet.control_kernels import sample, sense
+from aimd_des.fleet.control_state import CROWDED, LOOK, REACHED, REFUSED, ROW, STANDSTILL, TICK, Limits, Pilot
+from aimd_des.fleet.observer_kernels import Watch
+from aimd_des.utils.errors import SimulationError
 
-__all__ = ["Autopilot"]
+__all__ = ["ControlProcess"]
 
 # How often whoever watches the run is told of how far it has come.
 _REPORTS = 200
@@ -30,12 +30,12 @@ _REPORTS = 200
 _SIGNALS = 1 << 14
 
 
-class Autopilot:
+class ControlProcess:
     """A built-in control unit of a fleet: the same looks as those of its process, many to an event of SimPy.
 
     Parameters
     ----------
-    fleet : Fleet
+    fleet : CompiledAgents
         The agents.
     control_unit : Sampled or Crossing
         What decides.
@@ -43,7 +43,7 @@ class Autopilot:
         Its looks at totals are taken in compiled code, too.
     """
 
-    def __init__(self, fleet: Fleet, control_unit: Sampled | Crossing, observer: Observer) -> None:
+    def __init__(self, fleet: CompiledAgents, control_unit: Sampled | Crossing, observer: Observer) -> None:
         self.fleet, self.control_unit = fleet, control_unit
         self.system = system = fleet.system
         m = system.problem.n_resources

@@ -6,10 +6,10 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from aimd_des.fleet.arrays import Crowd
-from aimd_des.utils.jit import formula
-from aimd_des.problem.costs.kernels import gradient_at
 from aimd_des.dynamics.totals import average_of
+from aimd_des.fleet.arrays import Crowd
+from aimd_des.problem.costs.kernels import gradient_at
+from aimd_des.utils.jit import formula
 
 __all__ = ["marginal_cost_at"]
 

@@ -5,11 +5,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.engine.observers import fold_change
 from aimd_des.fleet.arrays import Answers
 from aimd_des.fleet.radix_heap import time_of
-from aimd_des.utils.validation import FloatArray
 from aimd_des.utils.jit import formula, kernel, routine
-from aimd_des.engine.observers import fold_change
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Meter", "Watch", "fold_answers"]
 

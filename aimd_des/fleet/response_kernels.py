@@ -6,16 +6,32 @@ In every round each agent answers the earliest of its copies that are due, and m
 
 import numpy as np
 
+from aimd_des.dynamics.averaging_formulas import (
+    CUMULATIVE,
+    WINDOW,
+    accumulated_at,
+    age_at,
+    average_at,
+    folded_at,
+    keep_parts,
+    time_average,
+)
+from aimd_des.dynamics.loss_compensation import (
+    ESTIMATED,
+    KNOWN,
+    NOTHING,
+    compensation_factor,
+    estimated_loss,
+    read_number,
+)
+from aimd_des.dynamics.response import demand_at, response_probability
 from aimd_des.fleet.absent_agents import miss, subject
 from aimd_des.fleet.arrays import LAST, Crowd
 from aimd_des.fleet.in_flight import BLOCK, DUE, LATER
-from aimd_des.fleet.radix_heap import (move, places, raise_due, release, time_of)
 from aimd_des.fleet.marginal_cost import marginal_cost_at
-from aimd_des.dynamics.loss_compensation import (ESTIMATED, KNOWN, NOTHING, compensation_factor, estimated_loss, read_number)
-from aimd_des.utils.jit import formula, kernel
+from aimd_des.fleet.radix_heap import move, places, raise_due, release, time_of
 from aimd_des.problem.costs.kernels import horner_step
-from aimd_des.dynamics.averaging_formulas import (CUMULATIVE, WINDOW, accumulated_at, age_at, average_at, folded_at, keep_parts, time_average)
-from aimd_des.dynamics.response import demand_at, response_probability
+from aimd_des.utils.jit import formula, kernel
 
 __all__ = ["settle"]
 

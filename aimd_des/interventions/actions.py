@@ -6,13 +6,14 @@ happens at the same instant finds the new conditions.  What has begun twice ends
 
 import numpy as np
 
-from aimd_des.utils.validation import FloatArray
-from aimd_des.engine.conditions import growth_of, put
-from aimd_des.utils.errors import InputError
-from aimd_des.interventions.bookkeeping import begin_piece, end_piece, note
-from aimd_des.results.event_log import Entry
-from aimd_des.problem.lookup import Agents, agent_index, agent_indices
+from aimd_des.engine.conditions import growth_of
 from aimd_des.engine.system import System
+from aimd_des.interventions.bookkeeping import begin_piece, end_piece, note
+from aimd_des.problem.lookup import Agents, agent_index, agent_indices
+from aimd_des.results.event_log import Entry
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.locked_arrays import put
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["cut_off", "fail", "join", "leave", "reconnect", "recover"]
 

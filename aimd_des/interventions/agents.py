@@ -5,16 +5,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
 
-from aimd_des.utils import validation as checks
-from aimd_des.problem.costs import Costs
+from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import Kind
-from aimd_des.utils.errors import InputError
+from aimd_des.engine.system import System
 from aimd_des.interventions.actions import join, leave
+from aimd_des.interventions.bookkeeping import BeginsAt
 from aimd_des.interventions.prices import checked_costs, set_costs, weigh
+from aimd_des.problem.costs import Costs
 from aimd_des.problem.lookup import Agents, agent_indices
 from aimd_des.problem.problem import Problem
-from aimd_des.engine.system import System
-from aimd_des.engine.delivery import ProcessGenerator
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
 
 __all__ = ["Absence", "Crash", "Join", "Prices", "UnusualActivity"]
 
@@ -22,11 +23,11 @@ __all__ = ["Absence", "Crash", "Join", "Prices", "UnusualActivity"]
 def _take_times(intervention: object, later: str) -> None:
     """Check the time at which something begins, and the later one, which may be missing."""
     name = type(intervention).__name__
-    at = checks.number(f"{name}.at", getattr(intervention, "at"), low=0.0)  # noqa: B009 - of any of these
+    at = validation.number(f"{name}.at", getattr(intervention, "at"), low=0.0)  # noqa: B009 - of any of these
     object.__setattr__(intervention, "at", at)
     until = getattr(intervention, later)
     if until is not None:
-        until = checks.number(f"{name}.{later}", until, low=at, low_open=True)
+        until = validation.number(f"{name}.{later}", until, low=at, low_open=True)
         object.__setattr__(intervention, later, until)
 
 
@@ -67,7 +68,7 @@ class Join(_OfAgents):
     at: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "at", checks.number("Join.at", self.at, low=0.0, low_open=True))
+        object.__setattr__(self, "at", validation.number("Join.at", self.at, low=0.0, low_open=True))
 
     @property
     def span(self) -> tuple[float, float]:
@@ -97,7 +98,7 @@ class Join(_OfAgents):
 
 
 @dataclass(frozen=True)
-class Absence(_OfAgents):
+class Absence(BeginsAt, _OfAgents):
     """Agents leave, and may come back with their average as it was.
 
     Parameters
@@ -139,7 +140,7 @@ class Absence(_OfAgents):
 
 
 @dataclass(frozen=True)
-class Crash(_OfAgents):
+class Crash(BeginsAt, _OfAgents):
     """Agents crash: what they hold is released, and if they come back they have forgotten their average.
 
     Parameters
@@ -192,7 +193,7 @@ def _away(system: System, agents: Agents, at: float, until: float | None, *, ane
 
 
 @dataclass(frozen=True)
-class UnusualActivity(_OfAgents):
+class UnusualActivity(BeginsAt, _OfAgents):
     """Agents see something unusual and need more for a while: their private costs are scaled.
 
     Parameters
@@ -215,7 +216,7 @@ class UnusualActivity(_OfAgents):
 
     def __post_init__(self) -> None:
         _take_times(self, "until")
-        clean = checks.number("UnusualActivity.weight", self.weight, low=0.0, low_open=True)
+        clean = validation.number("UnusualActivity.weight", self.weight, low=0.0, low_open=True)
         object.__setattr__(self, "weight", clean)
 
     def process(self, system: System) -> ProcessGenerator:
@@ -256,9 +257,16 @@ class Prices:
     draw: Callable[[int], Costs]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "every", checks.number("Prices.every", self.every, low=0.0, low_open=True))
+        object.__setattr__(
+            self, "every", validation.number("Prices.every", self.every, low=0.0, low_open=True)
+        )
         if not callable(self.draw):
             raise InputError.of("Prices.draw", self.draw, "a function of the number of the draw")
+
+    @property
+    def begins(self) -> float:
+        """When it first changes something, in units of time."""
+        return self.every
 
     def check(self, problem: Problem) -> None:
         """Refuse what does not fit a problem.

@@ -1,10 +1,22 @@
 """The books that every change keeps: the log, and the problems that are in force one after another."""
 
-from aimd_des.engine.conditions import Piece, locked
-from aimd_des.results.event_log import Entry
 from aimd_des.engine.system import System
+from aimd_des.results.event_log import Entry
+from aimd_des.results.run_data import Piece
+from aimd_des.utils.locked_arrays import locked
 
-__all__ = ["begin_piece", "end_piece", "note"]
+__all__ = ["BeginsAt", "begin_piece", "end_piece", "note"]
+
+
+class BeginsAt:
+    """What an intervention that begins at a time tells the run about it."""
+
+    at: float
+
+    @property
+    def begins(self) -> float:
+        """When it first changes something, in units of time."""
+        return self.at
 
 
 def note(system: System, entry: Entry, resource: int = -1, agent: int = -1, value: float = 0.0) -> None:

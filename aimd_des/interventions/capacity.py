@@ -7,22 +7,23 @@ from pathlib import Path
 
 import numpy as np
 
-from aimd_des.utils import validation as checks
 from aimd_des.channel.csv_columns import read_columns
-from aimd_des.utils.validation import FloatArray
+from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import Kind
-from aimd_des.utils.errors import InputError
+from aimd_des.engine.system import System
+from aimd_des.interventions.bookkeeping import BeginsAt
 from aimd_des.interventions.parameters import set_capacity
 from aimd_des.problem.lookup import resource_index
 from aimd_des.problem.problem import Problem
-from aimd_des.engine.system import System
-from aimd_des.engine.delivery import ProcessGenerator
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["CapacityProfile", "CapacityRamp", "CapacityStep"]
 
 
 @dataclass(frozen=True)
-class CapacityStep:
+class CapacityStep(BeginsAt):
     """A capacity changes at one instant.
 
     Parameters
@@ -45,8 +46,8 @@ class CapacityStep:
     capacity: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "at", checks.number("CapacityStep.at", self.at, low=0.0))
-        clean = checks.number("CapacityStep.capacity", self.capacity, low=0.0, low_open=True)
+        object.__setattr__(self, "at", validation.number("CapacityStep.at", self.at, low=0.0))
+        clean = validation.number("CapacityStep.capacity", self.capacity, low=0.0, low_open=True)
         object.__setattr__(self, "capacity", clean)
 
     def check(self, problem: Problem) -> None:
@@ -109,12 +110,17 @@ class CapacityRamp:
     steps: int = 20
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "start", checks.number("CapacityRamp.start", self.start, low=0.0))
-        end = checks.number("CapacityRamp.end", self.end, low=self.start, low_open=True)
+        object.__setattr__(self, "start", validation.number("CapacityRamp.start", self.start, low=0.0))
+        end = validation.number("CapacityRamp.end", self.end, low=self.start, low_open=True)
         object.__setattr__(self, "end", end)
-        clean = checks.number("CapacityRamp.capacity", self.capacity, low=0.0, low_open=True)
+        clean = validation.number("CapacityRamp.capacity", self.capacity, low=0.0, low_open=True)
         object.__setattr__(self, "capacity", clean)
-        checks.integer("CapacityRamp.steps", self.steps, low=1, high=1_000_000)
+        validation.integer("CapacityRamp.steps", self.steps, low=1, high=1_000_000)
+
+    @property
+    def begins(self) -> float:
+        """When it first changes something, in units of time."""
+        return self.start
 
     def check(self, problem: Problem) -> None:
         """Refuse what does not fit a problem.
@@ -181,10 +187,10 @@ class CapacityProfile:
     period: float | None = None
 
     def __post_init__(self) -> None:
-        times = checks.array("CapacityProfile.times", self.times, ("n_times",), low=0.0)
+        times = validation.array("CapacityProfile.times", self.times, ("n_times",), low=0.0)
         if not len(times) or (np.diff(times) <= 0.0).any():
             raise InputError.of("CapacityProfile.times", times.tolist(), "one or more, strictly ascending")
-        values = checks.array(
+        values = validation.array(
             "CapacityProfile.capacities", self.capacities, (len(times),), low=0.0, low_open=True
         )
         object.__setattr__(self, "times", times)
@@ -192,7 +198,7 @@ class CapacityProfile:
         if self.period is not None:
             after = float(times[-1])
             remedy = "the period must be longer than the last time of the profile"
-            clean = checks.number(
+            clean = validation.number(
                 "CapacityProfile.period", self.period, low=after, low_open=True, remedy=remedy
             )
             object.__setattr__(self, "period", clean)
@@ -233,6 +239,11 @@ class CapacityProfile:
         """
         times, values = read_columns(path, [time, capacity], float, "a number")
         return cls(resource, np.array(times), np.array(values), period)
+
+    @property
+    def begins(self) -> float:
+        """When it first changes something, in units of time."""
+        return float(self.times[0])
 
     def check(self, problem: Problem) -> None:
         """Refuse what does not fit a problem.

@@ -2,26 +2,27 @@
 
 from dataclasses import dataclass
 
-from aimd_des.utils import validation as checks
+from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import Kind
-from aimd_des.interventions.actions import (cut_off, fail, reconnect, recover)
+from aimd_des.engine.system import System
+from aimd_des.interventions.actions import cut_off, fail, reconnect, recover
+from aimd_des.interventions.bookkeeping import BeginsAt
 from aimd_des.problem.lookup import Agents, agent_indices
 from aimd_des.problem.problem import Problem
-from aimd_des.engine.system import System
-from aimd_des.engine.delivery import ProcessGenerator
+from aimd_des.utils import validation
 
 __all__ = ["Failover", "Partition"]
 
 
 def _take(fault: "Failover | Partition") -> None:
     name = type(fault).__name__
-    object.__setattr__(fault, "at", checks.number(f"{name}.at", fault.at, low=0.0))
-    clean = checks.number(f"{name}.duration", fault.duration, low=0.0, low_open=True)
+    object.__setattr__(fault, "at", validation.number(f"{name}.at", fault.at, low=0.0))
+    clean = validation.number(f"{name}.duration", fault.duration, low=0.0, low_open=True)
     object.__setattr__(fault, "duration", clean)
 
 
 @dataclass(frozen=True)
-class Failover:
+class Failover(BeginsAt):
     """The control unit goes down, and after a while another one takes over.
 
     Signals that are on their way arrive; those that would leave meanwhile, after their sensing delay, are
@@ -77,7 +78,7 @@ class Failover:
 
 
 @dataclass(frozen=True)
-class Partition:
+class Partition(BeginsAt):
     """The channel is partitioned, and heals: signals that leave meanwhile are lost on some agents.
 
     Signals that are on their way when it begins arrive.  Where partitions overlap, an agent hears again when

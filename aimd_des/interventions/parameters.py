@@ -6,12 +6,13 @@ agents that are processes and a fleet obey alike, and the log tells of it.
 
 from collections.abc import Sequence
 
-from aimd_des.utils import validation as checks
-from aimd_des.engine.conditions import growth_of, put
-from aimd_des.interventions.bookkeeping import begin_piece, end_piece, note
-from aimd_des.results.event_log import Entry
-from aimd_des.problem.lookup import Agents, agent_indices, resource_index
+from aimd_des.engine.conditions import growth_of
 from aimd_des.engine.system import System
+from aimd_des.interventions.bookkeeping import begin_piece, end_piece, note
+from aimd_des.problem.lookup import Agents, agent_indices, resource_index
+from aimd_des.results.event_log import Entry
+from aimd_des.utils import validation
+from aimd_des.utils.locked_arrays import put
 
 __all__ = ["set_capacity", "set_decrease", "set_increase", "set_normalization", "set_threshold"]
 
@@ -34,7 +35,7 @@ def set_capacity(system: System, resource: str | int, capacity: float) -> None:
         If there is no such resource, or the capacity is not positive.
     """
     j = resource_index(system.problem, resource)
-    value = checks.number("capacity", capacity, low=0.0, low_open=True)
+    value = validation.number("capacity", capacity, low=0.0, low_open=True)
     end_piece(system)
     lower = value < system.law.capacity[j]
     put(system.law.capacity, j, value)
@@ -62,7 +63,7 @@ def set_threshold(system: System, resource: str | int, threshold: float) -> None
         If there is no such resource, or the threshold is outside its range.
     """
     j = resource_index(system.problem, resource)
-    value = checks.number("threshold", threshold, low=0.0, low_open=True, high=1.0)
+    value = validation.number("threshold", threshold, low=0.0, low_open=True, high=1.0)
     end_piece(system)
     lower = value < system.conditions.threshold[j]
     put(system.conditions.threshold, j, value)
@@ -90,7 +91,7 @@ def set_normalization(system: System, resource: str | int, normalization: float)
         If there is no such resource, or the factor is not positive.
     """
     j = resource_index(system.problem, resource)
-    value = checks.number("normalization", normalization, low=0.0, low_open=True)
+    value = validation.number("normalization", normalization, low=0.0, low_open=True)
     end_piece(system)
     put(system.law.normalization, j, value)
     _conclude(system, Entry.NORMALIZATION, j, value)
@@ -116,7 +117,7 @@ def set_increase(system: System, agents: Agents, resource: str | int, increase: 
         If there is no such agent or resource, one agent is named twice, or alpha is not positive.
     """
     j, indices = resource_index(system.problem, resource), agent_indices(system.problem, agents)
-    value = checks.number("increase", increase, low=0.0, low_open=True)
+    value = validation.number("increase", increase, low=0.0, low_open=True)
     conditions = system.conditions
     end_piece(system)
     for i in indices:
@@ -150,7 +151,7 @@ def set_decrease(system: System, agents: Agents, resource: str | int, decrease: 
         If there is no such agent or resource, one agent is named twice, or beta is outside its range.
     """
     j, indices = resource_index(system.problem, resource), agent_indices(system.problem, agents)
-    value = checks.number("decrease", decrease, low=0.0, high=1.0, high_open=True)
+    value = validation.number("decrease", decrease, low=0.0, high=1.0, high_open=True)
     end_piece(system)
     put(system.law.decrease, (j, indices), value)
     _conclude(system, Entry.DECREASE, j, value, indices)

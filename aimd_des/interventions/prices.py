@@ -4,15 +4,15 @@ from collections.abc import Hashable
 
 import numpy as np
 
-from aimd_des.utils import validation as checks
-from aimd_des.engine.conditions import locked
-from aimd_des.problem.costs import Costs, weighted_costs
-from aimd_des.utils.errors import InputError
+from aimd_des.engine.system import System
 from aimd_des.interventions.bookkeeping import begin_piece, end_piece, note
-from aimd_des.results.event_log import Entry
+from aimd_des.problem.costs import Costs, weighted_costs
 from aimd_des.problem.lookup import Agents, agent_indices
 from aimd_des.problem.problem import Problem
-from aimd_des.engine.system import System
+from aimd_des.results.event_log import Entry
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.locked_arrays import locked
 
 __all__ = ["checked_costs", "set_costs", "weigh"]
 
@@ -82,7 +82,7 @@ def weigh(system: System, agents: Agents, weight: float, *, by: Hashable = None)
     InputError
         If there is no such agent, one is named twice, none is named, or the weight is not positive.
     """
-    value = checks.number("weight", weight, low=0.0, low_open=True)
+    value = validation.number("weight", weight, low=0.0, low_open=True)
     indices, conditions = agent_indices(system.problem, agents), system.conditions
     weighing = conditions.weighing
     own = weighing.setdefault(by, np.ones(system.problem.n_agents))

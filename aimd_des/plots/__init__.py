@@ -8,13 +8,13 @@ here touches pyplot or any other global state.
 from aimd_des.plots.allocations import average_allocations, derivatives, instantaneous_allocations
 from aimd_des.plots.capacity import capacity_events, sum_of_averages, sum_of_demand
 from aimd_des.plots.convergence import averages_against_optimum, consensus, error_decay
-from aimd_des.plots.errors import (absolute_error, cost_ratio, error_histogram, relative_error)
-from aimd_des.plots.paper_figures import paper_figures
+from aimd_des.plots.errors import absolute_error, cost_ratio, error_histogram, relative_error
 from aimd_des.plots.maps import heat_map
 from aimd_des.plots.network import network_map
-from aimd_des.plots.tracking import tracking_error, tracking_level
+from aimd_des.plots.paper_figures import paper_figures
 from aimd_des.plots.signals import demand_and_signals, signal_raster
 from aimd_des.plots.style import colour, shared_legend
+from aimd_des.plots.tracking import tracking_error, tracking_level
 
 __all__ = [
     "absolute_error",

@@ -4,11 +4,11 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 
-from aimd_des.utils.validation import FloatArray
-from aimd_des.problem.optimum import Optimum
 from aimd_des.plots import selection, style, units
 from aimd_des.plots.in_force import NEVER, Look, measured
+from aimd_des.problem.optimum import Optimum
 from aimd_des.results.result import Result
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["average_allocations", "derivatives", "instantaneous_allocations"]
 

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.errors import InputError
 from aimd_des.plots import selection, style, units
 from aimd_des.results.result import Result
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["capacity_at", "capacity_events", "capacity_line", "sum_of_averages", "sum_of_demand"]
 

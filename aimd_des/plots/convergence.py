@@ -6,15 +6,15 @@ from typing import Literal
 import numpy as np
 from matplotlib.axes import Axes
 
-from aimd_des.utils import validation as checks
-from aimd_des.results import metrics
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.errors import InputError
-from aimd_des.problem.optimum import Optimum, solve_optimum
 from aimd_des.plots import selection, style
 from aimd_des.plots.allocations import NOT_RECORDED
-from aimd_des.plots.in_force import (NEVER, NOBODY, Look, measured)
+from aimd_des.plots.in_force import NEVER, NOBODY, Look, measured
+from aimd_des.problem.optimum import Optimum, solve_optimum
+from aimd_des.results import metrics
 from aimd_des.results.result import Result
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["averages_against_optimum", "consensus", "error_decay"]
 
@@ -49,7 +49,7 @@ def averages_against_optimum(axes: Axes, result: Result, optimum: Optimum | None
     InputError
         If there is no such resource, or the optimum is for another number of agents.
     """
-    checks.integer("resource", resource, low=0, high=result.problem.n_resources - 1)
+    validation.integer("resource", resource, low=0, high=result.problem.n_resources - 1)
     shared = result.problem.resources[resource]
     axes.set_xlabel(style.axis_label("optimal allocation", shared.unit))
     axes.set_ylabel(style.axis_label("average", shared.unit))
@@ -167,7 +167,7 @@ def error_decay(
     runs = [results] if isinstance(results, Result) else list(results)
     if measure not in _MEASURES:
         raise InputError.of("measure", measure, " or ".join(map(repr, _MEASURES)))
-    checks.number("slope", slope)
+    validation.number("slope", slope)
     times = [run.observations.allocation_times for run in runs]
     if not runs or any(not np.array_equal(times[0], other) for other in times):
         raise InputError.of("results", len(runs), "one or more runs whose allocations were recorded alike")

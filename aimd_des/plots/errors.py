@@ -3,13 +3,13 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from aimd_des.results import metrics
-from aimd_des.utils.validation import FloatArray
-from aimd_des.problem.optimum import Optimum
 from aimd_des.plots import selection, style, units
 from aimd_des.plots.allocations import NOT_RECORDED
-from aimd_des.plots.in_force import (NEVER, NOBODY, Look, measured)
+from aimd_des.plots.in_force import NEVER, NOBODY, Look, measured
+from aimd_des.problem.optimum import Optimum
+from aimd_des.results import metrics
 from aimd_des.results.result import Result
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["absolute_error", "cost_ratio", "error_histogram", "relative_error"]
 

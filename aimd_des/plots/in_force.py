@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils.validation import FloatArray
 from aimd_des.problem.optimum import Optimum
 from aimd_des.problem.problem import Problem
 from aimd_des.results.result import Result
 from aimd_des.results.tracking import piece_problem
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["NEVER", "NOBODY", "Look", "measured"]
 

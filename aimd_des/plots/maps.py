@@ -12,10 +12,10 @@ from matplotlib.axis import Axis
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import CenteredNorm, Normalize
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.errors import InputError
 from aimd_des.plots import style
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["heat_map"]
 
@@ -104,7 +104,7 @@ def _draw_cells(axes: Axes, table: FloatArray, middle: float | None) -> QuadMesh
     axes.patch.set(facecolor=_MISSING, hatch="///", edgecolor="0.7")
     norm = Normalize()
     if middle is not None:
-        norm = CenteredNorm(vcenter=checks.number("middle", middle))
+        norm = CenteredNorm(vcenter=validation.number("middle", middle))
     rows, columns = table.shape
     return axes.pcolormesh(
         np.arange(columns + 1) - 0.5,
@@ -146,7 +146,7 @@ def _draw_boundary(
             raise InputError.of(
                 "boundary", f"a curve over {values.name!r}", "left out where an axis has words"
             )
-        points = checks.array(f"boundary in {field}", given, ("n_points",))
+        points = validation.array(f"boundary in {field}", given, ("n_points",))
         placed.append(_place(points, values.to_numpy(dtype=np.float64)))
     across, up = placed
     if across.shape != up.shape:

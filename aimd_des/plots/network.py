@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 
-from aimd_des.channel.topology.attributes import (Graph, edge_number, known_node, simple_graph)
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.errors import InputError
+from aimd_des.channel.topology.attributes import Graph, edge_number, known_node, simple_graph
 from aimd_des.plots import style
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["network_map"]
 

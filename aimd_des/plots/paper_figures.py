@@ -7,13 +7,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from aimd_des.utils.errors import InputError
-from aimd_des.problem.optimum import Optimum
 from aimd_des.plots.allocations import average_allocations, derivatives, instantaneous_allocations
 from aimd_des.plots.capacity import capacity_events, sum_of_averages, sum_of_demand
-from aimd_des.plots.errors import (absolute_error, cost_ratio, error_histogram, relative_error)
+from aimd_des.plots.errors import absolute_error, cost_ratio, error_histogram, relative_error
 from aimd_des.plots.style import plain, shared_legend
+from aimd_des.problem.optimum import Optimum
 from aimd_des.results.result import Result
+from aimd_des.utils.errors import InputError
 
 __all__ = ["figure_makers", "paper_figures"]
 

@@ -3,8 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils.validation import FloatArray
 from aimd_des.results.result import Result
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["few_looks", "looks", "typical_agents", "window"]
 

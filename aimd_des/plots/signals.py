@@ -4,12 +4,12 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.errors import InputError
-from aimd_des.results.event_log import Entry, EventLog
 from aimd_des.plots import capacity, style, units
+from aimd_des.results.event_log import Entry, EventLog
 from aimd_des.results.result import Result
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["demand_and_signals", "signal_raster"]
 
@@ -120,7 +120,7 @@ def signal_raster(
     """
     first, last = _window(result, start, end)
     n, shared = result.problem.n_agents, result.problem.resources
-    checks.integer("resource", resource, low=0, high=len(shared) - 1)
+    validation.integer("resource", resource, low=0, high=len(shared) - 1)
     rows = _rows(n, agents)
     axes.set_ylabel("agent")
     if result.log is None:
@@ -156,10 +156,10 @@ def signal_raster(
 
 def _window(result: Result, start: float, end: float | None) -> tuple[float, float]:
     """Check a window of time."""
-    first = checks.number("start", start, low=0.0, high=result.until, high_open=True)
+    first = validation.number("start", start, low=0.0, high=result.until, high_open=True)
     if end is None:
         return first, result.until
-    last = checks.number("end", end, low=first, low_open=True)
+    last = validation.number("end", end, low=first, low_open=True)
     if last > result.until:
         raise InputError.of("end", last, f"at most {result.until:g}, the end of the run")
     return first, last
@@ -171,7 +171,7 @@ def _rows(n_agents: int, agents: npt.ArrayLike | None) -> npt.NDArray[np.intp]:
         return np.unique(np.linspace(0, n_agents - 1, min(n_agents, _MOST_ROWS)).astype(np.intp))
     wanted = np.atleast_1d(np.asarray(agents))
     for agent in wanted.tolist():
-        checks.integer("agents", agent, low=0, high=n_agents - 1)
+        validation.integer("agents", agent, low=0, high=n_agents - 1)
     return wanted.astype(np.intp)
 
 

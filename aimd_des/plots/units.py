@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aimd_des.utils.validation import FloatArray
 from aimd_des.problem.problem import Problem
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Scale", "comparable", "scale_for_agents", "scale_for_totals", "units_of"]
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 from typing import Any
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.errors import InputError
 from aimd_des.problem.problem import Problem
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
 
 __all__ = ["Agents", "agent_index", "agent_indices", "resource_index"]
 
@@ -19,7 +19,7 @@ def _index(field: str, names: Sequence[str], given: object) -> int:
     if type(given) is int and 0 <= given < len(names):
         return given  # at once: whoever looks at totals asks for nothing else
     if not isinstance(given, str):
-        return checks.integer(field, given, low=0, high=len(names) - 1)
+        return validation.integer(field, given, low=0, high=len(names) - 1)
     if given in names:
         return names.index(given)
     near = get_close_matches(given, names, n=1)
@@ -94,7 +94,7 @@ def agent_indices(problem: Problem, agents: Agents) -> list[int]:
         If there is no such agent, one is named twice, or none is named.
     """
     # One that is no list is looked up, or refused, as one agent.
-    given: list[Any] = list(agents) if checks.axes(agents) else [agents]  # type: ignore[arg-type]  # it has elements
+    given: list[Any] = list(agents) if validation.axes(agents) else [agents]  # type: ignore[arg-type]  # it has elements
     found = [agent_index(problem, agent) for agent in given]
     if not found or len(set(found)) != len(found):
         raise InputError.of("agents", given, "one agent or several different ones")

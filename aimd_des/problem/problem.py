@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
 from aimd_des.problem.costs import Costs, CustomCosts, check_on_box
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Problem", "Resource"]
 
@@ -54,18 +54,18 @@ class Resource:
     unit: str = ""
 
     def __post_init__(self) -> None:
-        checks.text("name of a resource", self.name)
-        checks.text(f"unit of {self.name}", self.unit, empty=True)
+        validation.text("name of a resource", self.name)
+        validation.text(f"unit of {self.name}", self.unit, empty=True)
         clean = {
-            "capacity": checks.number(self._field("capacity"), self.capacity, low=0.0, low_open=True),
-            "increase": checks.per_agent(
+            "capacity": validation.number(self._field("capacity"), self.capacity, low=0.0, low_open=True),
+            "increase": validation.per_agent(
                 self._field("increase"),
                 self.increase,
                 low=0.0,
                 low_open=True,
                 remedy="an agent that never adds demand cannot take part",
             ),
-            "decrease": checks.per_agent(
+            "decrease": validation.per_agent(
                 self._field("decrease"),
                 self.decrease,
                 low=0.0,
@@ -73,10 +73,10 @@ class Resource:
                 high_open=True,
                 remedy="a response must reduce the demand",
             ),
-            "normalization": checks.number(
+            "normalization": validation.number(
                 self._field("normalization"), self.normalization, low=0.0, low_open=True
             ),
-            "threshold": checks.number(
+            "threshold": validation.number(
                 self._field("threshold"), self.threshold, low=0.0, low_open=True, high=1.0
             ),
         }
@@ -118,9 +118,9 @@ class Problem:
     def __init__(
         self, resources: Sequence[Resource], costs: Costs, *, agent_names: Sequence[str] | None = None
     ) -> None:
-        self.resources = checks.instances("resources", resources, Resource, "a Resource")
+        self.resources = validation.instances("resources", resources, Resource, "a Resource")
         allowed = "costs, such as PolynomialCosts or CustomCosts"
-        self.costs = checks.instance("costs", costs, Costs, allowed)
+        self.costs = validation.instance("costs", costs, Costs, allowed)
         names = [resource.name for resource in self.resources]
         if not names or len(set(names)) != len(names):
             raise InputError.of("names of the resources", names, "one or more, each different")
@@ -157,7 +157,7 @@ class Problem:
         table = np.empty((self.n_agents, self.n_resources))
         for j, resource in enumerate(self.resources):
             value = getattr(resource, name)
-            checks.fits(f"{name} of {resource.name}", value, self.n_agents)
+            validation.fits(f"{name} of {resource.name}", value, self.n_agents)
             table[:, j] = value
         table.setflags(write=False)
         return table
@@ -166,9 +166,9 @@ class Problem:
         if given is None:
             return tuple(map(str, range(self.n_agents)))
         # A string alone is no list of names, though it is one of letters.
-        names = tuple(given) if checks.axes(given) else ()
+        names = tuple(given) if validation.axes(given) else ()
         for i, name in enumerate(names):
-            checks.text(f"agent_names[{i}]", name)
+            validation.text(f"agent_names[{i}]", name)
         if len(names) != self.n_agents or len(set(names)) != len(names):
             raise InputError.of("agent_names", given, f"{self.n_agents} different names")
         return names

@@ -10,9 +10,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar
 
-import aimd_des
-from aimd_des.utils.errors import InputError
+from aimd_des._version import __version__
 from aimd_des.study.store import write_file
+from aimd_des.utils.errors import InputError
 
 __all__ = ["Chart", "Choice", "Page", "Slider", "Table", "Verdict", "check_page", "render", "write_page"]
 
@@ -262,7 +262,7 @@ def render(page: Page) -> str:
     script = _bundle(glue)
     return environment.get_template("page.html").render(
         page=page,
-        version=aimd_des.__version__,
+        version=__version__,
         style=style,
         script=script,
         hash=_hash(script),

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from aimd_des.plots.selection import looks
-from aimd_des.report.charts import (REFERENCE, chosen, data, finished, resource_colour, slid)
+from aimd_des.report.charts import REFERENCE, chosen, data, finished, resource_colour, slid
 from aimd_des.report.html_page import Chart, Choice, Slider
 
 __all__ = ["demand_charts", "over_capacity", "settling_chart", "share_chart", "window_controls"]

@@ -5,7 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from aimd_des.report.html_page import (Chart, Choice, Page, Slider, Table)
+from aimd_des.report.html_page import Chart, Choice, Page, Slider, Table
 from aimd_des.report.verdicts import MEASURES, shown, verdict
 from aimd_des.scenario.stored_run import StoredRun
 
@@ -22,7 +22,7 @@ def report_run(run: StoredRun) -> Page:
     Parameters
     ----------
     run : StoredRun
-        The folder that ``aimd-des run`` wrote, as `aimd_des.stored.load_run` reads it.
+        The folder that ``aimd-des run`` wrote, as `aimd_des.scenario.stored_run.load_run` reads it.
 
     Returns
     -------
@@ -34,7 +34,7 @@ def report_run(run: StoredRun) -> Page:
     InputError
         If a file is missing or damaged.
     """
-    from aimd_des.report.run_charts import (demand_charts, over_capacity, settling_chart, window_controls)
+    from aimd_des.report.run_charts import demand_charts, over_capacity, settling_chart, window_controls
 
     demand, signals, allocations = (run.frame(name) for name in _FRAMES)
     until, names = float(run.scenario["until"]), list(run.measures)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import altair as alt
 import pandas as pd
 
-from aimd_des.report.charts import (chosen, data, finished, resource_colour, slid)
+from aimd_des.report.charts import chosen, data, finished, resource_colour, slid
 from aimd_des.report.html_page import Chart, Choice, Slider
 from aimd_des.report.verdicts import MEASURES, Measure
 

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import tomli_w
 
-from aimd_des.report.html_page import (Chart, Choice, Page, Slider, Table, Verdict)
+from aimd_des.report.html_page import Chart, Choice, Page, Slider, Table, Verdict
 from aimd_des.report.verdicts import MEASURES, shown, verdict
 from aimd_des.study import StudyResults, summarise
 
@@ -78,7 +78,7 @@ def _charts(
     results: StudyResults, table: pd.DataFrame, main: Sequence[str], measures: Sequence[str]
 ) -> tuple[list[Chart], list[Slider | Choice]]:
     """Make the charts and their controls."""
-    from aimd_des.report.study_charts import (Along, line_chart, map_chart, study_controls)
+    from aimd_des.report.study_charts import Along, line_chart, map_chart, study_controls
 
     axes = _axes(results)
     if not axes:

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from aimd_des.utils.validation import FloatArray
 from aimd_des.results.frames import categorical
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Entry", "EventLog", "LogEntry"]
 

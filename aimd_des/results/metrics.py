@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.jit import kernel
 from aimd_des.problem.costs import Costs
+from aimd_des.utils.jit import kernel
+from aimd_des.utils.validation import FloatArray
 
 __all__ = [
     "Overshoot",

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.results.run_data import Signals
 from aimd_des.utils.validation import FloatArray
-from aimd_des.results.recording import Signals
 
 __all__ = ["Opportunities", "overload_words", "run_away"]
 

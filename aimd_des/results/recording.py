@@ -7,12 +7,11 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
-from aimd_des.results.metrics import Overshoot, Stretch
+from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Account", "Observations", "Recording", "Signals", "Times"]
+__all__ = ["Recording", "Times"]
 
 #: When to look: "end", "auto" (a thousand times and the end), a period, or the times themselves.
 Times = Literal["auto", "end"] | float | Sequence[float] | FloatArray
@@ -62,18 +61,18 @@ class Recording:
             if isinstance(value, str):
                 if value not in ("auto", "end"):
                     raise InputError.of(name, value, "'auto', 'end', a period or an array of times")
-            elif checks.axes(value):
-                times = checks.array(name, value, ("n_times",), low=0.0)
+            elif validation.axes(value):
+                times = validation.array(name, value, ("n_times",), low=0.0)
                 if (np.diff(times) <= 0).any():
                     raise InputError.of(name, times.tolist(), "strictly ascending times")
                 object.__setattr__(self, name, times)
             else:
                 remedy = "or 'auto', 'end', or an array of times"
-                period = checks.number(name, value, low=0.0, low_open=True, remedy=remedy)
+                period = validation.number(name, value, low=0.0, low_open=True, remedy=remedy)
                 object.__setattr__(self, name, period)
-        object.__setattr__(self, "tail", checks.integer("tail", self.tail, low=0, high=_MOST_LOOKS))
+        object.__setattr__(self, "tail", validation.integer("tail", self.tail, low=0, high=_MOST_LOOKS))
         for name in ("overshoot", "events"):
-            object.__setattr__(self, name, checks.flag(f"recording.{name}", getattr(self, name)))
+            object.__setattr__(self, name, validation.flag(f"recording.{name}", getattr(self, name)))
 
     def times(self, name: Literal["demand", "allocations"], until: float, *, whole: bool) -> FloatArray:
         """List the instants of one kind of look over [0, until], the end included.
@@ -116,92 +115,3 @@ class Recording:
             raise InputError.of(name, broken, "whole numbers: the discrete algorithm has no other instants")
         last = until - np.arange(self.tail, -1.0, -1.0)
         return np.union1d(times, last[last >= 0.0])
-
-
-@dataclass(frozen=True, eq=False)
-class Signals:
-    """The capacity events of a run, in the order in which they were broadcast.
-
-    Attributes
-    ----------
-    time : ndarray, shape (s,)
-        Time of the look that caused the broadcast.
-    resource : ndarray of int, shape (s,)
-        j.
-    number : ndarray of int, shape (s,)
-        b, counted from 0 for each resource.
-    """
-
-    time: FloatArray
-    resource: npt.NDArray[np.int64]
-    number: npt.NDArray[np.int64]
-
-    def counts(self, n_resources: int) -> npt.NDArray[np.int64]:
-        """Count the signals of each resource, shape (m,).
-
-        Parameters
-        ----------
-        n_resources : int
-            m.
-
-        Returns
-        -------
-        ndarray of int, shape (m,)
-            The bits that were broadcast.
-        """
-        return np.bincount(self.resource, minlength=n_resources)
-
-
-@dataclass(frozen=True, eq=False)
-class Account:
-    """What was communicated and how it was answered.
-
-    Attributes
-    ----------
-    delivered, lost, in_flight : ndarray of int, shape (m, n)
-        Copies of the signals by what became of them: each broadcast makes one for each agent.
-    duplicated : ndarray of int, shape (m, n)
-        Duplicates that arrived besides.
-    responses, saturated : ndarray of int, shape (m, n)
-        Decreases of each agent, and those of them that had a response probability above 1.
-    """
-
-    delivered: IntArray
-    lost: IntArray
-    in_flight: IntArray
-    duplicated: IntArray
-    responses: IntArray
-    saturated: IntArray
-
-
-@dataclass(frozen=True, eq=False)
-class Observations:
-    """What the observers saw.
-
-    Attributes
-    ----------
-    demand_times : ndarray, shape (q,)
-        When totals were kept.
-    total_demand, total_average : ndarray, shape (q, m)
-        Sums over the agents of demand and of average, in units of the resources.
-    allocation_times : ndarray, shape (r,)
-        When allocations were kept; the last is the end of the run.
-    demand, average : ndarray, shape (r, m, n)
-        Of every agent, in units of the resources.
-    overshoot : Overshoot
-        Exact integrals over the whole run.
-    second_half : ndarray, shape (m,)
-        Mean total demand in the second half of the run over the capacity in force; NaN if not integrated.
-    stretches : tuple of Stretch
-        The same between interventions; empty if overshoot was not integrated.
-    """
-
-    demand_times: FloatArray
-    total_demand: FloatArray
-    total_average: FloatArray
-    allocation_times: FloatArray
-    demand: FloatArray
-    average: FloatArray
-    overshoot: Overshoot
-    second_half: FloatArray
-    stretches: tuple[Stretch, ...] = ()

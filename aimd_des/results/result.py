@@ -16,17 +16,16 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from aimd_des.results import metrics
-from aimd_des.utils.validation import FloatArray
-from aimd_des.engine.conditions import Piece
-from aimd_des.utils.errors import InputError, OverloadWarning
-from aimd_des.results.frames import categorical
-from aimd_des.results.event_log import EventLog
 from aimd_des.problem.optimum import Optimum, solve_optimum
-from aimd_des.results.overload import Opportunities, overload_words, run_away
 from aimd_des.problem.problem import Problem
-from aimd_des.results.recording import Account, Observations, Signals
-from aimd_des.results.tracking import (PieceOptima, piece_problem, pieces_frame, tracking_frame)
+from aimd_des.results import metrics
+from aimd_des.results.event_log import EventLog
+from aimd_des.results.frames import categorical
+from aimd_des.results.overload import Opportunities, overload_words, run_away
+from aimd_des.results.run_data import Account, Observations, Piece, Signals
+from aimd_des.results.tracking import PieceOptima, piece_problem, pieces_frame, tracking_frame
+from aimd_des.utils.errors import InputError, OverloadWarning
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Result"]
 

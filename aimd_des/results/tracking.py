@@ -6,14 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from aimd_des.results import metrics
-from aimd_des.utils.validation import FloatArray
-from aimd_des.engine.conditions import Piece
 from aimd_des.problem.costs import selected_costs
-from aimd_des.results.frames import categorical
 from aimd_des.problem.optimum import Optimum, solve_optimum
 from aimd_des.problem.problem import Problem, Resource
-from aimd_des.results.recording import Observations
+from aimd_des.results import metrics
+from aimd_des.results.frames import categorical
+from aimd_des.results.run_data import Observations, Piece
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["PieceOptima", "is_unchanged", "piece_problem", "pieces_frame", "tracking_frame"]
 

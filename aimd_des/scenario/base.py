@@ -4,8 +4,8 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, model_validator
 
-from aimd_des.utils.errors import InputError
 from aimd_des.scenario.kinds import describe
+from aimd_des.utils.errors import InputError
 
 __all__ = ["Integer", "Table", "described"]
 

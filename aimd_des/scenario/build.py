@@ -4,13 +4,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from aimd_des.utils.errors import InputError
 from aimd_des.interventions import Intervention, check_absences
 from aimd_des.problem.problem import Problem
-from aimd_des.scenario.models import made_by, model_parameters
 from aimd_des.scenario.kind_tables import KindTable
+from aimd_des.scenario.models import made_by, model_parameters
 from aimd_des.scenario.prices import RedrawnPrices
 from aimd_des.scenario.tables import ResourceChange
+from aimd_des.utils.errors import InputError
 
 __all__ = ["built_by", "changes_of", "under", "with_resources"]
 

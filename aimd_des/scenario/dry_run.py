@@ -1,11 +1,11 @@
 """What a run would refuse, found out without running."""
 
-from aimd_des.utils import rng as streams
-from aimd_des.synchronous.synchronous import check_steps
-from aimd_des.utils.errors import InputError
 from aimd_des.interventions import check_end
 from aimd_des.problem.problem import Problem
 from aimd_des.scenario.scenario import Scenario
+from aimd_des.synchronous.synchronous import check_steps
+from aimd_des.utils import rng
+from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Purpose
 
 __all__ = ["check_to_run"]
@@ -39,7 +39,7 @@ def check_to_run(scenario: Scenario) -> Problem:
         recording.times(look, scenario.until, whole=synchronous)
     if not synchronous:
         check_end(interventions, scenario.until)
-        keys = {purpose: streams.key(scenario.seed, purpose) for purpose in Purpose}
+        keys = {purpose: rng.key(scenario.seed, purpose) for purpose in Purpose}
         scenario.channel.build().open(problem.n_agents, keys)
         if scenario.dynamics == "discrete":
             scenario.clocks.build().start(problem.n_agents, keys[Purpose.CLOCK])

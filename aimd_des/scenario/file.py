@@ -5,11 +5,11 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.errors import InputError
-from aimd_des.scenario.settings import MOST_PARTS, check_depth, with_settings
-from aimd_des.scenario.scenario import Scenario
 from aimd_des.scenario.messages import Place, validate_scenario
+from aimd_des.scenario.scenario import Scenario
+from aimd_des.scenario.settings import MOST_PARTS, check_depth, with_settings
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
 
 __all__ = ["load_scenario", "read_toml"]
 
@@ -47,7 +47,7 @@ def load_scenario(path: str | Path, /, **changes: Any) -> Scenario:
     InputError
         One line for each error: file, line, key, what is wrong, and the nearest known word.
     """
-    data, lines = read_toml(checks.path("path", path))
+    data, lines = read_toml(validation.path("path", path))
     return validate_scenario(with_settings(data, changes), str(path), lines)
 
 

@@ -11,11 +11,11 @@ import numpy.typing as npt
 from pydantic import Discriminator, Tag, create_model, model_validator
 from pydantic.fields import Field
 
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.errors import InputError
 from aimd_des.scenario.base import Integer, Table
 from aimd_des.scenario.kinds import Kind, kinds_of
 from aimd_des.scenario.networks import refuse_vast
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["UNKNOWN_KIND", "KindTable", "NetworkTable", "kind_table", "one_of"]
 

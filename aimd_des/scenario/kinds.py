@@ -9,14 +9,14 @@ from functools import cached_property
 from typing import Any
 
 from aimd_des import interventions
+from aimd_des.channel import latency, loss, topology
 from aimd_des.dynamics import averaging
 from aimd_des.dynamics import loss_compensation as compensation
-from aimd_des.channel import latency, loss, topology
 from aimd_des.engine.control_unit import Crossing, Sampled
 from aimd_des.scenario.models import models_of, named_model
+from aimd_des.scenario.module_source import modules_in
 from aimd_des.scenario.networks import over_network
 from aimd_des.scenario.prices import RedrawnPrices
-from aimd_des.scenario.module_source import modules_in
 
 __all__ = ["KINDS", "Kind", "Parameter", "describe", "kinds", "kinds_of"]
 

@@ -8,9 +8,9 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
-from aimd_des.utils.errors import InputError
 from aimd_des.scenario.kind_tables import UNKNOWN_KIND, KindTable
 from aimd_des.scenario.scenario import Scenario
+from aimd_des.utils.errors import InputError
 
 __all__ = ["Place", "checked", "refused", "validate_scenario"]
 

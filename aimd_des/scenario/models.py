@@ -6,9 +6,9 @@ from importlib import import_module
 from inspect import Parameter, signature
 from typing import Any, TypeVar
 
-from aimd_des.utils.errors import InputError
 from aimd_des.problem.problem import Problem
 from aimd_des.scenario.module_source import decorated, modules_in, source_of
+from aimd_des.utils.errors import InputError
 
 __all__ = ["made_by", "model", "model_parameters", "models_of", "named_model"]
 
@@ -17,7 +17,7 @@ _Model = TypeVar("_Model", bound=Callable[..., Problem])
 _REGISTERED: dict[str, dict[str, Callable[..., Problem]]] = {}
 
 # What the decorator is called where it is imported.
-_DECORATORS = frozenset({"aimd_des.model", "aimd_des.registry.model"})
+_DECORATORS = frozenset({"aimd_des.model", "aimd_des.registry.model", "aimd_des.scenario.models.model"})
 
 
 def model(function: _Model) -> _Model:

@@ -6,11 +6,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from aimd_des.utils import validation as checks
 from aimd_des.channel import Channel, topology
 from aimd_des.channel.latency import Constant, Exponential
 from aimd_des.channel.loss import Bernoulli, GilbertElliott
 from aimd_des.channel.topology.attributes import Graph
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
 __all__ = ["over_network", "refuse_vast"]
@@ -60,7 +60,7 @@ def over_network(
     """
     loss: Any = Bernoulli
     if mean_burst is not None:
-        burst = checks.number("mean_burst", mean_burst, low=0.0, low_open=True)
+        burst = validation.number("mean_burst", mean_burst, low=0.0, low_open=True)
         loss = partial(GilbertElliott, mean_burst=burst)
     return {"tree": topology.tree, "flood": topology.flood}[over](
         graph,

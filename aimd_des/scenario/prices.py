@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from aimd_des.utils import validation as checks
-from aimd_des.problem.costs import Costs
-from aimd_des.utils.errors import InputError
 from aimd_des.interventions import Prices
+from aimd_des.problem.costs import Costs
 from aimd_des.scenario.models import made_by, model_parameters
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
 
 __all__ = ["RedrawnPrices", "redraw_seed"]
 
@@ -56,7 +56,7 @@ class RedrawnPrices:
     parameter: str = "seed"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "every", checks.number("every", self.every, low=0.0, low_open=True))
+        object.__setattr__(self, "every", validation.number("every", self.every, low=0.0, low_open=True))
         if "seed" not in self.parameter:
             raise InputError.of("parameter", self.parameter, "one that takes a seed, with 'seed' in its name")
 

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-import aimd_des
-from aimd_des.utils.checksums import (checksum, checksums_of, read_checksums, write_checksums)
-from aimd_des.utils.errors import InputError
+from aimd_des._version import __version__
 from aimd_des.results.frames import categorical, safe_names
 from aimd_des.results.result import Result
 from aimd_des.scenario import Scenario
+from aimd_des.utils.checksums import checksum, checksums_of, read_checksums, write_checksums
+from aimd_des.utils.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -234,7 +234,7 @@ def library_versions() -> dict[str, str]:
         The version of this package, of Python and of the libraries that results may depend on.
     """
     libraries = {library: version(library) for library in _LIBRARIES}
-    return {"aimd_des": aimd_des.__version__, "python": platform.python_version(), **libraries}
+    return {"aimd_des": __version__, "python": platform.python_version(), **libraries}
 
 
 def write_run(place: Place, scenario: Scenario, result: Result, *, figures: bool = True) -> None:

@@ -6,26 +6,34 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import tomli_w
 from pydantic import Field, model_validator
 
-from aimd_des.utils import validation as checks
-from aimd_des.fleet import Camera, Fleet
 from aimd_des.dynamics.averaging import Averaging
-from aimd_des.synchronous.synchronous import run_discrete
-from aimd_des.utils.errors import InputError
-from aimd_des.interventions import Intervention
-from aimd_des.problem.problem import Problem
-from aimd_des.scenario.models import model_parameters, named_model
 from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
-from aimd_des.results.result import Result
-from aimd_des.scenario.base import Table
-from aimd_des.scenario.build import (built_by, changes_of, under, with_resources)
-from aimd_des.scenario.canonical import canonical_form, typed_parameters
-from aimd_des.scenario.kind_tables import KindTable, kind_table, one_of
-from aimd_des.scenario.parameters import as_data, refuse_no_data
-from aimd_des.scenario.prices import RedrawnPrices
-from aimd_des.scenario.tables import (ChannelTable, ClocksTable, CostsTable, RecordingTable, ResourceChange, ResourceTable)
+from aimd_des.engine.agent_process import Camera
+from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.simulation import Simulation
 from aimd_des.engine.system import System
-from aimd_des.engine.delivery import ProcessGenerator
+from aimd_des.fleet import Fleet
+from aimd_des.interventions import Intervention
+from aimd_des.problem.problem import Problem
+from aimd_des.results.result import Result
+from aimd_des.scenario.base import Table
+from aimd_des.scenario.build import built_by, changes_of, under, with_resources
+from aimd_des.scenario.canonical import canonical_form, typed_parameters
+from aimd_des.scenario.kind_tables import KindTable, kind_table, one_of
+from aimd_des.scenario.models import model_parameters, named_model
+from aimd_des.scenario.parameters import as_data, refuse_no_data
+from aimd_des.scenario.prices import RedrawnPrices
+from aimd_des.scenario.tables import (
+    ChannelTable,
+    ClocksTable,
+    CostsTable,
+    RecordingTable,
+    ResourceChange,
+    ResourceTable,
+)
+from aimd_des.synchronous.synchronous import run_discrete
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
 
 __all__ = ["Scenario"]
 
@@ -125,11 +133,11 @@ class Scenario(Table):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        checks.text("title", self.title, empty=True)
-        checks.number("until", self.until, low=0.0, low_open=True)
+        validation.text("title", self.title, empty=True)
+        validation.number("until", self.until, low=0.0, low_open=True)
         if self.dynamics == "synchronous" and self.until % 1.0:
             raise InputError.of("until", self.until, "a whole number of steps")
-        checks.integer("seed", self.seed, low=0, high=_LARGEST_SEED)
+        validation.integer("seed", self.seed, low=0, high=_LARGEST_SEED)
         refuse_no_data("parameters", self.parameters)
         self._check_problem()
         if self.dynamics == "discrete" and self.control_unit.of.name == "crossing":

@@ -12,10 +12,10 @@ from typing import Any
 
 import pandas as pd
 
-from aimd_des.utils import validation as checks
+from aimd_des.results.frames import name_as_written
+from aimd_des.utils import validation
 from aimd_des.utils.checksums import SUMS, read_checksums, verified
 from aimd_des.utils.errors import InputError
-from aimd_des.results.frames import name_as_written
 
 __all__ = ["StoredRun", "load_run"]
 
@@ -128,7 +128,7 @@ def load_run(folder: str | Path) -> StoredRun:
     UserWarning
         If the folder has no checksums: an earlier version wrote it.
     """
-    folder = checks.path("folder", folder)
+    folder = validation.path("folder", folder)
     sums = read_checksums(folder, _REMEDY)
     text = {name: _text(folder, name, sums) for name in ("run.json", "scenario.toml", "summary.csv")}
     name = "run.json"

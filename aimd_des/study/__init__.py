@@ -1,16 +1,16 @@
 """Many runs: a study as data, carried out on one machine or many, read back, and its statistics."""
 
 from aimd_des.study.axis import Axis
-from aimd_des.study.study import Precision, Study
 from aimd_des.study.file import read_study
-from aimd_des.study.statistics.intervals import (Interval, difference, mean_interval, paired_difference)
-from aimd_des.study.results import StudyResults, load_study
 from aimd_des.study.replicate import jackknife, mean_and_error, replicate
-from aimd_des.study.statistics.steady_state import BatchMeans, batch_means, mser
-from aimd_des.study.statistics.stopping import replications_needed
+from aimd_des.study.results import StudyResults, load_study
 from aimd_des.study.run import Tally, run_study
-from aimd_des.study.statistics.summary import compare, summarise
+from aimd_des.study.statistics.intervals import Interval, difference, mean_interval, paired_difference
+from aimd_des.study.statistics.steady_state import BatchMeans, batch_means, mser
 from aimd_des.study.statistics.steady_utilisation import steady_utilisation
+from aimd_des.study.statistics.stopping import replications_needed
+from aimd_des.study.statistics.summary import compare, summarise
+from aimd_des.study.study import Precision, Study
 
 __all__ = [
     "Axis",

@@ -5,12 +5,12 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.errors import InputError
 from aimd_des.scenario.base import described
-from aimd_des.scenario.parameters import as_data
 from aimd_des.scenario.messages import refused
+from aimd_des.scenario.parameters import as_data
 from aimd_des.study.columns import LABELS, MEASURES
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
 
 __all__ = ["Axis", "Setting", "StudyTable", "Value"]
 
@@ -138,10 +138,10 @@ class Axis(StudyTable):
             raise InputError.of("key", self.key, reason)
         if not self.name:
             raise InputError.of("name", self.name, "given: it is the column of the cases")
-        checks.text("name", self.name)
+        validation.text("name", self.name)
         for value, _ in self.settings():
             if isinstance(value, str):
-                checks.text(f"value of axis {self.name!r}", value, empty=True)
+                validation.text(f"value of axis {self.name!r}", value, empty=True)
         if self.key == "seed" or any("seed" in case for case in (self.cases or {}).values()):
             raise InputError.of(
                 "key",
@@ -153,7 +153,7 @@ class Axis(StudyTable):
             raise InputError.of("name", self.name, "another word: it is a column of every study")
         for word in ("linspace", "logspace"):
             if (given := getattr(self, word)) is not None:
-                checks.integer(f"number of {word}", given[2], low=1)
+                validation.integer(f"number of {word}", given[2], low=1)
         self._check_values()
         return self
 

@@ -5,10 +5,10 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future
 from dataclasses import dataclass, field
 from functools import partial
 
-from aimd_des.utils.errors import SimulationError
 from aimd_des.study.points import Run
-from aimd_des.study.workers import Pool
 from aimd_des.study.worker_task import Outcome, Task, perform
+from aimd_des.study.workers import Pool
+from aimd_des.utils.errors import SimulationError
 
 __all__ = ["execute"]
 

@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.errors import InputError
 from aimd_des.scenario.file import read_toml
-from aimd_des.scenario.settings import with_settings
 from aimd_des.scenario.messages import Place, checked
-from aimd_des.study.study import Study
+from aimd_des.scenario.settings import with_settings
 from aimd_des.study.seal import unsealed
 from aimd_des.study.store import STUDY_FILE
+from aimd_des.study.study import Study
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
 
 __all__ = ["read_study"]
 
@@ -36,7 +36,7 @@ def read_study(path: str | Path, settings: Mapping[str, Any] | None = None) -> S
     InputError
         One line for each error: file, line, key, what is wrong, and the nearest known word.
     """
-    file = checks.path("path", path)
+    file = validation.path("path", path)
     data, lines = _read(file)
     try:
         changed = with_settings(_with_base(_extended(file, data, (file.resolve(),))), settings or {})

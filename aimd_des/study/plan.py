@@ -7,16 +7,16 @@ from typing import Any
 import pandas as pd
 import pyarrow as pa
 
-import aimd_des
-from aimd_des.utils.errors import InputError
+from aimd_des._version import RESULT_VERSION
 from aimd_des.scenario.messages import checked
-from aimd_des.study.study import Study, shown_labels
 from aimd_des.study.file import read_study
 from aimd_des.study.fingerprint import FORM, fingerprint
+from aimd_des.study.points import Point, Run, expand, run_of
 from aimd_des.study.run_tables import plan_schema, run_schema
-from aimd_des.study.points import (Point, Run, expand, run_of)
 from aimd_des.study.schedule import Schedule
 from aimd_des.study.store import STUDY_FILE, Store
+from aimd_des.study.study import Study, shown_labels
+from aimd_des.utils.errors import InputError
 
 __all__ = ["digests_of", "earlier_replications", "plan_table", "planned"]
 
@@ -76,7 +76,7 @@ def earlier_replications(store: Store, study: Study, points: Sequence[Point]) ->
     if manifest is None and plan is None:
         return {}
     if manifest is not None:
-        version, wanted = manifest["result_version"], aimd_des.RESULT_VERSION
+        version, wanted = manifest["result_version"], RESULT_VERSION
         if version != wanted:
             allowed = f"{wanted}, that of the results of this version of aimd_des"
             raise InputError.of(f"result version of {store.folder}", version, allowed, _REMEDY)

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-import aimd_des
-from aimd_des.utils.errors import InputError
+from aimd_des._version import RESULT_VERSION
 from aimd_des.scenario import Scenario, validate_scenario
 from aimd_des.scenario.settings import with_settings
 from aimd_des.study.axis import Value
-from aimd_des.study.study import Study, place_of, shown_labels
 from aimd_des.study.fingerprint import problem_digests
+from aimd_des.study.study import Study, place_of, shown_labels
+from aimd_des.utils.errors import InputError
 
 __all__ = ["Job", "Point", "Run", "expand", "problem_words", "run_of"]
 
@@ -239,6 +239,6 @@ def run_of(study: Study, point: Point, replication: int) -> Run:
         spawn_key = (_UNPAIRED, *words, replication)
     state = np.random.SeedSequence(study.seed, spawn_key=spawn_key).generate_state(1, np.uint64)
     scenario = point.scenario.model_copy(update={"seed": int(state[0] >> np.uint64(1))}).resolved()
-    digest = sha256(b"%d\n" % aimd_des.RESULT_VERSION)
+    digest = sha256(b"%d\n" % RESULT_VERSION)
     digest.update(scenario.canonical())
     return Run(point, replication, scenario, digest.hexdigest()[:32])

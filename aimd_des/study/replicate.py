@@ -11,13 +11,13 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-import aimd_des
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.errors import InputError, SimulationError
+from aimd_des._version import RESULT_VERSION
 from aimd_des.scenario.run_folder import check_folder
-from aimd_des.study.workers import Processes
 from aimd_des.study.seal import write_file
+from aimd_des.study.workers import Processes
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError, SimulationError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["jackknife", "mean_and_error", "replicate"]
 
@@ -72,9 +72,9 @@ def replicate(
     recognised by name and arguments of the job, the seed and the version of results; who changes the
     code of a job removes the folder.
     """
-    replications = checks.integer("replications", replications, low=1)
-    seed = checks.integer("seed", seed, low=0)
-    many = checks.integer("workers", (os.cpu_count() or 1) if workers is None else workers, low=1)
+    replications = validation.integer("replications", replications, low=1)
+    seed = validation.integer("seed", seed, low=0)
+    many = validation.integer("workers", (os.cpu_count() or 1) if workers is None else workers, low=1)
     calls = [(job, number) for job in jobs for number in range(seed, seed + replications)]
     files = None if out is None else _files(Path(out), calls)
     found: dict[int, _Outcome] = {}
@@ -122,7 +122,7 @@ def _files(folder: Path, calls: list[_Call[_Outcome]]) -> list[Path]:
     files = []
     for job, number in calls:
         try:
-            words = pickle.dumps((job, number, aimd_des.RESULT_VERSION), protocol=5)
+            words = pickle.dumps((job, number, RESULT_VERSION), protocol=5)
         except (pickle.PicklingError, AttributeError, TypeError) as error:
             allowed = f"a function of a module, or a partial of one ({error})"
             raise InputError.of("job", job, allowed) from None

@@ -8,15 +8,15 @@ from pathlib import Path
 import pandas as pd
 import pyarrow as pa
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.errors import InputError
 from aimd_des.scenario import Scenario, validate_scenario
 from aimd_des.scenario.messages import checked
 from aimd_des.study.axis import Axis
 from aimd_des.study.columns import known_frame
-from aimd_des.study.study import Study
-from aimd_des.study.run_tables import (SCENARIO, VERSIONS, plan_schema, run_schema)
+from aimd_des.study.run_tables import SCENARIO, VERSIONS, plan_schema, run_schema
 from aimd_des.study.store import Store
+from aimd_des.study.study import Study
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
 
 __all__ = ["StudyResults", "load_study"]
 
@@ -39,7 +39,7 @@ def load_study(folder: str | Path) -> "StudyResults":
     InputError
         If it is no such folder, or what it says of the study is damaged.
     """
-    store = Store(checks.path("folder", folder))
+    store = Store(validation.path("folder", folder))
     manifest, plan = store.manifest(), store.plan()
     if manifest is None or plan is None:
         raise InputError.of("folder", str(folder), "that of a study, with its manifest.json and plan.parquet")

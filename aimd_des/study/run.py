@@ -11,18 +11,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.errors import InputError
-from aimd_des.study.study import Study
 from aimd_des.study.executor import execute
 from aimd_des.study.plan import digests_of, earlier_replications, plan_table
+from aimd_des.study.points import Run, expand
 from aimd_des.study.results import StudyResults, load_study
 from aimd_des.study.run_tables import run_schema
-from aimd_des.study.points import Run, expand
-from aimd_des.study.workers import Given, Pool, Processes
 from aimd_des.study.schedule import Schedule
 from aimd_des.study.store import AGAIN, Store
-from aimd_des.study.worker_task import (Outcome, Task, failure, present)
+from aimd_des.study.study import Study
+from aimd_des.study.worker_task import Outcome, Task, failure, present
+from aimd_des.study.workers import Given, Pool, Processes
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
 
 __all__ = ["Tally", "run_study"]
 
@@ -101,7 +101,7 @@ def run_study(
         After Ctrl-C, once the runs under way are done; after a second one at once.
     """
     points = expand(study)
-    many = checks.integer("workers", (os.cpu_count() or 1) if workers is None else workers, low=1)
+    many = validation.integer("workers", (os.cpu_count() or 1) if workers is None else workers, low=1)
     store = Store(Path(out).absolute())
     with store.taken(overwrite=overwrite):
         schedule = Schedule(study, points, earlier_replications(store, study, points))

@@ -11,12 +11,12 @@ import pyarrow as pa
 from aimd_des.problem.optimum import Optimum, solve_optimum
 from aimd_des.problem.problem import Problem
 from aimd_des.results.result import Result
+from aimd_des.results.tracking import is_unchanged
 from aimd_des.scenario import Scenario
 from aimd_des.study.axis import Axis
 from aimd_des.study.columns import MEASURES
-from aimd_des.study.study import Study
 from aimd_des.study.points import problem_words
-from aimd_des.results.tracking import is_unchanged
+from aimd_des.study.study import Study
 
 __all__ = [
     "SCENARIO",

@@ -5,9 +5,9 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from aimd_des.study.study import Precision, Study
 from aimd_des.study.points import Point, Run, run_of
 from aimd_des.study.statistics.stopping import replications_needed
+from aimd_des.study.study import Precision, Study
 
 __all__ = ["Schedule"]
 

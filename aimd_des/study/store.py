@@ -14,12 +14,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import tomli_w
 
-import aimd_des
-from aimd_des.utils.errors import InputError
+from aimd_des._version import RESULT_VERSION
 from aimd_des.study.columns import FRAMES
-from aimd_des.study.study import Study
 from aimd_des.study.locks import exclusive
 from aimd_des.study.seal import read_sealed, write_file, write_sealed
+from aimd_des.study.study import Study
+from aimd_des.utils.errors import InputError
 
 __all__ = ["AGAIN", "STUDY_FILE", "Store", "parquet", "write_file"]
 
@@ -433,7 +433,7 @@ class Store:
         """
         manifest = {
             "runs": len(plan),
-            "result_version": aimd_des.RESULT_VERSION,
+            "result_version": RESULT_VERSION,
             **({"versions": dict(versions)} if versions else {}),
             "study": study.spoken(),
             "digests": dict(digests),

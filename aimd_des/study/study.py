@@ -6,13 +6,13 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.errors import InputError
 from aimd_des.scenario import validate_scenario
 from aimd_des.scenario.settings import split_key, with_settings
-from aimd_des.study.axis import (Axis, Setting, StudyTable, Value)
+from aimd_des.study.axis import Axis, Setting, StudyTable, Value
 from aimd_des.study.columns import MEASURES, known_frame, known_measure
 from aimd_des.study.condition import Condition
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
 
 __all__ = ["Precision", "Study", "place_of", "shown_labels"]
 
@@ -80,9 +80,9 @@ class Precision(StudyTable):
     @model_validator(mode="after")
     def _check(self) -> Self:
         known_measure("precision.measure", self.measure)
-        checks.number("half_width", self.half_width, low=0.0, low_open=True)
-        checks.number("confidence", self.confidence, low=0.0, high=1.0, low_open=True, high_open=True)
-        checks.integer("at_most", self.at_most, low=2)
+        validation.number("half_width", self.half_width, low=0.0, low_open=True)
+        validation.number("confidence", self.confidence, low=0.0, high=1.0, low_open=True, high_open=True)
+        validation.integer("at_most", self.at_most, low=2)
         return self
 
 
@@ -141,9 +141,9 @@ class Study(StudyTable):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        checks.text("title", self.title, empty=True)
-        checks.integer("replications", self.replications, low=1)
-        checks.integer("seed", self.seed, low=0)
+        validation.text("title", self.title, empty=True)
+        validation.integer("replications", self.replications, low=1)
+        validation.integer("seed", self.seed, low=0)
         for place, name in enumerate(self.measures or []):
             known_measure(f"measures[{place}]", name)
         for place, name in enumerate(self.keep):

@@ -15,14 +15,14 @@ from typing import Literal
 import pyarrow as pa
 import tomli_w
 
-from aimd_des.utils.errors import OverloadWarning
-from aimd_des.scenario.run_folder import library_versions
 from aimd_des.results.result import Result
 from aimd_des.scenario import Scenario
+from aimd_des.scenario.run_folder import library_versions
 from aimd_des.study.locks import exclusive, private_folder
-from aimd_des.study.run_tables import frame_table, run_table, summary_of
 from aimd_des.study.points import Job
+from aimd_des.study.run_tables import frame_table, run_table, summary_of
 from aimd_des.study.store import Store, parquet
+from aimd_des.utils.errors import OverloadWarning
 
 __all__ = ["Outcome", "Task", "failure", "perform", "present"]
 

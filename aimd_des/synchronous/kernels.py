@@ -5,15 +5,15 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.jit import kernel
+from aimd_des.dynamics.response import DISCRETE, answer_row, average_row
+from aimd_des.dynamics.state import Law, State
+from aimd_des.dynamics.totals import observe, totals
 from aimd_des.problem.costs import Costs
 from aimd_des.problem.costs.kernels import CostTable, gradient_row
 from aimd_des.results.metrics import fold_overshoot
-from aimd_des.dynamics.totals import observe, totals
-from aimd_des.dynamics.response import DISCRETE, answer_row, average_row
-from aimd_des.dynamics.state import Law, State
+from aimd_des.utils.jit import kernel
 from aimd_des.utils.rng import Key, uniforms_row
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Control", "Scratch", "Watch", "close_books", "take_custom_steps", "take_steps"]
 

@@ -6,19 +6,19 @@ and sets S(k+1).  With ``lag=0`` the signal set from x(k) is used at k itself.
 
 import numpy as np
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils import rng as streams
 from aimd_des.dynamics.averaging import Averaging
-from aimd_des.utils.errors import InputError
+from aimd_des.dynamics.response import DISCRETE
+from aimd_des.dynamics.state import State, law_of, start
 from aimd_des.problem.costs.kernels import cost_table
+from aimd_des.problem.problem import Problem
 from aimd_des.results.metrics import Stretch, overshoot_of
 from aimd_des.results.overload import Opportunities
-from aimd_des.problem.problem import Problem
-from aimd_des.results.recording import (Account, Observations, Recording, Signals)
-from aimd_des.dynamics.response import DISCRETE
+from aimd_des.results.recording import Recording
 from aimd_des.results.result import Result
-from aimd_des.dynamics.state import State, law_of, start
-from aimd_des.synchronous.kernels import (Control, Scratch, Watch, close_books, take_custom_steps, take_steps)
+from aimd_des.results.run_data import Account, Observations, Signals
+from aimd_des.synchronous.kernels import Control, Scratch, Watch, close_books, take_custom_steps, take_steps
+from aimd_des.utils import rng, validation
+from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Purpose
 
 __all__ = ["check_steps", "run_discrete"]
@@ -71,14 +71,16 @@ def run_discrete(
     OverloadWarning
         Once, if demand has run away from the capacity.
     """
-    checks.instance("problem", problem, Problem, "a Problem")
+    validation.instance("problem", problem, Problem, "a Problem")
     steps = check_steps("steps", steps, problem)
-    lag = checks.integer("lag", lag, low=0, high=1)
-    key = streams.key(seed, Purpose.RESPONSE)
+    lag = validation.integer("lag", lag, low=0, high=1)
+    key = rng.key(seed, Purpose.RESPONSE)
     if averaging is not None:
-        checks.instance("averaging", averaging, Averaging, "an averaging, such as averaging.Window(100.0)")
+        validation.instance(
+            "averaging", averaging, Averaging, "an averaging, such as averaging.Window(100.0)"
+        )
     recording = Recording() if recording is None else recording
-    checks.instance("recording", recording, Recording, "a Recording, such as Recording(demand='end')")
+    validation.instance("recording", recording, Recording, "a Recording, such as Recording(demand='end')")
     if recording.events:
         raise InputError.of("recording.events", True, "False: the synchronous algorithm has no events")
     n, m = problem.n_agents, problem.n_resources
@@ -137,8 +139,8 @@ def check_steps(field: str, steps: object, problem: Problem) -> int:
     InputError
         If it is no integer of at least 1, or a byte for each step and resource does not fit into memory.
     """
-    clean = checks.integer(field, steps, low=1)
-    checks.memory(field, clean, clean * problem.n_resources, "a byte for each step and resource")
+    clean = validation.integer(field, steps, low=1)
+    validation.memory(field, clean, clean * problem.n_resources, "a byte for each step and resource")
     return clean
 
 

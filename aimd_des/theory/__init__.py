@@ -7,10 +7,23 @@ together; names and symbols are those of the model.  `predict` puts them togethe
 from aimd_des.theory.allocations import allocation_at, reweighted_optimum
 from aimd_des.theory.averaging import averaging_spread, recovery_time, share_rates
 from aimd_des.theory.bursts import believed_loss, burst_shares
-from aimd_des.theory.classics import (event_interval, event_mean, poisson_moment, square_root_law, synchronised_utilisation)
-from aimd_des.theory.losses import (compensated_probability, critical_loss, loss_weights, runaway_multiplier)
+from aimd_des.theory.classics import (
+    event_interval,
+    event_mean,
+    poisson_moment,
+    square_root_law,
+    synchronised_utilisation,
+)
+from aimd_des.theory.losses import compensated_probability, critical_loss, loss_weights, runaway_multiplier
 from aimd_des.theory.prediction import Prediction, predict
-from aimd_des.theory.signals import (clock_offset, peak_lift, price_in_bits, signal_rate, signal_share, utilisation)
+from aimd_des.theory.signals import (
+    clock_offset,
+    peak_lift,
+    price_in_bits,
+    signal_rate,
+    signal_share,
+    utilisation,
+)
 from aimd_des.theory.thresholds import partition_runaway, safe_threshold
 
 __all__ = [

@@ -6,12 +6,12 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
 from aimd_des.problem.costs import Costs, weighted_costs
-from aimd_des.utils.errors import InputError, SimulationError
 from aimd_des.problem.optimum import Optimum, solve_optimum
 from aimd_des.problem.problem import Problem
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError, SimulationError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["allocation_at", "reweighted_optimum"]
 
@@ -55,7 +55,7 @@ def reweighted_optimum(
     --------
     A camera that loses half of its signals takes twice the share, if costs are quadratic:
 
-    >>> from aimd_des.costs import PolynomialCosts
+    >>> from aimd_des import PolynomialCosts
     >>> from aimd_des.problem import Resource
     >>> from aimd_des.theory import loss_weights
     >>> memory = Resource("memory", capacity=3.0, increase=0.01, decrease=0.5, normalization=0.01)
@@ -63,7 +63,7 @@ def reweighted_optimum(
     >>> reweighted_optimum(problem, loss_weights([0.5, 0.0])).allocation.round(6).tolist()
     [[2.0], [1.0]]
     """
-    checks.instance("problem", problem, Problem, "a Problem")
+    validation.instance("problem", problem, Problem, "a Problem")
     costs = weighted_costs(problem.costs, weights)
     weighted = Problem(problem.resources, costs, agent_names=problem.agent_names)
     return solve_optimum(weighted, capacity=capacity)
@@ -97,8 +97,8 @@ def allocation_at(problem: Problem, multipliers: npt.ArrayLike) -> FloatArray:
     Minimises f_i(x) - mu . x, one resource after the other, by bisection of the derivative for all
     agents at once; costs that couple resources need several sweeps.
     """
-    checks.instance("problem", problem, Problem, "a Problem")
-    wanted = checks.array("multipliers", multipliers, (problem.n_resources,), low=0.0, low_open=True)
+    validation.instance("problem", problem, Problem, "a Problem")
+    wanted = validation.array("multipliers", multipliers, (problem.n_resources,), low=0.0, low_open=True)
     costs = problem.costs
     allocation = np.tile(problem.capacity / problem.n_agents, (problem.n_agents, 1))
     for _ in range(_SWEEPS):

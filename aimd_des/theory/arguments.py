@@ -5,9 +5,9 @@ from typing import Literal, TypedDict, get_args
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Dynamics", "arguments", "check_dynamics"]
 
@@ -77,10 +77,10 @@ def arguments(**given: npt.ArrayLike) -> list[FloatArray]:
 
 
 def _clean(name: str, value: npt.ArrayLike) -> FloatArray:
-    axes = checks.axes(value)
+    axes = validation.axes(value)
     if axes == 0:
-        return np.array(checks.number(name, value, **_RANGES[name]))
-    return checks.array(name, value, [f"axis {axis}" for axis in range(axes)], **_RANGES[name])
+        return np.array(validation.number(name, value, **_RANGES[name]))
+    return validation.array(name, value, [f"axis {axis}" for axis in range(axes)], **_RANGES[name])
 
 
 def check_dynamics(dynamics: str) -> None:
@@ -96,4 +96,4 @@ def check_dynamics(dynamics: str) -> None:
     InputError
         If it is neither "discrete" nor "continuous".
     """
-    checks.choice("dynamics", dynamics, get_args(Dynamics))
+    validation.choice("dynamics", dynamics, get_args(Dynamics))

@@ -19,11 +19,11 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.errors import InputError
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.arguments import arguments
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["averaging_spread", "recovery_time", "share_rates"]
 
@@ -83,7 +83,7 @@ def recovery_time(
     """
     old, new = _positive("before", before), _positive("after", after)
     past = _positive("age", age)
-    near = checks.number("within", within, low=0.0, low_open=True, high=1.0, high_open=True)
+    near = validation.number("within", within, low=0.0, low_open=True, high=1.0, high_open=True)
     if window is not None and time_constant is not None:
         raise InputError.of("window", window, "left out where time_constant is given")
     if abs(old - new) <= near * new:
@@ -206,9 +206,9 @@ def share_rates(problem: Problem, allocation: npt.ArrayLike) -> FloatArray:
     agents of which none holds most of the total.  Weights that loss, alpha and beta give to the costs do not
     matter.
     """
-    checks.instance("problem", problem, Problem, "a Problem")
+    validation.instance("problem", problem, Problem, "a Problem")
     shape = problem.n_agents, problem.n_resources
-    x = checks.array("allocation", allocation, shape, low=0.0, low_open=True)
+    x = validation.array("allocation", allocation, shape, low=0.0, low_open=True)
     if not problem.costs.separable:
         raise InputError.of("costs", type(problem.costs).__name__, "such that they do not couple resources")
     curvature = np.einsum("ijj->ij", problem.costs.hessian(x))
@@ -224,7 +224,7 @@ def share_rates(problem: Problem, allocation: npt.ArrayLike) -> FloatArray:
 
 
 def _positive(name: str, value: float) -> float:
-    return checks.number(name, value, low=0.0, low_open=True)
+    return validation.number(name, value, low=0.0, low_open=True)
 
 
 def _chance(probability: npt.ArrayLike) -> FloatArray:

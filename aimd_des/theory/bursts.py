@@ -17,13 +17,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.errors import InputError
 from aimd_des.problem.optimum import solve_optimum
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.arguments import arguments
 from aimd_des.theory.signals import signal_rate
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["believed_loss", "burst_shares"]
 
@@ -64,8 +64,8 @@ def burst_shares(problem: Problem, loss: float, burst: float) -> tuple[FloatArra
     than their mean, which counts as a smaller p alpha B.  Signals are those of agents that all have the
     increase and decrease of the first.
     """
-    loss = checks.number("loss", loss, low=0.0, high=1.0, high_open=True)
-    burst = checks.number("burst", burst, low=0.0)
+    loss = validation.number("loss", loss, low=0.0, high=1.0, high_open=True)
+    burst = validation.number("burst", burst, low=0.0)
     if problem.n_resources != 1:
         raise InputError.of("number of resources", problem.n_resources, "1", "take one at a time")
     increase, capacity = problem.increase[:, 0], float(problem.capacity[0])
@@ -122,7 +122,7 @@ def believed_loss(loss: npt.ArrayLike, number_bits: int) -> FloatArray:
     misread once in 2**32 signals at a loss of a half.
     """
     (p,) = arguments(loss=loss)
-    width = checks.integer("number_bits", number_bits, low=2)
+    width = validation.integer("number_bits", number_bits, low=2)
     if width >= _NEVER_MISTAKEN:
         return np.asarray(p)
     return np.array([_believed(value, 2**width) for value in p.ravel().tolist()]).reshape(p.shape)

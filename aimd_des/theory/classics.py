@@ -15,10 +15,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.errors import InputError
 from aimd_des.theory.arguments import arguments
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = [
     "event_interval",
@@ -177,7 +177,7 @@ def poisson_moment(
     decreases is the same as that over time.  Among many agents, each of which answers few of the
     signals, decreases of one come nearly so; neglected is that signals come at nearly even distances.
     """
-    degree = checks.integer("order", order, low=1)
+    degree = validation.integer("order", order, low=1)
     alpha, beta, often = arguments(increase=increase, decrease=decrease, rate=rate)
     moment = np.ones(())
     for power in range(1, degree + 1):

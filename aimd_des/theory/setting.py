@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.errors import InputError
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.arguments import Dynamics, check_dynamics
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Setting", "check_setting"]
 
@@ -78,21 +78,21 @@ def check_setting(
     InputError
         If one is outside its range, or two do not go together.
     """
-    checks.instance("problem", problem, Problem, "a Problem")
+    validation.instance("problem", problem, Problem, "a Problem")
     check_dynamics(dynamics)
-    delay = checks.number("latency", latency, low=0.0)
-    look = checks.number("period", period, low=0.0)
+    delay = validation.number("latency", latency, low=0.0)
+    look = validation.number("period", period, low=0.0)
     if dynamics == "discrete" and look not in (0.0, 1.0):
         raise InputError.of("period", look, "left out on the discrete clock, where it is 1")
     if refractory is not None:
-        refractory = checks.number("refractory", refractory, low=0.0)
+        refractory = validation.number("refractory", refractory, low=0.0)
         if dynamics == "discrete" or look > 0.0:
             raise InputError.of("refractory", refractory, "left out for a control unit that samples")
         if delay > _MOST_ON_THE_WAY * refractory:
             remedy = "the control unit would repeat its signal many times before the first arrives"
             raise InputError.of("refractory", refractory, f"at least latency / {_MOST_ON_THE_WAY}", remedy)
-    lost = checks.per_agent("loss", loss, low=0.0, high=1.0, high_open=True)
-    checks.fits("loss", lost, problem.n_agents)
+    lost = validation.per_agent("loss", loss, low=0.0, high=1.0, high_open=True)
+    validation.fits("loss", lost, problem.n_agents)
     column = np.full((problem.n_agents, 1), lost) if np.ndim(lost) == 0 else np.reshape(lost, (-1, 1))
     discrete = dynamics == "discrete"
     start = np.full(problem.n_resources, _offset(discrete, delay, look))

@@ -13,9 +13,9 @@ Dynamics and Distributed Resource Allocation, SIAM, 2016, for the model; the res
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
 from aimd_des.theory.arguments import arguments
+from aimd_des.utils import validation
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["clock_offset", "peak_lift", "price_in_bits", "signal_rate", "signal_share", "utilisation"]
 
@@ -253,7 +253,7 @@ def clock_offset(share: npt.ArrayLike, lag: int = 0) -> FloatArray:
     >>> clock_offset([0.25, 0.5], lag=1).tolist()
     [-1.5, 0.0]
     """
-    steps = checks.integer("lag", lag, low=0)
+    steps = validation.integer("lag", lag, low=0)
     (shares,) = arguments(share=share)
     drop = (1.0 - shares) / shares
     return np.array([_offset(float(value), steps) for value in drop.ravel()]).reshape(drop.shape)

@@ -12,13 +12,13 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.errors import InputError, SimulationError
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.arguments import Dynamics
-from aimd_des.theory.prediction import (check_enough, follow, settle, walked)
+from aimd_des.theory.prediction import check_enough, follow, settle, walked
 from aimd_des.theory.setting import check_setting
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError, SimulationError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["partition_runaway", "safe_threshold"]
 
@@ -91,7 +91,7 @@ def safe_threshold(
     >>> [safe_threshold(problem, latency=latency).round(2).tolist() for latency in (0, 1, 2)]
     [[0.98], [0.96], [0.94]]
     """
-    share = checks.number("exceedance", exceedance, low=0.0, low_open=True, high=0.5)
+    share = validation.number("exceedance", exceedance, low=0.0, low_open=True, high=0.5)
     setting = check_setting(
         problem, dynamics, latency=latency, period=period, loss=loss, refractory=refractory
     )
@@ -175,11 +175,11 @@ def partition_runaway(
     as many as it can.  To come back takes as many signals as runaway / (n (1 - beta) Gamma mu) or so; if each
     takes hardly more than the growth over a hold-off, the total may rise further meanwhile.
     """
-    checks.instance("problem", problem, Problem, "a Problem")
-    silent = checks.number("duration", duration, low=0.0)
-    delay = checks.number("latency", latency, low=0.0)
-    look = checks.number("period", period, low=0.0)
-    hold_off = checks.number("refractory", refractory, low=0.0)
+    validation.instance("problem", problem, Problem, "a Problem")
+    silent = validation.number("duration", duration, low=0.0)
+    delay = validation.number("latency", latency, low=0.0)
+    look = validation.number("period", period, low=0.0)
+    hold_off = validation.number("refractory", refractory, low=0.0)
     if look > 0.0 and hold_off > 0.0:
         raise InputError.of("refractory", hold_off, "left out for a control unit that samples")
     if look > 0.0:

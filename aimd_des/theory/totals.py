@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils.validation import FloatArray
 from aimd_des.problem.problem import Problem
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Cuts", "Levels", "cuts", "walk_by_crossings", "walk_by_looks"]
 

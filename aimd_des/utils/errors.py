@@ -70,4 +70,4 @@ class SimulationError(RuntimeError):
 
 
 class OverloadWarning(RuntimeWarning):
-    """Demand has run away from the capacity: `aimd_des.overload` says when that is so."""
+    """Demand has run away from the capacity: `aimd_des.results.overload` says when that is so."""

@@ -17,8 +17,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils.validation import FloatArray
 from aimd_des.utils.jit import formula, kernel
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["exp", "expm1", "exps", "log", "log1p", "log_normal", "logs", "standard_normal"]
 

@@ -9,9 +9,9 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["flags", "generator", "having", "instance", "numbers", "said_by"]
 
@@ -113,7 +113,7 @@ def numbers(field: str, value: object, shape: tuple[int], of: str, low: float) -
         value = raw.astype(np.float64)
     _fits(field, value, shape, of)
     if not value.min() >= low:  # a minimum finds NaN, too
-        checks.array(field, np.where(value == np.inf, low, value), shape, low=low)
+        validation.array(field, np.where(value == np.inf, low, value), shape, low=low)
     return value
 
 

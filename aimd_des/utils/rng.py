@@ -16,9 +16,9 @@ import numpy.typing as npt
 from llvmlite import ir
 from numba import types
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils import validation
 from aimd_des.utils.jit import instruction, kernel, routine
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Key", "Purpose", "generator", "key", "uniform_at", "uniforms", "uniforms_row"]
 
@@ -66,7 +66,7 @@ def key(seed: int, purpose: Purpose) -> Key:
     InputError
         If the seed is no integer of at least 0.
     """
-    clean = checks.integer("seed", seed, low=0)
+    clean = validation.integer("seed", seed, low=0)
     first, second = np.random.SeedSequence(clean, spawn_key=(int(purpose),)).generate_state(2, np.uint64)
     return first, second
 

@@ -9,16 +9,16 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.results import metrics
-from aimd_des.utils.validation import FloatArray
-from aimd_des.engine.conditions import Piece
+from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import Kind
+from aimd_des.engine.system import System
 from aimd_des.problem.optimum import solve_optimum
 from aimd_des.problem.problem import Problem
+from aimd_des.results import metrics
 from aimd_des.results.result import Result
-from aimd_des.engine.system import System
+from aimd_des.results.run_data import Piece
 from aimd_des.results.tracking import piece_problem
-from aimd_des.engine.delivery import ProcessGenerator
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Look", "Looker", "last_look"]
 

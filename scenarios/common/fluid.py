@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from aimd_des import Problem
-from aimd_des.dynamics.averaging import (Averaging, Cumulative, Forgetting, Window)
-from aimd_des.utils.validation import FloatArray
+from aimd_des.dynamics.averaging import Averaging, Cumulative, Forgetting, Window
 from aimd_des.interventions import Absence, Crash, UnusualActivity
 from aimd_des.problem.lookup import agent_indices
+from aimd_des.utils.validation import FloatArray
 
 Change = Absence | Crash | UnusualActivity
 

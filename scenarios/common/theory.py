@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from aimd_des import (InputError, Problem, solve_optimum, theory)
+from aimd_des import InputError, Problem, solve_optimum, theory
 
 
 @lru_cache

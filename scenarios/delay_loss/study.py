@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 import pandas as pd
 
-from aimd_des import (Study, run_study, solve_optimum, theory)
+from aimd_des import Study, run_study, solve_optimum, theory
 from aimd_des.study import read_study, summarise
 from models.smart_cameras import smart_cameras
 from scenarios.common.command import Finding, command

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import networkx as nx
 import numpy as np
 
-from aimd_des import (BroadcastChannel, Problem, Recording, topology)
+from aimd_des import BroadcastChannel, Problem, Recording, topology
 from aimd_des.channel import Channel
 from aimd_des.utils.validation import FloatArray
 from scenarios.common.measure import late, noted, quietly, sensed

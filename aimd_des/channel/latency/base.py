@@ -4,12 +4,12 @@ from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from aimd_des.utils import returned_values as handed
-from aimd_des.channel.random_draws import Draws
 from aimd_des.channel.latency.kernels import LatencyTable, latency_row
 from aimd_des.channel.parameters import fit
-from aimd_des.utils.validation import FloatArray
+from aimd_des.channel.random_draws import Draws
+from aimd_des.utils import returned_values
 from aimd_des.utils.rng import Purpose
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Latency", "Parametrised", "draw_latency"]
 
@@ -108,4 +108,6 @@ def draw_latency(latency: Latency, draws: Draws, of: str = "agent") -> FloatArra
     InputError
         If it says anything else.
     """
-    return handed.numbers(handed.said_by(latency, "draw"), latency.draw(draws), (draws.n_agents,), of, 0.0)
+    return returned_values.numbers(
+        returned_values.said_by(latency, "draw"), latency.draw(draws), (draws.n_agents,), of, 0.0
+    )

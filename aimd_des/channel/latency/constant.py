@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
 from aimd_des.channel.latency.base import Parametrised
 from aimd_des.channel.latency.kernels import Distribution, LatencyTable, latency_table
 from aimd_des.channel.parameters import LONGEST, scalar_or_row
+from aimd_des.utils import validation
 from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Constant"]
@@ -33,7 +33,7 @@ class Constant(Parametrised):
 
     def __post_init__(self) -> None:
         # Named as the channel's argument: mostly it is given there, as a bare number.
-        object.__setattr__(self, "value", checks.per_agent("latency", self.value, low=0.0, high=LONGEST))
+        object.__setattr__(self, "value", validation.per_agent("latency", self.value, low=0.0, high=LONGEST))
 
     @property
     def mean(self) -> float | FloatArray:
@@ -58,7 +58,7 @@ class Constant(Parametrised):
         InputError
             Naming both lengths.
         """
-        checks.fits("latency", self.value, n_agents)
+        validation.fits("latency", self.value, n_agents)
 
     def table(self, n_agents: int) -> LatencyTable:
         """Lay out the model for compiled code.

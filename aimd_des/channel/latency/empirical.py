@@ -7,13 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from aimd_des.utils import validation as checks
+from aimd_des.channel.csv_columns import read_columns
 from aimd_des.channel.latency.base import Parametrised
 from aimd_des.channel.latency.kernels import Distribution, LatencyTable, latency_table
-from aimd_des.channel.csv_columns import read_columns
 from aimd_des.channel.parameters import LONGEST, scalar_or_row, take
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Empirical"]
 
@@ -43,7 +43,9 @@ class Empirical(Parametrised):
     _each: ClassVar = ("scale",)
 
     def __post_init__(self) -> None:
-        clean = np.sort(checks.array("Empirical.values", self.values, ("n_values",), low=0.0, high=LONGEST))
+        clean = np.sort(
+            validation.array("Empirical.values", self.values, ("n_values",), low=0.0, high=LONGEST)
+        )
         if not len(clean):
             raise InputError.of("Empirical.values", [], "at least one measured latency")
         clean.setflags(write=False)

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from aimd_des.channel.latency.base import Parametrised
 from aimd_des.channel.latency.kernels import Distribution, LatencyTable, latency_table
-from aimd_des.channel.parameters import (LONGEST, fit, scalar_or_row, take)
+from aimd_des.channel.parameters import LONGEST, fit, scalar_or_row, take
 from aimd_des.utils.validation import FloatArray
 
 __all__ = ["ShiftedGamma"]

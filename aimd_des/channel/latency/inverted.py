@@ -6,12 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from aimd_des.utils import validation as checks
 from aimd_des.channel.latency.base import Parametrised
 from aimd_des.channel.latency.kernels import Distribution, LatencyTable, latency_table
-from aimd_des.channel.parameters import (LONGEST, fit, refuse, scalar_or_row, take)
-from aimd_des.utils.validation import FloatArray
+from aimd_des.channel.parameters import LONGEST, fit, refuse, scalar_or_row, take
+from aimd_des.utils import validation
 from aimd_des.utils.portable_math import expm1, exps, log1p
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Exponential", "LogNormal", "Pareto", "Uniform"]
 
@@ -185,8 +185,8 @@ class LogNormal(Parametrised):
         InputError
             If a value is outside its range.
         """
-        middle = checks.per_agent("LogNormal.median", median, low=0.0, low_open=True, high=LONGEST)
-        spread = np.asarray(checks.per_agent("LogNormal.sigma", sigma, low=0.0, high=_LARGEST_SIGMA))
+        middle = validation.per_agent("LogNormal.median", median, low=0.0, low_open=True, high=LONGEST)
+        spread = np.asarray(validation.per_agent("LogNormal.sigma", sigma, low=0.0, high=_LARGEST_SIGMA))
         mean = middle * exps(0.5 * (spread * spread))
         std = mean * np.sqrt(_applied(expm1, spread * spread))
         return cls(scalar_or_row(mean), scalar_or_row(std))

@@ -23,10 +23,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils.validation import FloatArray
 from aimd_des.utils.jit import formula, kernel, routine
-from aimd_des.utils.portable_math import (exp, log, log_normal, standard_normal)
+from aimd_des.utils.portable_math import exp, log, log_normal, standard_normal
 from aimd_des.utils.rng import Key, uniform_at, uniforms_row
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Distribution", "LatencyTable", "latency_row", "latency_table", "quantile_row"]
 

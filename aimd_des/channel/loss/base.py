@@ -5,8 +5,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import returned_values as handed
 from aimd_des.channel.random_draws import Draws
+from aimd_des.utils import returned_values
 
 __all__ = ["BoolArray", "Loss", "LossProcess", "draw_loss", "start_loss"]
 
@@ -51,7 +51,7 @@ def start_loss(loss: Loss, n_links: int) -> LossProcess:
         If it is anything that does not draw.
     """
     process = loss.start(n_links)
-    handed.having(handed.said_by(loss, "start"), process, ["draw"])
+    returned_values.having(returned_values.said_by(loss, "start"), process, ["draw"])
     return process
 
 
@@ -77,4 +77,6 @@ def draw_loss(loss: LossProcess, draws: Draws, of: str = "agent") -> BoolArray:
     InputError
         If it says anything else.
     """
-    return handed.flags(handed.said_by(loss, "draw"), loss.draw(draws), (draws.n_agents,), of)
+    return returned_values.flags(
+        returned_values.said_by(loss, "draw"), loss.draw(draws), (draws.n_agents,), of
+    )

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
 from aimd_des.channel.loss.kernels import Cause, TabledLoss, loss_table
 from aimd_des.channel.parameters import scalar_or_row
+from aimd_des.utils import validation
 from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Bernoulli", "CommonMode"]
@@ -32,7 +32,7 @@ class Bernoulli:
 
     def __post_init__(self) -> None:
         # Named as the channel's argument: mostly it is given there, as a bare number.
-        clean = checks.per_agent("loss", self.probability, low=0.0, high=1.0)
+        clean = validation.per_agent("loss", self.probability, low=0.0, high=1.0)
         object.__setattr__(self, "probability", clean)
 
     @property
@@ -58,7 +58,7 @@ class Bernoulli:
         InputError
             If there is a probability for each agent and their number is not n.
         """
-        checks.fits("loss", self.probability, n_agents)
+        validation.fits("loss", self.probability, n_agents)
         cause = Cause.CHANCE if np.any(self.probability) else Cause.NOTHING
         return TabledLoss(loss_table(cause, n_agents, self.probability))
 
@@ -81,7 +81,7 @@ class CommonMode:
     probability: float
 
     def __post_init__(self) -> None:
-        clean = checks.number("CommonMode.probability", self.probability, low=0.0, high=1.0)
+        clean = validation.number("CommonMode.probability", self.probability, low=0.0, high=1.0)
         object.__setattr__(self, "probability", clean)
 
     @property

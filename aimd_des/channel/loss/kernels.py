@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.channel.random_draws import LANES_PER_PART, Draws
 from aimd_des.channel.loss.base import BoolArray
-from aimd_des.utils.validation import FloatArray
+from aimd_des.channel.random_draws import LANES_PER_PART, Draws
+from aimd_des.utils.errors import SimulationError
 from aimd_des.utils.jit import routine
 from aimd_des.utils.portable_math import exp
-from aimd_des.utils.errors import SimulationError
-from aimd_des.utils.rng import (Key, Purpose, uniform_at, uniforms_row)
+from aimd_des.utils.rng import Key, Purpose, uniform_at, uniforms_row
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Cause", "LossTable", "TabledLoss", "join", "loss_row", "loss_table", "refuse_loss"]
 

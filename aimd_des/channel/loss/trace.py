@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
+from aimd_des.channel.csv_columns import read_columns
 from aimd_des.channel.loss.base import BoolArray
 from aimd_des.channel.loss.kernels import Cause, TabledLoss, loss_table
-from aimd_des.channel.csv_columns import read_columns
 from aimd_des.channel.parameters import scalar_or_row
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Trace"]
 
@@ -49,7 +49,7 @@ class Trace:
         clean = _record(self.lost)
         clean.setflags(write=False)
         object.__setattr__(self, "lost", clean)
-        object.__setattr__(self, "repeat", checks.flag("Trace.repeat", self.repeat))
+        object.__setattr__(self, "repeat", validation.flag("Trace.repeat", self.repeat))
 
     @classmethod
     def from_csv(
@@ -115,7 +115,7 @@ class Trace:
 def _record(given: npt.ArrayLike) -> BoolArray:
     """Return a copy of the record as bools, or refuse it."""
     try:
-        raw = np.array(given if checks.axes(given) else None)
+        raw = np.array(given if validation.axes(given) else None)
     except ValueError:  # rows of different lengths
         raise InputError.of("Trace.lost", given, "an array of bools", _REMEDY) from None
     if raw.dtype.kind not in "biuf":

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import networkx as nx
 
-from aimd_des.utils import validation as checks
 from aimd_des.channel.parameters import LONGEST
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
 if TYPE_CHECKING:  # the class has parameters in the stubs only
@@ -63,7 +63,7 @@ def simple_graph(field: str, graph: object, remedy: str = "keep one, as networkx
     InputError
         If a broadcast cannot travel over it; naming the first two nodes with several edges between them.
     """
-    checks.instance(field, graph, nx.Graph, "a networkx.Graph or networkx.DiGraph")
+    validation.instance(field, graph, nx.Graph, "a networkx.Graph or networkx.DiGraph")
     clean: Graph = graph  # type: ignore[assignment]  # it has been looked at
     if clean.is_multigraph():
         edges = ((u, v, clean.number_of_edges(u, v)) for u, v in clean.edges())
@@ -132,4 +132,4 @@ def edge_number(
     if type(value) is float and 0.0 <= value <= high:
         return value
     field = f"{place}{attribute} of edge {edge[0]!r} -- {edge[1]!r}"
-    return checks.number(field, value, low=0.0, high=high)
+    return validation.number(field, value, low=0.0, high=high)

@@ -7,20 +7,20 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aimd_des.channel.broadcast import (Broadcast, CompiledLink, Copies, Link, compiled_models)
-from aimd_des.channel.random_draws import Draws
+from aimd_des.channel.broadcast import Broadcast, CompiledLink, Copies, Link, compiled_models
 from aimd_des.channel.latency import Constant, Latency
 from aimd_des.channel.latency.base import draw_latency
-from aimd_des.channel.loss import (Bernoulli, Combined, CommonMode, Loss, LossProcess, Trace)
+from aimd_des.channel.loss import Bernoulli, Combined, CommonMode, Loss, LossProcess, Trace
 from aimd_des.channel.loss.base import draw_loss, start_loss
 from aimd_des.channel.network_kernel import NetworkTable, spread
-from aimd_des.channel.transmit_kernel import channel_table
+from aimd_des.channel.random_draws import Draws
 from aimd_des.channel.topology.attributes import Graph
 from aimd_des.channel.topology.routes import Routes, find_routes
 from aimd_des.channel.topology.statistics import estimated_statistics, tree_statistics
-from aimd_des.utils.validation import FloatArray
+from aimd_des.channel.transmit_kernel import channel_table
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Key, Purpose
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["FloodChannel", "TreeChannel", "flood", "tree"]
 

@@ -8,9 +8,9 @@ from xml.etree import ElementTree as ET
 
 import networkx as nx
 
-from aimd_des.utils import validation as checks
 from aimd_des.channel.csv_columns import read_columns
-from aimd_des.channel.topology.attributes import (HIGHEST, Graph, edge_number, known_node, simple_graph)
+from aimd_des.channel.topology.attributes import HIGHEST, Graph, edge_number, known_node, simple_graph
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
 __all__ = ["from_edges", "from_graphml"]
@@ -57,9 +57,9 @@ def from_graphml(path: str | Path, *, root: str, latency: str = "latency", loss:
         If the file cannot be read, has parallel edges (naming their nodes) or no such root, or an edge
         lacks an attribute (naming the nearest one) or has one out of range.
     """
-    file, named = checks.path("path", path), {"latency": latency, "loss": loss}
+    file, named = validation.path("path", path), {"latency": latency, "loss": loss}
     for quantity, attribute in named.items():
-        checks.instance(quantity, attribute, str, "the name of an attribute of the edges")
+        validation.instance(quantity, attribute, str, "the name of an attribute of the edges")
     try:
         read: Any = nx.parse_graphml(_with_known_keys(file))
     except FileNotFoundError:
@@ -145,7 +145,7 @@ def from_edges(
         an edge stands there twice (naming the rows, counted from 1 below the names), or there is no
         such root.
     """
-    directed = checks.flag("directed", directed)
+    directed = validation.flag("directed", directed)
     sources, targets = read_columns(path, [source, target], _name, "the name of a node")
     quantities = [
         read_columns(path, [column], _up_to(HIGHEST[name]), f"a number from 0 to {HIGHEST[name]:g}")[0]

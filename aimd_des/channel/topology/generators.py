@@ -8,10 +8,9 @@ import networkx as nx
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils import rng as streams
 from aimd_des.channel.parameters import LONGEST
 from aimd_des.channel.topology.attributes import HIGHEST, Graph, known_node
+from aimd_des.utils import rng, validation
 from aimd_des.utils.rng import Purpose
 
 __all__ = ["balanced_tree", "grid", "random_geometric", "star"]
@@ -24,8 +23,8 @@ def _finished(graph: Graph, root: Hashable, **quantities: npt.ArrayLike) -> Grap
     """Give every edge its numbers, and the graph its root."""
     graph.graph["root"] = root
     for name, given in quantities.items():
-        value = checks.per_agent(name, given, low=0.0, high=HIGHEST[name])
-        checks.fits(name, value, graph.number_of_edges())
+        value = validation.per_agent(name, given, low=0.0, high=HIGHEST[name])
+        validation.fits(name, value, graph.number_of_edges())
         row = np.broadcast_to(value, (graph.number_of_edges(),)).tolist()
         nx.set_edge_attributes(graph, dict(zip(graph.edges, row, strict=True)), name)
     return graph
@@ -53,7 +52,7 @@ def star(n_agents: int, latency: npt.ArrayLike = 0.0, loss: npt.ArrayLike = 0.0)
     InputError
         If a number is outside its range.
     """
-    graph = nx.star_graph(checks.integer("n_agents", n_agents, low=1))
+    graph = nx.star_graph(validation.integer("n_agents", n_agents, low=1))
     return _finished(graph, 0, latency=latency, loss=loss)
 
 
@@ -81,7 +80,10 @@ def balanced_tree(branching: int, height: int, latency: float = 0.0, loss: float
     InputError
         If a number is outside its range.
     """
-    width, depth = checks.integer("branching", branching, low=1), checks.integer("height", height, low=1)
+    width, depth = (
+        validation.integer("branching", branching, low=1),
+        validation.integer("height", height, low=1),
+    )
     return _finished(nx.balanced_tree(width, depth), 0, **_same(latency, loss))
 
 
@@ -111,8 +113,10 @@ def grid(
     InputError
         If a number is outside its range, or the root outside the grid.
     """
-    height = checks.integer("rows", rows, low=1)
-    width = checks.integer("columns", columns, low=2 if height == 1 else 1, remedy="a node needs a neighbour")
+    height = validation.integer("rows", rows, low=1)
+    width = validation.integer(
+        "columns", columns, low=2 if height == 1 else 1, remedy="a node needs a neighbour"
+    )
     graph = nx.grid_2d_graph(height, width)
     known_node("root", root, graph)
     return _finished(graph, root, **_same(latency, loss))
@@ -150,20 +154,22 @@ def random_geometric(
     InputError
         If a number is outside its range.
     """
-    n = checks.integer("n_agents", n_agents, low=1)
-    reach = checks.number("radius", radius, low=0.0, low_open=True)
-    slowness = checks.number("latency_per_distance", latency_per_distance, low=0.0, high=LONGEST / 2.0)
-    key = streams.key(seed, Purpose.PROBLEM)
-    x, y = (streams.uniforms(key, 0, axis, n, _LANE).tolist() for axis in (0, 1))
+    n = validation.integer("n_agents", n_agents, low=1)
+    reach = validation.number("radius", radius, low=0.0, low_open=True)
+    slowness = validation.number("latency_per_distance", latency_per_distance, low=0.0, high=LONGEST / 2.0)
+    key = rng.key(seed, Purpose.PROBLEM)
+    x, y = (rng.uniforms(key, 0, axis, n, _LANE).tolist() for axis in (0, 1))
     places = {0: (0.5, 0.5), **dict(enumerate(zip(x, y, strict=True), start=1))}
     graph = nx.random_geometric_graph(n + 1, reach, pos=places)
     # Not math.hypot, whose last bit differs from machine to machine.
     across = [tuple(a - b for a, b in zip(places[u], places[v], strict=True)) for u, v in graph.edges]
     latency = [slowness * math.sqrt(dx * dx + dy * dy) for dx, dy in across]
-    return _finished(graph, 0, latency=latency, loss=checks.number("loss", loss, low=0.0, high=1.0))
+    return _finished(graph, 0, latency=latency, loss=validation.number("loss", loss, low=0.0, high=1.0))
 
 
 def _same(latency: float, loss: float) -> dict[str, Any]:
     """Check numbers that all edges share."""
     given = {"latency": latency, "loss": loss}
-    return {name: checks.number(name, value, low=0.0, high=HIGHEST[name]) for name, value in given.items()}
+    return {
+        name: validation.number(name, value, low=0.0, high=HIGHEST[name]) for name, value in given.items()
+    }

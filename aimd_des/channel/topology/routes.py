@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
 from aimd_des.channel.network_kernel import NetworkTable, network_table
-from aimd_des.channel.topology.attributes import (Graph, edge_number, known_node, simple_graph)
-from aimd_des.utils.validation import FloatArray
+from aimd_des.channel.topology.attributes import Graph, edge_number, known_node, simple_graph
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Routes", "find_routes"]
 
@@ -141,7 +141,7 @@ def _agents(graph: Graph, root: Hashable, given: Sequence[Any] | None) -> list[A
     agents = (
         [node for node in graph if node != root]
         if given is None
-        else checks.elements("agents", given, "a list of nodes")
+        else validation.elements("agents", given, "a list of nodes")
     )
     if not agents:
         raise InputError.of("agents", agents, "at least one node")

@@ -15,13 +15,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils import rng as streams
 from aimd_des.channel.broadcast import Broadcast, CompiledLink, Link
 from aimd_des.channel.topology.routes import Routes
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils import rng, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Key, Purpose
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["estimated_statistics", "tree_statistics"]
 
@@ -93,8 +92,8 @@ def estimated_statistics(
     InputError
         If a number is outside its range.
     """
-    count = checks.integer("broadcasts", broadcasts, low=2)
-    keys = {purpose: streams.key(seed, purpose) for purpose in Purpose}
+    count = validation.integer("broadcasts", broadcasts, low=2)
+    keys = {purpose: rng.key(seed, purpose) for purpose in Purpose}
     arrived, mean, squares = np.zeros((3, len(routes.agents)))
     link = begin(len(routes.agents), keys)
     for number in range(count):

@@ -5,8 +5,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from scipy.stats import qmc
 
-from aimd_des.utils.validation import FloatArray
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Costs", "check_on_box", "sample_box"]
 

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
-from aimd_des.problem.costs.polynomial import (PolynomialCosts, checked_powers, dense_slopes, horner)
+from aimd_des.problem.costs.polynomial import PolynomialCosts, checked_powers, dense_slopes, horner
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["CoupledCosts"]
 
@@ -62,19 +62,19 @@ class CoupledCosts:
         sum_exponents: Sequence[int] = (2,),
         sum_coefficients: npt.ArrayLike | None = None,
     ) -> None:
-        self.separable_part = checks.instance(
+        self.separable_part = validation.instance(
             "separable_part", separable_part, PolynomialCosts, "PolynomialCosts"
         )
         n, m = separable_part.n_agents, separable_part.n_resources
         powers = checked_powers("sum_exponents", sum_exponents)
-        self.quadratic = checks.array(
+        self.quadratic = validation.array(
             "quadratic", np.zeros((n, m, m)) if quadratic is None else quadratic, (n, m, m)
         )
-        self.weights = checks.array(
+        self.weights = validation.array(
             "weights", np.zeros((n, m)) if weights is None else weights, (n, m), low=0.0
         )
         self.sum_exponents = powers
-        self.sum_coefficients = checks.array(
+        self.sum_coefficients = validation.array(
             "sum_coefficients",
             np.zeros((n, len(powers))) if sum_coefficients is None else sum_coefficients,
             (n, len(powers)),

@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
 from aimd_des.problem.costs.base import sample_box
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["CustomCosts"]
 
@@ -69,15 +69,15 @@ class CustomCosts:
         *,
         separable: bool = False,
     ) -> None:
-        self.n_agents = checks.integer("n_agents", n_agents, low=1)
-        self.n_resources = checks.integer("n_resources", n_resources, low=1)
+        self.n_agents = validation.integer("n_agents", n_agents, low=1)
+        self.n_resources = validation.integer("n_resources", n_resources, low=1)
         for name, function in (("value", value), ("gradient", gradient), ("hessian", hessian)):
             if not callable(function) and not (name == "hessian" and function is None):
                 raise InputError.of(name, function, "a function of (agent, allocation)")
         self.agent_value = value
         self.agent_gradient = gradient
         self.agent_hessian = hessian
-        self.separable = checks.flag("separable", separable)
+        self.separable = validation.flag("separable", separable)
 
     def value(self, allocation: FloatArray) -> FloatArray:
         """Evaluate f_i(x_i).

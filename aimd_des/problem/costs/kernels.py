@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aimd_des.utils.validation import FloatArray
+from aimd_des.problem.costs import Costs, CoupledCosts, CustomCosts, PolynomialCosts
 from aimd_des.utils.jit import formula, kernel
-from aimd_des.problem.costs import (Costs, CoupledCosts, CustomCosts, PolynomialCosts)
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["CostTable", "cost_table", "gradient_at", "gradient_row", "horner_step", "marginal_cost"]
 

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["PolynomialCosts", "checked_powers", "dense_slopes"]
 
@@ -77,9 +77,9 @@ def checked_powers(field: str, exponents: object) -> tuple[int, ...]:
     InputError
         If they are no integers from 1 to 64, or one stands there twice.
     """
-    given = list(exponents) if checks.axes(exponents) else []  # type: ignore[call-overload]  # it has elements
+    given = list(exponents) if validation.axes(exponents) else []  # type: ignore[call-overload]  # it has elements
     powers = tuple(
-        checks.integer(f"{field}[{position}]", power, low=1, high=_MAX_EXPONENT)
+        validation.integer(f"{field}[{position}]", power, low=1, high=_MAX_EXPONENT)
         for position, power in enumerate(given)
     )
     if not powers or len(set(powers)) != len(powers):
@@ -117,7 +117,7 @@ class PolynomialCosts:
 
     def __init__(self, exponents: Sequence[int], coefficients: npt.ArrayLike) -> None:
         powers = self.exponents = checked_powers("exponents", exponents)
-        self.coefficients = checks.array(
+        self.coefficients = validation.array(
             "coefficients",
             coefficients,
             ("n_agents", "n_resources", len(powers)),

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils.validation import FloatArray
 from aimd_des.problem.costs.base import Costs
 from aimd_des.problem.costs.coupled import CoupledCosts
 from aimd_des.problem.costs.custom import CustomCosts
 from aimd_des.problem.costs.polynomial import PolynomialCosts
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["selected_costs"]
 

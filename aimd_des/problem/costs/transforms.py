@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
 from aimd_des.problem.costs.base import Costs
 from aimd_des.problem.costs.coupled import CoupledCosts
 from aimd_des.problem.costs.custom import CustomCosts
 from aimd_des.problem.costs.polynomial import PolynomialCosts
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["weighted_costs"]
 
@@ -48,8 +48,8 @@ def weighted_costs(costs: Costs, weights: npt.ArrayLike) -> Costs:
     [[2.0], [6.0]]
     """
     n, m = costs.n_agents, costs.n_resources
-    shape = (n,) if checks.axes(weights) == 1 else (n, m)
-    table = checks.array("weights", weights, shape, low=0.0, low_open=True).reshape(n, -1)
+    shape = (n,) if validation.axes(weights) == 1 else (n, m)
+    table = validation.array("weights", weights, shape, low=0.0, low_open=True).reshape(n, -1)
     if isinstance(costs, PolynomialCosts):
         return PolynomialCosts(costs.exponents, costs.coefficients * table[:, :, None])
     if (table != table[:, :1]).any():

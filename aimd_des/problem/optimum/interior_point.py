@@ -19,8 +19,8 @@ from functools import cached_property
 
 import numpy as np
 
-from aimd_des.utils.validation import FloatArray
 from aimd_des.problem.optimum.starting_point import ScaledCosts, power_law_start
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Point", "follow_central_path", "kkt_residual"]
 

@@ -7,11 +7,11 @@ here.  Gamma^j is the reciprocal of the largest steepness, and f_i is in F_delta
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
 from aimd_des.problem.costs import Costs, CoupledCosts, PolynomialCosts
 from aimd_des.problem.costs.base import sample_box
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["in_f_delta", "normalization_factors"]
 
@@ -68,7 +68,7 @@ def normalization_factors(
     --------
     f = 2 x**2 + x**4 up to 3: the steepness 4 + 4 x**2 is largest at 3.
 
-    >>> from aimd_des.costs import PolynomialCosts
+    >>> from aimd_des import PolynomialCosts
     >>> normalization_factors(PolynomialCosts([2, 4], [[[2.0, 1.0]]]), upper=[3.0]).tolist()
     [0.025]
     """
@@ -106,13 +106,13 @@ def in_f_delta(
 
     Examples
     --------
-    >>> from aimd_des.costs import PolynomialCosts
+    >>> from aimd_des import PolynomialCosts
     >>> costs = PolynomialCosts([2], [[[1.0]], [[3.0]]])
     >>> in_f_delta(costs, delta=[0.25], upper=[10.0]).tolist()
     [True, False]
     """
     low, high = _box(costs, lower, upper)
-    bound = checks.array("delta", delta, (costs.n_resources,), low=0.0, low_open=True)
+    bound = validation.array("delta", delta, (costs.n_resources,), low=0.0, low_open=True)
     with np.errstate(divide="ignore", over="ignore"):
         flat_enough = (bound * _largest_steepness(costs, low, high) < 1.0).all(axis=1)
     return np.asarray(flat_enough if costs.proven else flat_enough & _increasing_and_convex(costs, low, high))
@@ -120,10 +120,10 @@ def in_f_delta(
 
 def _box(costs: Costs, lower: float | npt.ArrayLike, upper: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     allowed = "costs, such as PolynomialCosts or CustomCosts"
-    shape = (checks.instance("costs", costs, Costs, allowed).n_resources,)
-    high = checks.array("upper", upper, shape, low=0.0, low_open=True)
-    spread = lower if checks.axes(lower) else np.full(shape, checks.number("lower", lower))
-    low = checks.array("lower", spread, shape, low=0.0)
+    shape = (validation.instance("costs", costs, Costs, allowed).n_resources,)
+    high = validation.array("upper", upper, shape, low=0.0, low_open=True)
+    spread = lower if validation.axes(lower) else np.full(shape, validation.number("lower", lower))
+    low = validation.array("lower", spread, shape, low=0.0)
     if not (low < high).all():
         raise InputError.of("lower", low.tolist(), f"below upper = {high.tolist()}")
     return low, high

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.errors import SimulationError
 from aimd_des.problem.optimum.interior_point import follow_central_path, kkt_residual
 from aimd_des.problem.optimum.starting_point import ScaledCosts
 from aimd_des.problem.problem import Problem
+from aimd_des.utils import validation
+from aimd_des.utils.errors import SimulationError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Optimum", "solve_optimum"]
 
@@ -100,18 +100,18 @@ def solve_optimum(
     --------
     With costs x**2 and 3 x**2 the second agent gets a third of what the first gets:
 
-    >>> from aimd_des.costs import PolynomialCosts
+    >>> from aimd_des import PolynomialCosts
     >>> from aimd_des.problem import Problem, Resource
     >>> memory = Resource("memory", capacity=4.0, increase=0.01, decrease=0.5, normalization=0.01)
     >>> problem = Problem([memory], PolynomialCosts([2], [[[1.0]], [[3.0]]]))
     >>> solve_optimum(problem).allocation.round(6).tolist()
     [[3.0], [1.0]]
     """
-    checks.instance("problem", problem, Problem, "a Problem")
+    validation.instance("problem", problem, Problem, "a Problem")
     given = problem.capacity if capacity is None else capacity
-    total = checks.array("capacity", given, (problem.n_resources,), low=0.0, low_open=True)
-    wanted = checks.number("tolerance", tolerance, low=1e-14, high=1e-2)
-    last = checks.integer("max_iterations", max_iterations, low=1)
+    total = validation.array("capacity", given, (problem.n_resources,), low=0.0, low_open=True)
+    wanted = validation.number("tolerance", tolerance, low=1e-14, high=1e-2)
+    last = validation.integer("max_iterations", max_iterations, low=1)
     scaled = ScaledCosts(problem.costs, total / problem.n_agents)
     # Trial points may overflow steep costs: the line search turns back from values that are not
     # finite, and a residual that is not finite ends in the error below.

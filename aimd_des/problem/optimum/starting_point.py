@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aimd_des.utils.validation import FloatArray
 from aimd_des.problem.costs import Costs
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["ScaledCosts", "power_law_start"]
 

@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Interval", "difference", "mean_interval", "paired_difference", "quantile"]
 
@@ -65,7 +65,7 @@ def quantile(confidence: float, degrees: npt.ArrayLike) -> FloatArray:
     InputError
         If the confidence is not between 0 and 1.
     """
-    level = checks.number("confidence", confidence, low=0.0, high=1.0, low_open=True, high_open=True)
+    level = validation.number("confidence", confidence, low=0.0, high=1.0, low_open=True, high_open=True)
     free = np.asarray(degrees, dtype=np.float64)
     known = np.where(free > 0.0, free, 1.0)
     # What scipy.stats.t.ppf calls, without its checks of shapes, which take most of its time.
@@ -92,7 +92,7 @@ def mean_interval(values: npt.ArrayLike, confidence: float = 0.95) -> Interval:
     InputError
         If there is no value, or one is not finite: leave out runs without a number yourself, and say so.
     """
-    sample = checks.array("values", values, ("n_replications",))
+    sample = validation.array("values", values, ("n_replications",))
     if len(sample) == 0:
         raise InputError.of("number of values", 0, "1 or more")
     count = len(sample)
@@ -120,8 +120,8 @@ def paired_difference(values: npt.ArrayLike, baseline: npt.ArrayLike, confidence
     InputError
         If lengths differ, there is no value, or one is not finite.
     """
-    first = checks.array("values", values, ("n_replications",))
-    second = checks.array("baseline", baseline, ("n_replications",))
+    first = validation.array("values", values, ("n_replications",))
+    second = validation.array("baseline", baseline, ("n_replications",))
     if len(first) != len(second):
         raise InputError.of("length of baseline", len(second), f"{len(first)}, the length of values")
     return mean_interval(first - second, confidence)

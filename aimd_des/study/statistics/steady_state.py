@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.errors import InputError
 from aimd_des.study.statistics.intervals import Interval, mean_interval
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["BatchMeans", "batch_means", "mser"]
 
@@ -60,8 +60,8 @@ def mser(series: npt.ArrayLike, batch: int = 5) -> int | None:
     Simulation 69 (1997) 323; over means of five, MSER-5, White, Cobb and Spratt, Proc. Winter Simulation
     Conference 2000, 755.  Near the end of a series the sum is small by chance, hence the first half only.
     """
-    values = checks.array("series", series, ("n_times",))
-    size = checks.integer("batch", batch, low=1)
+    values = validation.array("series", series, ("n_times",))
+    size = validation.integer("batch", batch, low=1)
     count = len(values) // size
     if count < _FEWEST:
         raise InputError.of(
@@ -108,9 +108,9 @@ def batch_means(
     -----
     Law, Simulation Modeling and Analysis, section 9.5.3.
     """
-    values = checks.array("series", series, ("n_times",))
-    parts = checks.integer("batches", batches, low=2)
-    start = checks.integer("leave_out", leave_out, low=0)
+    values = validation.array("series", series, ("n_times",))
+    parts = validation.integer("batches", batches, low=2)
+    start = validation.integer("leave_out", leave_out, low=0)
     size = (len(values) - start) // parts
     if size < 1:
         raise InputError.of(

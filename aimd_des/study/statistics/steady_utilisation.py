@@ -5,11 +5,11 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
-from aimd_des.utils.errors import InputError
 from aimd_des.results.result import Result
 from aimd_des.study.statistics.steady_state import batch_means, mser
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["steady_utilisation"]
 
@@ -63,7 +63,7 @@ def steady_utilisation(
     Discrete agents average over ticks 0 to k, where k is the next one, and what counts at k has been held
     since the tick before: (k + 1) A is the integral up to k, and what lies beyond the look is taken off.
     """
-    parts = checks.integer("batches", batches, low=2)
+    parts = validation.integer("batches", batches, low=2)
     times, integrals = _integrals(result)
     ends = _even(times)
     lengths = np.diff(times[:ends])
@@ -91,7 +91,7 @@ def steady_utilisation(
 
 
 def _start(begins: FloatArray, warm_up: float, until: float) -> int:
-    start = checks.number("warm_up", warm_up, low=0.0, high=until, high_open=True)
+    start = validation.number("warm_up", warm_up, low=0.0, high=until, high_open=True)
     return int(np.searchsorted(begins, start))
 
 

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils import validation as checks
-from aimd_des.utils.validation import FloatArray
 from aimd_des.study.statistics.intervals import mean_interval
+from aimd_des.utils import validation
+from aimd_des.utils.validation import FloatArray
 
 __all__ = ["replications_needed"]
 
@@ -59,10 +59,10 @@ def replications_needed(
     on, 94.2 % from twenty, 91.7 % from five and 88.1 % from two.  For skewed values it is lower: for
     exponential ones 86 % from ten, 89 % from twenty and 92 % from fifty.
     """
-    wanted = checks.number("half_width", half_width, low=0.0, low_open=True)
-    first = checks.integer("at_least", at_least, low=2)
-    last = checks.integer("at_most", at_most, low=first)
-    sample = checks.array("values", values, ("n_replications",))
+    wanted = validation.number("half_width", half_width, low=0.0, low_open=True)
+    first = validation.integer("at_least", at_least, low=2)
+    last = validation.integer("at_most", at_most, low=first)
+    sample = validation.array("values", values, ("n_replications",))
     count = len(sample)
     if count < first:
         return first

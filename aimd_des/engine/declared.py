@@ -1,16 +1,33 @@
-"""What must not be declared together, and what would never begin."""
+"""What an intervention is to a run; what must not be declared together, and what would never begin.
+
+The run asks an intervention for two attributes besides, and does without either: `span`, from when to when
+its agents are away, with `agents`; and `begins`, when it first changes something.
+"""
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
+from typing import Protocol, runtime_checkable
 
-from aimd_des.utils.errors import InputError
-from aimd_des.interventions.agents import (Absence, Crash, Join, Prices, UnusualActivity)
-from aimd_des.interventions.capacity import CapacityProfile, CapacityRamp, CapacityStep
-from aimd_des.interventions.faults import Failover, Partition
+from aimd_des.engine.delivery import ProcessGenerator
+from aimd_des.engine.system import System
 from aimd_des.problem.lookup import agent_indices
 from aimd_des.problem.problem import Problem
+from aimd_des.utils.errors import InputError
 
-__all__ = ["check_absences", "check_end"]
+__all__ = ["Intervention", "check_absences", "check_end"]
+
+
+@runtime_checkable
+class Intervention(Protocol):
+    """Anything that is declared and changes a run."""
+
+    def check(self, problem: Problem) -> None:
+        """Refuse, before anything runs, what does not fit the problem."""
+        ...
+
+    def process(self, system: System) -> ProcessGenerator:
+        """Live: the SimPy process of the intervention."""
+        ...
 
 
 def check_absences(problem: Problem, interventions: Iterable[object]) -> None:
@@ -30,10 +47,10 @@ def check_absences(problem: Problem, interventions: Iterable[object]) -> None:
     """
     spans: dict[int, list[tuple[float, float, object]]] = {}
     for declared in interventions:
-        if isinstance(declared, Join | Absence | Crash):
-            start, end = declared.span
-            for agent in agent_indices(problem, declared.agents):
-                spans.setdefault(agent, []).append((start, end, declared))
+        span = getattr(declared, "span", None)
+        if span is not None:
+            for agent in agent_indices(problem, declared.agents):  # type: ignore[attr-defined]  # with a span
+                spans.setdefault(agent, []).append((*span, declared))
     for agent, absences in spans.items():
         absences.sort(key=lambda absence: absence[:2])
         for (_, end, one), (start, _, other) in pairwise(absences):
@@ -60,7 +77,9 @@ def check_end(interventions: Sequence[object], until: float) -> None:
     InputError
         Naming all of them.
     """
-    late = [number for number, declared in enumerate(interventions) if _begins(declared) >= until]
+    late = [
+        number for number, declared in enumerate(interventions) if getattr(declared, "begins", 0.0) >= until
+    ]
     if late:
         raise InputError.of(
             ", ".join(f"interventions[{number}]" for number in late),
@@ -68,14 +87,3 @@ def check_end(interventions: Sequence[object], until: float) -> None:
             f"such that they begin before {until:g}, the end of the run",
             "leave them out, or let the run last longer",
         )
-
-
-def _begins(declared: object) -> float:
-    """Return when an intervention first changes something; those who join are away from the start."""
-    if isinstance(declared, CapacityStep | Absence | Crash | UnusualActivity | Failover | Partition):
-        return declared.at
-    if isinstance(declared, CapacityRamp):
-        return declared.start
-    if isinstance(declared, CapacityProfile):
-        return float(declared.times[0])
-    return declared.every if isinstance(declared, Prices) else 0.0

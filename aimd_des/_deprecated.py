@@ -1,0 +1,74 @@
+"""Paths of modules that have moved: they can be imported for two minor releases more, with a warning.
+
+Each old path becomes a module that looks its names up in the new ones, so that old and new names are the
+same objects.
+"""
+
+import sys
+import warnings
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Any
+
+__all__ = ["MOVED", "install"]
+
+#: Old paths, each with the modules in which its names are now; the first is the one to import instead.
+MOVED: dict[str, tuple[str, ...]] = {
+    "aimd_des.agents": ("aimd_des", "aimd_des.fleet", "aimd_des.engine.agent_process"),
+    "aimd_des.checks": ("aimd_des.utils.validation",),
+    "aimd_des.clock": ("aimd_des", "aimd_des.dynamics.clocks"),
+    "aimd_des.control_unit": ("aimd_des", "aimd_des.engine.control_unit"),
+    "aimd_des.costs": ("aimd_des", "aimd_des.problem.costs"),
+    "aimd_des.discrete": ("aimd_des", "aimd_des.synchronous.synchronous"),
+    "aimd_des.elementary": ("aimd_des.lowlevel", "aimd_des.utils.portable_math"),
+    "aimd_des.environment": ("aimd_des.lowlevel", "aimd_des.engine.environment"),
+    "aimd_des.errors": ("aimd_des", "aimd_des.utils.errors"),
+    "aimd_des.metrics": ("aimd_des.results.metrics",),
+    "aimd_des.optimum": ("aimd_des", "aimd_des.problem.optimum"),
+    "aimd_des.output": ("aimd_des.scenario.run_folder",),
+    "aimd_des.recording": ("aimd_des", "aimd_des.results.recording"),
+    "aimd_des.registry": ("aimd_des", "aimd_des.scenario.models"),
+    "aimd_des.response": ("aimd_des.lowlevel", "aimd_des.dynamics.response"),
+    "aimd_des.simulation": ("aimd_des", "aimd_des.engine.simulation"),
+    "aimd_des.stored": ("aimd_des.scenario.stored_run",),
+    "aimd_des.streams": ("aimd_des.lowlevel", "aimd_des.utils.rng"),
+    "aimd_des.system": ("aimd_des.lowlevel", "aimd_des.engine.system"),
+    "aimd_des.tracking": ("aimd_des.results.tracking",),
+    "aimd_des.transport": ("aimd_des.lowlevel", "aimd_des.engine.delivery"),
+}
+_REMOVED_IN = "0.3"
+
+
+class _OldPaths(MetaPathFinder, Loader):
+    """Finds old paths, and nothing else."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Answer for an old path."""
+        return ModuleSpec(fullname, self) if fullname in MOVED else None
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Warn, and let the new modules give every name that is asked for."""
+        old = module.__name__
+        message = f"{old} has moved: import from {MOVED[old][0]}; the old path ends with {_REMOVED_IN}"
+        warnings.warn(message, DeprecationWarning, stacklevel=2)
+
+        def look_up(name: str) -> Any:
+            for new in MOVED[old]:
+                try:
+                    return getattr(import_module(new), name)
+                except AttributeError:
+                    continue
+            raise AttributeError(f"module {old!r} has no attribute {name!r}")
+
+        vars(module)["__getattr__"] = look_up
+
+
+def install() -> None:
+    """Let old paths be imported from now on."""
+    if not any(isinstance(finder, _OldPaths) for finder in sys.meta_path):
+        sys.meta_path.append(_OldPaths())

@@ -1,0 +1,300 @@
+"""All standard agents of a run as arrays, advanced by compiled code between the events of SimPy."""
+
+import math
+from collections.abc import Callable, Collection
+from functools import lru_cache
+from heapq import heappop, heappush
+from typing import Any
+
+import numba
+import numpy as np
+import numpy.typing as npt
+from numba.core.dispatcher import Dispatcher
+
+from aimd_des.dynamics.loss_compensation import ESTIMATED
+from aimd_des.engine.delivery import Signal
+from aimd_des.engine.environment import Kind
+from aimd_des.engine.observers import ConstantPieces, LinearPieces
+from aimd_des.engine.system import System
+from aimd_des.fleet.absent_agents import forget
+from aimd_des.fleet.arrays import LAST, Answers, Books, Crowd, Rhythm, accept, scratch_for
+from aimd_des.fleet.control_kernels import settle_and_fold
+from aimd_des.fleet.in_flight import enlarge, room, take_off
+from aimd_des.fleet.observer_kernels import Meter
+from aimd_des.problem.costs import Costs, CustomCosts
+from aimd_des.problem.costs.kernels import cost_table
+from aimd_des.results.event_log import Entry, LogEntry
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.rng import Purpose
+from aimd_des.utils.validation import FloatArray
+
+__all__ = ["TOLD_AT_ONCE", "CompiledAgents"]
+
+BoolArray = npt.NDArray[np.bool_]
+
+# Broadcasts in flight for which there is space at first.
+_FLIGHTS = 4
+
+#: Answers of which somebody is told in one go.
+TOLD_AT_ONCE = 1 << 16
+
+_NOBODY, _RESPONSES, _ALL = 0, 1, 2
+
+
+class CompiledAgents:
+    """The standard agents of a run in compiled code: what `Camera` processes do, event for event.
+
+    Copies that have arrived are answered when somebody looks, each agent's in the order of time.
+
+    Parameters
+    ----------
+    system : System
+        The run in progress.
+    absent : collection of int
+        Agents that are no part of it.
+    overshoot : ConstantPieces or LinearPieces, optional
+        What integrates total demand.
+
+    Attributes
+    ----------
+    members : ndarray of bool, shape (n,)
+        Who is part of it.
+    crowd, meter : Crowd, Meter
+        What compiled code works on.
+
+    Raises
+    ------
+    InputError
+        If costs are functions that cannot be called by compiled code.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        absent: Collection[int] = (),
+        overshoot: ConstantPieces | LinearPieces | None = None,
+    ) -> None:
+        problem = system.problem
+        n, m = problem.n_agents, problem.n_resources
+        self.system = system
+        self.members = np.ones(n, dtype=np.bool_)
+        self.members[list(absent)] = False
+        gradient = _compiled_gradient(problem.costs)
+        ticking, numbered = system.clocks is not None, system.law.answering.rule == ESTIMATED
+        flights = take_off(_FLIGHTS * n, m if problem.costs.separable else 1, ticking, numbered)
+        account = system.transmitter
+        rhythm = (np.empty(0), np.empty(0), np.empty(0)) if system.clocks is None else system.clocks.rows
+        self.crowd = Crowd(
+            state=system.state,
+            law=system.law,
+            members=self.members,
+            table=cost_table(problem.costs),
+            gradient=0 if gradient is None else gradient.address,
+            coupled=not problem.costs.separable,
+            rhythm=Rhythm(*rhythm, system.keys[Purpose.CLOCK], system.clocks is None or system.clocks.common),
+            grain=system.grain,
+            until=system.until,
+            key=system.keys[Purpose.RESPONSE],
+            flights=flights,
+            books=Books(system.conditions.away, account.delivered, account.lost, account.duplicated),
+            room=room(flights),
+            answers=_answers(0),
+            hearing=_NOBODY,
+            scratch=scratch_for(m, n),
+        )
+        self.overshoot = overshoot
+        self.meter = self._meter(overshoot)
+        self._settled = self._position = system.env.reached
+        system.conditions.on_costs.append(self._reprice)
+        # With a log: copies that have not landed yet, and the signals by the first order number of each.
+        self._landing: list[tuple[float, int, LogEntry]] = []
+        self._signals: dict[int, Signal] = {}
+
+    def _meter(self, overshoot: ConstantPieces | LinearPieces | None) -> Meter:
+        """Let compiled code work on what the observer has."""
+        m = self.system.problem.n_resources
+        lines = overshoot if isinstance(overshoot, LinearPieces) else None
+        steps = overshoot if isinstance(overshoot, ConstantPieces) else None
+        return Meter(
+            lines=False,
+            steps=False,
+            capacity=self.crowd.law.capacity,
+            slope=self.system.conditions.growth,
+            running=lines.running if lines else np.zeros((m, 6)),
+            peak=steps.peak if steps else np.zeros(m),
+            above=steps.above if steps else np.zeros(m),
+            excess=steps.excess if steps else np.zeros(m),
+            used=steps.used if steps else np.zeros(m),
+            measured=steps.measured if steps else np.zeros(1),
+            tick=np.zeros(1, dtype=np.int64),
+            order=np.zeros(0, dtype=np.int64),
+            spare=np.zeros(0, dtype=np.int64),
+        )
+
+    def listen(self) -> None:
+        """Keep answers from now on if somebody wants to know of them, in compiled code or outside."""
+        listeners = self.system.on_response
+        own = isinstance(self.overshoot, LinearPieces) and listeners == [self.overshoot.changed]
+        hearing = _ALL if self.system.log is not None else _RESPONSES if listeners else _NOBODY
+        if hearing != self.crowd.hearing or (own and hearing == _RESPONSES) != self.meter.lines:
+            self.meter = self.meter._replace(lines=own and hearing == _RESPONSES)
+            self.crowd = self.crowd._replace(hearing=hearing)
+            self._make_room_for_answers()
+
+    def _make_room_for_answers(self) -> None:
+        if self.crowd.hearing != _NOBODY:
+            space = self.crowd.room + TOLD_AT_ONCE
+            answers = _answers(space)
+            for new, old in zip(answers, self.crowd.answers, strict=True):
+                new[: len(old)] = old
+            self.crowd = self.crowd._replace(answers=answers)
+            if self.meter.lines:
+                order, spare = np.zeros((2, space), dtype=np.int64)
+                self.meter = self.meter._replace(order=order, spare=spare)
+
+    def send(self, signal: Signal, arrival: FloatArray, first_order: int) -> None:
+        """Put the members' copies of a broadcast on their way.
+
+        Parameters
+        ----------
+        signal : Signal
+            The bit.
+        arrival : ndarray, shape (n,)
+            When copies arrive; inf where they are lost.
+        first_order : int
+            The first of n order numbers that are set aside for these copies.
+        """
+        self.listen()
+        self.make_room(1)
+        accept(self.crowd, *signal, arrival, first_order, *self.system.env.acted)
+        if self.system.log is not None:
+            self._signals[first_order] = signal
+            for agent in np.flatnonzero(self.members & (arrival < self.system.until)).tolist():
+                time, order = float(arrival[agent]), first_order + agent
+                entry = (time, Entry.DELIVER, signal.resource, agent, signal.number, float(signal.copy))
+                heappush(self._landing, (time, order, entry))
+        # What is sent now is ahead of this event, even if it arrives at this instant.
+        self.system.env.forget_reached()
+
+    def make_room(self, rows: int) -> None:
+        """Make space for more copies where there is too little.
+
+        Parameters
+        ----------
+        rows : int
+            For how many copies of each agent.
+        """
+        flights = self.crowd.flights
+        needed = int(flights.aloft[0]) + rows * len(self.members)
+        if needed > self.crowd.room:
+            flights = enlarge(flights, 2 * needed)
+            self.crowd = self.crowd._replace(flights=flights, room=room(flights))
+            self._make_room_for_answers()
+
+    def settle(self) -> None:
+        """Let the members answer all copies that are due before what happens now."""
+        reached = self.system.env.reached
+        if reached != self._settled:
+            self._settled = reached
+            time, kind, order = reached
+            if time >= 0.0:
+                self._position = reached
+                self.flush()
+                own = Kind.ACT if self.crowd.grain else Kind.DELIVER
+                settle_and_fold(self.crowd, self.meter, time, _limit(kind, order, own))
+                if self.crowd.hearing != _NOBODY and not self.meter.lines:
+                    self._tell(reached)
+
+    def forget(self, agent: int, *, lost: bool) -> None:
+        """Drop a member's copies that have arrived by now.
+
+        Parameters
+        ----------
+        agent : int
+            i.
+        lost : bool
+            Whether they are lost, since it was away; if not, they were delivered.
+        """
+        if self.members[agent] and self.crowd.grain:
+            time, kind, order = self._position
+            forget(self.crowd, agent, time, _limit(kind, order, Kind.DELIVER), lost)
+
+    def _reprice(self, costs: Costs) -> None:
+        """Take in new private costs."""
+        gradient = _compiled_gradient(costs)
+        address = 0 if gradient is None else gradient.address
+        self.crowd = self.crowd._replace(table=cost_table(costs), gradient=address)
+
+    def flush(self) -> None:
+        """Have changes folded in that come before those of the members."""
+        if self.meter.lines and isinstance(self.overshoot, LinearPieces):
+            self.overshoot.flush()
+
+    def _tell(self, reached: tuple[float, int, int]) -> None:
+        """Tell of the answers since the last time, in the order of events."""
+        answers = self.crowd.answers
+        count = int(answers.held[0])
+        answers.held[0] = 0
+        told: list[tuple[float, int, int, int, LogEntry]] = []
+        while self._landing and (self._landing[0][0], Kind.DELIVER, self._landing[0][1]) < reached:
+            time, order, entry = heappop(self._landing)
+            if self.crowd.books.away[entry[3]]:
+                entry = (time, Entry.LOST, *entry[2:])
+            told.append((time, Kind.DELIVER, order, -1, entry))
+        rows = zip(
+            *(column[:count].tolist() for column in (answers.key.view(np.float64), *answers[1:5])),
+            strict=True,
+        )
+        for time, rank, agent, resource, change in rows:
+            signal = self._signals.get(rank - agent)
+            number = -1 if signal is None else signal.number
+            held = math.isnan(change)
+            # A demand that falls to what it was falls by 0.0, not -0.0.
+            answer: LogEntry = (time, Entry.HOLD, resource, agent, number, 0.0)
+            if not held:
+                answer = (time, Entry.RESPOND, resource, agent, number, 0.0 - change)
+            turn = (Kind.ACT, agent) if self.crowd.grain else (Kind.DELIVER, rank)
+            told.append((time, *turn, resource, answer))
+        told.sort()
+        log, listeners = self.system.log, self.system.on_response
+        for time, _, _, _, entry in told:
+            if entry[1] == Entry.RESPOND:
+                for tell in listeners:
+                    tell(time, entry[2], 0.0 - entry[5])
+        if log is not None:
+            log.extend([entry for *_, entry in told])
+
+
+def _limit(kind: int, order: int, own: Kind) -> int:
+    """Return the order below which what is of a kind of its own comes before (kind, order)."""
+    return LAST if kind > own else order if kind == own else 0
+
+
+def _answers(space: int) -> Answers:
+    key, rank, agent, resource = np.empty((4, space), dtype=np.int64)
+    return Answers(key, rank, agent, resource, np.empty(space), np.zeros(1, dtype=np.int64))
+
+
+def _compiled_gradient(costs: Any) -> Any:
+    """Return the user's gradient as compiled code can call it; None where costs are of a built-in family."""
+    if cost_table(costs).n_agents:
+        return None
+    if not isinstance(costs, CustomCosts) or not isinstance(costs.agent_gradient, Dispatcher):
+        raise InputError.of(
+            "agents",
+            "Fleet",
+            "Camera with costs whose gradient is plain Python",
+            "decorate the gradient with numba.njit, or choose agents=Camera",
+        )
+    return _callback(costs.agent_gradient, costs.n_resources)
+
+
+@lru_cache(maxsize=16)
+def _callback(gradient: Callable[..., Any], m: int) -> Any:
+    @numba.cfunc("void(int64, CPointer(float64), CPointer(float64))")  # type: ignore[untyped-decorator]
+    def call(agent: int, average: Any, out: Any) -> None:
+        values = gradient(agent, numba.carray(average, (m,)))
+        for j in range(m):
+            out[j] = values[j]
+
+    return call

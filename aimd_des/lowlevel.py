@@ -1,0 +1,40 @@
+"""What parts of one's own need: order of events, addressed draws, the run in progress, portable mathematics.
+
+These names are promised like those of `aimd_des` itself. Nothing else inside the package is.
+"""
+
+from aimd_des.channel import Broadcast, Channel, Copies, Draws, Link
+from aimd_des.dynamics.response import response_probability
+from aimd_des.engine.control_unit import ControlUnit
+from aimd_des.engine.delivery import Agent, ProcessGenerator, Signal
+from aimd_des.engine.environment import Kind, OrderedEnvironment
+from aimd_des.engine.system import System
+from aimd_des.utils.portable_math import exp, expm1, exps, log, log1p, logs, standard_normal
+from aimd_des.utils.rng import Purpose, generator, key, uniforms
+
+__all__ = [
+    "Agent",
+    "Broadcast",
+    "Channel",
+    "ControlUnit",
+    "Copies",
+    "Draws",
+    "Kind",
+    "Link",
+    "OrderedEnvironment",
+    "ProcessGenerator",
+    "Purpose",
+    "Signal",
+    "System",
+    "exp",
+    "expm1",
+    "exps",
+    "generator",
+    "key",
+    "log",
+    "log1p",
+    "logs",
+    "response_probability",
+    "standard_normal",
+    "uniforms",
+]

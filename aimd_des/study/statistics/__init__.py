@@ -1,0 +1,1 @@
+"""Statistics of replications and of long runs: intervals, stopping, batch means, steady state."""
