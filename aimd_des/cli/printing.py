@@ -2,16 +2,12 @@
 
 import os
 import sys
-from typing import TYPE_CHECKING
 
 import click
 
 from aimd_des.utils.terminal_text import fit
 
-if TYPE_CHECKING:
-    from rich.text import Text
-
-__all__ = ["let_go_of_output", "say", "styled"]
+__all__ = ["let_go_of_output", "say"]
 
 
 def say(text: str = "", *, err: bool = False, end: bool = True) -> None:
@@ -27,26 +23,6 @@ def say(text: str = "", *, err: bool = False, end: bool = True) -> None:
         Whether the last line ends with it.
     """
     click.echo(fit(text), err=err, nl=end)
-
-
-def styled(text: str, style: str = "") -> "Text":
-    """Make a text for a table or a heading; nothing in it is taken for markup.
-
-    Parameters
-    ----------
-    text : str
-        What it says.
-    style : str
-        How it looks, as rich has it.
-
-    Returns
-    -------
-    rich.text.Text
-        To be printed.
-    """
-    from rich.text import Text
-
-    return Text(fit(text), style=style)
 
 
 def let_go_of_output() -> None:

@@ -8,8 +8,8 @@ from rich.box import SIMPLE_HEAD
 from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
-from aimd_des.cli.printing import styled
 from aimd_des.utils.terminal_text import fit
 
 __all__ = ["interval", "plus_minus", "print_pairs", "print_table", "said", "shown"]
@@ -137,8 +137,8 @@ def print_pairs(title: str, pairs: Sequence[tuple[str, Any]]) -> None:
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
     for name, value in pairs:
-        table.add_row(styled(name), styled(said(value)))
-    console.print(styled(title, "bold"))
+        table.add_row(_styled(name), _styled(said(value)))
+    console.print(_styled(title, "bold"))
     console.print(table)
 
 
@@ -160,7 +160,7 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]
     heads = [*map(fit, columns)]
     cells = [[*map(fit, map(said, row[:labels])), *map(fit, map(shown, row[labels:]))] for row in rows]
     right = [_is_numeric([row[place] for row in rows]) for place in range(len(columns))]
-    console.print(styled(title, "bold"))
+    console.print(_styled(title, "bold"))
     for number, part in enumerate(_parts(_least_widths(heads, cells, right), labels, console.width)):
         if number:
             console.print()
@@ -168,14 +168,19 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]
         for place in part:
             # A text may be broken, a number may not: 12 in one line and 34 in the next are another number.
             table.add_column(
-                styled(heads[place]),
+                _styled(heads[place]),
                 justify="right" if right[place] else "left",
                 overflow="fold",
                 no_wrap=right[place],
             )
         for row in cells:
-            table.add_row(*(styled(row[place]) for place in part))
+            table.add_row(*(_styled(row[place]) for place in part))
         console.print(table)
+
+
+def _styled(text: str, style: str = "") -> Text:
+    """Make a text that steers no terminal, and of which nothing is taken for markup."""
+    return Text(fit(text), style=style)
 
 
 def _table(*, show_header: bool = True) -> Table:
