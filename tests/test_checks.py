@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aimd_des import InputError, SimulationError
-from aimd_des.utils import validation
+from aimd_des.utils import limits, validation
 
 
 def refusal(check: Callable[..., object], *arguments: Any, **options: Any) -> str:
@@ -242,7 +242,7 @@ def test_the_exceptions_are_what_callers_expect() -> None:
 
 @pytest.mark.parametrize("value", ["memory", "a b", "Zürich → Genève", "ذاكرة", "a" * 500, "$x^2$"])
 def test_text_takes_names_of_all_scripts(value: str) -> None:
-    assert validation.text("name", value) is value
+    assert limits.text("name", value) is value
 
 
 @pytest.mark.parametrize(
@@ -250,23 +250,23 @@ def test_text_takes_names_of_all_scripts(value: str) -> None:
 )
 def test_text_refuses_what_is_no_letter(value: str) -> None:
     with pytest.raises(InputError) as caught:
-        validation.text("name", value)
+        limits.text("name", value)
     assert str(caught.value) == f"name = {value!r}: must be on one line and without control characters"
 
 
 def test_text_refuses_pages_and_what_is_no_string() -> None:
     with pytest.raises(InputError, match=r"must be at most 500 letters long$"):
-        validation.text("name", "a" * 501)
+        limits.text("name", "a" * 501)
     with pytest.raises(InputError, match=r"^name = 5: must be a string that is not empty$"):
-        validation.text("name", 5)
+        limits.text("name", 5)
     with pytest.raises(InputError, match=r"^name = '': must be a string that is not empty$"):
-        validation.text("name", "")
-    assert validation.text("name", "", empty=True) == ""
+        limits.text("name", "")
+    assert limits.text("name", "", empty=True) == ""
 
 
 def test_memory_refuses_what_the_machine_has_not() -> None:
-    validation.memory("steps", 5, 1e6, "a byte for each")
+    limits.memory("steps", 5, 1e6, "a byte for each")
     with pytest.raises(
         InputError, match=r"^steps = 5: must be less: a byte for each would take 1e\+09 GB, and"
     ):
-        validation.memory("steps", 5, 1e18, "a byte for each")
+        limits.memory("steps", 5, 1e18, "a byte for each")

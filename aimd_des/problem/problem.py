@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aimd_des.problem.costs import Costs, CustomCosts, check_on_box
-from aimd_des.utils import validation
+from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
@@ -54,8 +54,8 @@ class Resource:
     unit: str = ""
 
     def __post_init__(self) -> None:
-        validation.text("name of a resource", self.name)
-        validation.text(f"unit of {self.name}", self.unit, empty=True)
+        limits.text("name of a resource", self.name)
+        limits.text(f"unit of {self.name}", self.unit, empty=True)
         clean = {
             "capacity": validation.number(self._field("capacity"), self.capacity, low=0.0, low_open=True),
             "increase": validation.per_agent(
@@ -168,7 +168,7 @@ class Problem:
         # A string alone is no list of names, though it is one of letters.
         names = tuple(given) if validation.axes(given) else ()
         for i, name in enumerate(names):
-            validation.text(f"agent_names[{i}]", name)
+            limits.text(f"agent_names[{i}]", name)
         if len(names) != self.n_agents or len(set(names)) != len(names):
             raise InputError.of("agent_names", given, f"{self.n_agents} different names")
         return names

@@ -32,7 +32,7 @@ from aimd_des.scenario.tables import (
     ResourceTable,
 )
 from aimd_des.synchronous.synchronous import run_discrete
-from aimd_des.utils import validation
+from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 
 __all__ = ["Scenario"]
@@ -133,7 +133,7 @@ class Scenario(Table):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        validation.text("title", self.title, empty=True)
+        limits.text("title", self.title, empty=True)
         validation.number("until", self.until, low=0.0, low_open=True)
         if self.dynamics == "synchronous" and self.until % 1.0:
             raise InputError.of("until", self.until, "a whole number of steps")

@@ -9,7 +9,7 @@ from aimd_des.scenario.base import described
 from aimd_des.scenario.messages import refused
 from aimd_des.scenario.parameters import as_data
 from aimd_des.study.columns import LABELS, MEASURES
-from aimd_des.utils import validation
+from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 
 __all__ = ["Axis", "Setting", "StudyTable", "Value"]
@@ -138,10 +138,10 @@ class Axis(StudyTable):
             raise InputError.of("key", self.key, reason)
         if not self.name:
             raise InputError.of("name", self.name, "given: it is the column of the cases")
-        validation.text("name", self.name)
+        limits.text("name", self.name)
         for value, _ in self.settings():
             if isinstance(value, str):
-                validation.text(f"value of axis {self.name!r}", value, empty=True)
+                limits.text(f"value of axis {self.name!r}", value, empty=True)
         if self.key == "seed" or any("seed" in case for case in (self.cases or {}).values()):
             raise InputError.of(
                 "key",

@@ -11,7 +11,7 @@ from aimd_des.scenario.settings import split_key, with_settings
 from aimd_des.study.axis import Axis, Setting, StudyTable, Value
 from aimd_des.study.columns import MEASURES, known_frame, known_measure
 from aimd_des.study.condition import Condition
-from aimd_des.utils import validation
+from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 
 __all__ = ["Precision", "Study", "place_of", "shown_labels"]
@@ -141,7 +141,7 @@ class Study(StudyTable):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        validation.text("title", self.title, empty=True)
+        limits.text("title", self.title, empty=True)
         validation.integer("replications", self.replications, low=1)
         validation.integer("seed", self.seed, low=0)
         for place, name in enumerate(self.measures or []):

@@ -17,7 +17,7 @@ from aimd_des.results.recording import Recording
 from aimd_des.results.result import Result
 from aimd_des.results.run_data import Account, Observations, Signals
 from aimd_des.synchronous.kernels import Control, Scratch, Watch, close_books, take_custom_steps, take_steps
-from aimd_des.utils import rng, validation
+from aimd_des.utils import limits, rng, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Purpose
 
@@ -140,7 +140,7 @@ def check_steps(field: str, steps: object, problem: Problem) -> int:
         If it is no integer of at least 1, or a byte for each step and resource does not fit into memory.
     """
     clean = validation.integer(field, steps, low=1)
-    validation.memory(field, clean, clean * problem.n_resources, "a byte for each step and resource")
+    limits.memory(field, clean, clean * problem.n_resources, "a byte for each step and resource")
     return clean
 
 

@@ -2,7 +2,6 @@
 
 import math
 import os
-import re
 from collections.abc import Iterable, Mapping, Sequence, Set
 from numbers import Integral, Real
 from pathlib import Path
@@ -24,17 +23,10 @@ __all__ = [
     "instance",
     "instances",
     "integer",
-    "memory",
     "number",
     "path",
     "per_agent",
-    "text",
 ]
-
-# Letters of a name, or of a title.
-_LONGEST_TEXT = 500
-# Control characters, what ends a line, and halves of pairs, which no file can hold.
-_NO_LETTER = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -478,64 +470,3 @@ def fits(field: str, value: npt.ArrayLike, n_agents: int) -> None:
     if np.ndim(value) and np.shape(value) != (n_agents,):
         remedy = "give one number for all agents or one for each"
         raise InputError.of(f"shape of {field}", np.shape(value), f"({n_agents},)", remedy)
-
-
-def memory(field: str, value: object, needed: float, what: str) -> None:
-    """Refuse what cannot fit into the memory of this machine.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave the value.
-    value : object
-        What was given.
-    needed : float
-        Bytes that it certainly needs.
-    what : str
-        What they hold.
-
-    Raises
-    ------
-    InputError
-        If they are more than the machine has.
-    """
-    try:
-        there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, OSError, ValueError):  # a system that does not tell
-        return
-    if needed > there:
-        allowed = (
-            f"less: {what} would take {needed / 1e9:,.3g} GB, and this machine has {there / 1e9:,.3g} GB"
-        )
-        raise InputError.of(field, value, allowed)
-
-
-def text(field: str, value: object, *, empty: bool = False) -> str:
-    """Return a name or a title that fits on one line, or refuse it by name.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave the value.
-    value : object
-        What was given.
-    empty : bool
-        Whether it may be empty.
-
-    Returns
-    -------
-    str
-        Without control characters and ends of lines, and of at most 500 letters.
-
-    Raises
-    ------
-    InputError
-        If it is no such string.
-    """
-    if not isinstance(value, str) or not (value or empty):
-        raise InputError.of(field, value, "a string" if empty else "a string that is not empty")
-    if len(value) > _LONGEST_TEXT:
-        raise InputError.of(field, value, f"at most {_LONGEST_TEXT} letters long")
-    if _NO_LETTER.search(value):
-        raise InputError.of(field, value, "on one line and without control characters")
-    return value
