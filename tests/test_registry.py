@@ -182,3 +182,22 @@ def test_models_of_the_project_are_found_by_reading() -> None:
     assert models_of("models") == []
     assert models_of("models.smart_cameras") == ["models.smart_cameras"]
     assert isinstance(made_by("models.classic_aimd", {}), Problem)
+
+
+def test_folders_are_shown_and_reported_without_their_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    module("kept_in_folders", function("mine", 3))
+    write('until = 5\nmodel = "kept_in_folders"\n', "own.toml")
+    write('base = "own.toml"\n', "study.toml")
+    assert invoke("run", "own.toml", "--out", "run", "--no-figures").exit_code == 0
+    assert invoke("sweep", "study.toml", "--out", "study", "--workers", "1").exit_code == 0
+
+    def looked_for(name: str) -> None:
+        raise AssertionError(name)
+
+    monkeypatch.setattr("aimd_des.registry._called", looked_for)
+    for folder in ("run", "study"):
+        assert invoke("show", folder).exit_code == 0
+        assert invoke("compare", folder, folder).exit_code == 0
+        assert invoke("report", folder).exit_code == 0
+    with pytest.raises(AssertionError, match="kept_in_folders"):
+        named_model("kept_in_folders")
