@@ -113,15 +113,15 @@ class _NoCache(NullCache):  # type: ignore[misc]  # numba has no type informatio
     def load_overload(self, sig: Any, target_context: Any) -> None:
         """Say that compiling takes its time, and that it will next time."""
         _say_that_nothing_is_kept("no folder for it can be written")
-        _announce(self._announced)
+        _announce(self._announced, once="")
 
 
-def _announce(announced: str) -> None:
+def _announce(announced: str, once: str = ", which is done once on a machine") -> None:
     """Say what is compiled: the first of many kernels speaks for all but those that take long."""
     what = announced or ("" if _TOLD else _FORMULAS)
     if what and what not in _TOLD:
         _TOLD.add(what)
-        _LOGGER.warning("compiling %s, which is done once on a machine; please wait", what)
+        _LOGGER.warning("compiling %s%s; please wait", what, once)
 
 
 @lru_cache(maxsize=1)
