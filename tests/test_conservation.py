@@ -130,7 +130,7 @@ class Configuration:
             *([Crash(1, at[1], at[1] + long[1])] if self.n > 1 else []),
             *([Join(2, at[2] + 0.5)] if self.n > 2 else []),
         ]
-        return [
+        declared = [
             *absences,
             CapacityStep(0, at[3], 0.6 * float(problem.capacity[0])),
             CapacityRamp(self.m - 1, at[4], at[4] + long[4], 1.3 * float(problem.capacity[-1]), steps=3),
@@ -138,6 +138,7 @@ class Configuration:
             Partition(at[1], long[3], [self.n - 1]),
             Failover(at[4], long[2]),
         ]
+        return [one for one in declared if getattr(one, "begins", 0.0) < self.until]
 
     def run(self, **recording: Any) -> Result:
         problem = random_problem(

@@ -300,7 +300,9 @@ def test_studies_without_runs_or_axes_have_a_page(tmp_path: Path) -> None:
 def test_failed_runs_are_listed(tmp_path: Path) -> None:
     results = results_of(study_of(AXES), tmp_path)
     (tmp_path / "failed").mkdir()
-    (tmp_path / "failed" / "0-1.json").write_text(json.dumps({"message": HOSTILE, "scenario": ""}))
+    (tmp_path / "failed" / "0-1.json").write_text(
+        json.dumps({"key": "0-1", "message": HOSTILE, "scenario": ""})
+    )
     page = report_study(results)
     assert page.tables[1].rows == [["0", "0", "tree", "1", HOSTILE]]
     assert ("Runs", "0 of 24, 1 failed, 23 missing") in page.facts

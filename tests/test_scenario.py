@@ -67,7 +67,9 @@ def refusals(text: str) -> list[str]:
 # -- what is written is what is read ---------------------------------------------------------------------
 
 POSITIVE = st.floats(1e-300, 1e300)
-TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
+# Whatever fits on a line.
+LETTERS = st.characters(exclude_categories=["Cs", "Cc", "Zl", "Zp"])
+TEXT = st.text(LETTERS, max_size=20)
 
 
 @st.composite
@@ -129,7 +131,7 @@ def inline_problems(draw: st.DrawFn) -> dict[str, Any]:
     share = st.floats(0.0, 0.999)
     table = st.fixed_dictionaries(
         {
-            "name": st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=9),
+            "name": st.text(LETTERS, min_size=1, max_size=9),
             "capacity": POSITIVE | st.integers(1, 9),
             "increase": POSITIVE | st.lists(POSITIVE, min_size=n, max_size=n),
             "decrease": share | st.lists(share, min_size=n, max_size=n),
