@@ -10,9 +10,10 @@ import pytest
 
 from aimd_des import InputError, Problem, Result
 from aimd_des.channel import Broadcast, BroadcastChannel, Draws
+from aimd_des.channel.broadcast import CompiledLink
 from aimd_des.engine.simulation import Simulation
-from aimd_des.latency import Constant
-from aimd_des.loss import Bernoulli
+from aimd_des.latency import Constant, Uniform
+from aimd_des.loss import Bernoulli, GilbertElliott, Trace
 from aimd_des.utils.rng import Purpose, key
 from models import smart_cameras
 from tests.conftest import quadratic_problem, quietly, random_problem, reference_draws
@@ -84,6 +85,22 @@ def test_whether_a_copy_is_doubled_has_nothing_to_do_with_losses(latency: Any) -
         assert np.array_equal(np.isfinite(copies.arrival), kept)
         assert np.array_equal(np.isfinite(copies.second), kept & doubled)
         assert (kept & doubled).any()
+
+
+@pytest.mark.parametrize("loss", [0.3, GilbertElliott(0.5, 10.0), Trace([0, 1, 1], repeat=False)])
+def test_a_link_that_is_renewed_has_forgotten_what_was_sent(loss: Any) -> None:
+    keys = {purpose: key(4, purpose) for purpose in Purpose}
+    channel = BroadcastChannel(Uniform(0.0, 9.0), loss=loss, fifo=True)
+    used, fresh = channel.open(50, keys), channel.open(50, keys)
+    assert isinstance(used, CompiledLink)
+    for number in range(3):
+        used.transmit(Broadcast(0, number, 100.0 + number), 100.0 + number)
+    used.renew()
+    for number in range(3):
+        expected = fresh.transmit(Broadcast(0, number, float(number)), float(number)).arrival
+        assert np.array_equal(
+            used.transmit(Broadcast(0, number, float(number)), float(number)).arrival, expected
+        )
 
 
 def test_where_everything_is_lost_nobody_ever_responds() -> None:

@@ -272,6 +272,13 @@ def test_what_is_no_whole_number_of_steps_is_refused() -> None:
 # -- what is refused -------------------------------------------------------------------------------------
 
 
+def test_a_line_within_a_text_is_no_key() -> None:
+    title, rest = INLINE.split("\n", 1)
+    text = rest.replace("until = 60", "until = true").replace("seed = 4", 'title = """\nuntil = 60\n"""')
+    assert title.startswith("title")
+    assert refusals(text)[0].startswith("1: until = ")
+
+
 @pytest.mark.parametrize(
     ("old", "new", "line", "sentence"),
     [

@@ -186,6 +186,14 @@ def test_nothing_stops_before_its_scatter_is_known(
     assert replications_needed(values, half_width, 0.95, 10, 30) == wanted
 
 
+def test_intervals_narrow_as_one_over_the_root() -> None:
+    """For 0.9 of the half-width that 20 values reach, 20 / 0.9**2 = 24.7 are needed, and not 20 / 0.9."""
+    values = rng(12).normal(TRUTH, 2.0, 20)
+    reached = mean_interval(values).half_width
+    assert replications_needed(values, 0.9 * reached, 0.95, 10, 100) == 25
+    assert replications_needed(values, 0.1 * reached, 0.95, 10, 100) == 40
+
+
 def test_an_interval_that_is_just_narrow_enough_is_narrow_enough() -> None:
     values = rng(11).normal(TRUTH, 2.0, 12)
     reached = mean_interval(values).half_width

@@ -386,6 +386,17 @@ def test_measures_and_frames_are_those_of_a_result() -> None:
 # -- how many replications -------------------------------------------------------------------------------
 
 
+def test_replications_that_a_folder_has_already_stay_in_the_plan() -> None:
+    """Three would do, and a folder from a sweep that asked for more has seven of the second point."""
+    precision = {"measure": "utilisation", "half_width": 1e3, "at_most": 40}
+    made = study(axes=[LATENCY], replications=3, precision=precision)
+    points = expand(made)
+    schedule = Schedule(made, points, {points[1].name: 7})
+    while (run := schedule.next()) is not None:
+        schedule.record(run, [("memory", float(run.replication))])
+    assert [sum(run.point is point for run in schedule.runs) for point in points] == [3, 7, 3]
+
+
 @pytest.mark.parametrize(
     ("succeeds", "reached"), [("never", 5), ("the first", 40), ("every other", 40), ("always", 40)]
 )
