@@ -16,6 +16,7 @@ from aimd_des.study import Axis, Precision, Study, read_study
 from aimd_des.study.columns import FRAMES, MEASURES
 from aimd_des.study.condition import Condition
 from aimd_des.study.points import expand, run_of
+from aimd_des.study.run_tables import summary_of
 from aimd_des.study.schedule import Schedule
 from tests.conftest import INLINE, quadratic_problem, quietly
 
@@ -106,6 +107,7 @@ def test_a_condition_leaves_points_out() -> None:
         ("kind not in ['a', 'b'] or -latency % 2 > 0", True),
         ("channel.delay / (latency + 1) >= +1.75", True),
         ("kind == 'c'", False),
+        ("3 > latency > 2", False),  # each is compared with its neighbour
     ],
 )
 def test_conditions(text: str, expected: bool) -> None:
@@ -365,6 +367,7 @@ def test_runs_are_fleets_that_record_only_what_is_kept() -> None:
     assert recording() == ("fleet", "end", "end", 0, False)
     assert recording("demand") == ("fleet", "auto", "end", 100, False)
     assert recording("allocations", "events") == ("fleet", "end", "auto", 100, True)
+    assert recording("tracking") == ("fleet", "end", "auto", 100, False)
     assert recording(agents="process", recording={"demand": 5.0}) == ("process", 5.0, "end", 0, False)
 
 
@@ -381,6 +384,19 @@ def test_measures_and_frames_are_those_of_a_result() -> None:
     }
     assert kinds == MEASURES
     assert all(hasattr(Result, name) for name in FRAMES)
+
+
+def test_a_run_is_held_against_the_problem_at_its_end() -> None:
+    step = {"kind": "capacity_step", "resource": "memory", "at": 30.0, "capacity": 1.5}
+    names = ["relative_error", "cost_ratio", "utilisation"]
+    found = []
+    for interventions in ([], [step]):
+        scenario = expand(study(scenario={**BASE, "interventions": interventions}))[0].scenario
+        result = quietly(scenario.run)
+        found.append(summary_of(scenario, result, names))
+        for name, values in result.measures(names=names).items():
+            assert found[-1][name] == pytest.approx(values.tolist(), rel=1e-9)
+    assert found[0]["relative_error"] != pytest.approx(found[1]["relative_error"], rel=0.1)
 
 
 # -- how many replications -------------------------------------------------------------------------------
