@@ -12,6 +12,7 @@ import pytest
 from aimd_des import InputError
 from aimd_des.report import report_run, report_study, write_page
 from aimd_des.report.html_page import render
+from aimd_des.report.run_charts import demand_charts
 from aimd_des.report.verdicts import percent, shown, verdict
 from aimd_des.scenario.stored_run import load_run
 from tests.command_line import everything, invoke, refusal, run, write
@@ -155,6 +156,17 @@ def test_long_runs_are_drawn_with_few_rows(monkeypatch: pytest.MonkeyPatch) -> N
     assert rows["rate"].iloc[0] == pytest.approx(
         (first["resource"] == rows["resource"].iloc[0]).sum() / step, rel=1e-4
     )
+
+
+def test_a_signal_just_before_the_end_is_in_the_last_hundredth(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("aimd_des.report.run_charts._MOST_SIGNALS", 1)
+    until = 13.7
+    last = np.nextafter(until, 0.0)
+    assert last / (until / 100) == 100.0
+    signals = pd.DataFrame({"time": [13.6, last], "resource": "memory"})
+    demand = pd.DataFrame({"time": [0.0], "resource": "memory", "total": 1.0, "average": 1.0})
+    rows = values(demand_charts(demand, signals, ["memory"], until)[1].spec)
+    assert [row["signals"] for row in rows] == [2]
 
 
 def test_what_is_not_shown_is_said() -> None:
@@ -307,6 +319,18 @@ def test_failed_runs_are_listed(tmp_path: Path) -> None:
     assert page.tables[1].rows == [["0", "0", "tree", "1", HOSTILE]]
     assert ("Runs", "0 of 24, 1 failed, 23 missing") in page.facts
     assert Parsed(render(page)).texts["th"].count(HOSTILE) > 0
+
+
+def test_of_many_runs_that_failed_the_first_are_listed(tmp_path: Path) -> None:
+    results = results_of(study_of(AXES), tmp_path)
+    (tmp_path / "failed").mkdir()
+    for key in results.plan["key"]:
+        (tmp_path / "failed" / f"{key}.json").write_text(
+            json.dumps({"key": key, "message": key, "scenario": ""})
+        )
+    table = report_study(results).tables[1]
+    assert table.title == "Runs that failed: 24, of which the first 20 are listed"
+    assert [row[-1] for row in table.rows] == results.plan["key"].tolist()[:20]
 
 
 def test_a_large_study_is_a_small_file(tmp_path: Path) -> None:
