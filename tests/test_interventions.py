@@ -383,6 +383,16 @@ def test_prices_are_drawn_at_their_interval(agents: Any) -> None:
     assert multipliers / multipliers[0] == pytest.approx(np.array([[1, 1], [1, 1], [2, 2], [3, 3]]), rel=1e-6)
 
 
+def test_costs_that_couple_resources_do_not_follow_those_that_do_not() -> None:
+    """Agents that are separable compute the averages of one resource only."""
+    problem = random_problem(2, 3, 2, "custom")
+    coupled = random_problem(2, 3, 2, "custom coupled").costs
+    assert type(coupled) is type(problem.costs)
+    assert problem.costs.separable != coupled.separable
+    with pytest.raises(InputError, match="of the same family"):
+        run(problem, 5.0, Prices(1.0, lambda k: coupled))
+
+
 # -- the optimum follows ---------------------------------------------------------------------------------
 
 

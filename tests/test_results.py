@@ -6,7 +6,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aimd_des import PolynomialCosts, Problem, Recording, Result, run_discrete, solve_optimum
+from aimd_des import (
+    BroadcastChannel,
+    PolynomialCosts,
+    Problem,
+    Recording,
+    Result,
+    run_discrete,
+    solve_optimum,
+)
 from aimd_des.engine.simulation import Simulation
 from tests.conftest import quietly, random_problem, resource
 
@@ -210,3 +218,13 @@ def test_arrays_at_the_end_have_a_row_for_each_agent() -> None:
     assert result.demand_at_end.shape == result.average_at_end.shape == (5, 3)
     assert np.array_equal(result.demand_at_end.T, result.observations.demand[-1])
     assert result.account.responses.shape == (3, 5)
+
+
+def test_every_duplicate_that_arrives_is_in_the_summary() -> None:
+    problem = random_problem(3, 4, 2)
+    channel = BroadcastChannel(duplication=1.0)
+    summary = quietly(Simulation(problem, channel=channel, seed=2).run, 60.0).summary()
+    assert (
+        summary["duplicated"].tolist() == summary["delivered"].tolist() == (4 * summary["signals"]).tolist()
+    )
+    assert (summary["duplicated"] > 0).all()

@@ -412,3 +412,10 @@ def test_points_that_share_a_problem_have_one_digest(whole: StudyResults) -> Non
     (only,) = digests["problems"].values()
     assert only["points"] == whole.plan["point"].unique().tolist()
     assert set(only["parts"]) >= {"capacity", "increase", "decrease", "costs"}
+
+
+def test_a_file_that_is_being_written_is_no_run(tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    for name in ("a.parquet", ".b.parquet.0123.tmp"):
+        (tmp_path / "runs" / name).touch()
+    assert Store(tmp_path).keys("runs") == {"a"}
