@@ -47,22 +47,7 @@ _COMPILED = {Constant, Empirical, Exponential, LogNormal, Pareto, ShiftedGamma, 
 def compiled_models(
     latency: Latency, loss: LossProcess, n_links: int
 ) -> tuple[LatencyTable, LossTable] | None:
-    """Lay out the models of a channel for compiled code, if there are formulas for both.
-
-    Parameters
-    ----------
-    latency : Latency
-        The model of latency.
-    loss : LossProcess
-        The losses of the run.
-    n_links : int
-        How many links there are.
-
-    Returns
-    -------
-    tuple of LatencyTable and LossTable, or None
-        None where one of them is the user's own.
-    """
+    """Lay out the models of a channel for compiled code, if there are formulas for both."""
     if type(loss) is not TabledLoss or type(latency) not in _COMPILED:
         return None
     assert isinstance(latency, Parametrised)  # noqa: S101 - all of these are
@@ -122,50 +107,18 @@ class DrawnLink:
     latest: FloatArray | None
 
     def draw(self, broadcast: Broadcast, departure: float) -> Copies:
-        """Draw when copies arrive if nothing is in their way.
-
-        Parameters
-        ----------
-        broadcast : Broadcast
-            The signal.
-        departure : float
-            When it leaves the control unit.
-
-        Returns
-        -------
-        Copies
-            Fresh arrays.
-        """
+        """Draw when copies arrive if nothing is in their way."""
         raise NotImplementedError
 
     def keep_order(self, copies: Copies) -> None:
-        """Let copies that leave now overtake nobody on their links.
-
-        Parameters
-        ----------
-        copies : Copies
-            As drawn, without those that are cut: they hold nobody back.  Receive when they arrive.
-        """
+        """Let copies that leave now overtake nobody on their links."""
         if self.latest is not None:
             for arrival in copies:
                 if arrival is not None:
                     put_in_order(self.latest, arrival)
 
     def transmit(self, broadcast: Broadcast, departure: float) -> Copies:
-        """Say what becomes of a broadcast where nothing is cut.
-
-        Parameters
-        ----------
-        broadcast : Broadcast
-            The signal.
-        departure : float
-            When it leaves the control unit.
-
-        Returns
-        -------
-        Copies
-            When they arrive.
-        """
+        """Say what becomes of a broadcast where nothing is cut."""
         copies = self.draw(broadcast, departure)
         self.keep_order(copies)
         return copies
@@ -246,38 +199,14 @@ class BroadcastChannel:
 
 
 class CompiledLink(DrawnLink):
-    """A channel of built-in models in one run.
-
-    Parameters
-    ----------
-    table : ChannelTable
-        The channel, as compiled code takes it.
-    """
+    """A channel of built-in models in one run."""
 
     def __init__(self, table: ChannelTable) -> None:
         self.table = table
         self.latest = table.latest if table.fifo else None
 
     def draw(self, broadcast: Broadcast, departure: float) -> Copies:
-        """Draw loss, latency and duplication of every copy.
-
-        Parameters
-        ----------
-        broadcast : Broadcast
-            The signal.
-        departure : float
-            When it leaves the control unit.
-
-        Returns
-        -------
-        Copies
-            When they arrive.
-
-        Raises
-        ------
-        SimulationError
-            If a record of losses has ended, or bursts of loss are asked for an earlier time.
-        """
+        """Draw loss, latency and duplication of every copy."""
         arrival, second = np.empty((2, len(self.table.duplication)))
         code = transmit(self.table, broadcast.resource, broadcast.number, departure, arrival, second)
         if code:

@@ -20,31 +20,7 @@ _TRUTHS = {"true", "false"}
 def read_columns(
     path: str | Path, columns: Sequence[str] | None, parse: Callable[[str], _Cell], allowed: str
 ) -> list[list[_Cell]]:
-    """Read columns of a CSV file whose first line holds their names.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file, in UTF-8, with commas between the cells.
-    columns : sequence of str, optional
-        Names of the columns; all of them, in the order of the file, unless given.
-    parse : callable
-        Turns the text of a cell into its value; raises ValueError where it cannot.
-    allowed : str
-        What a cell may hold, to be read after "must be".
-
-    Returns
-    -------
-    list of list
-        The values of each column.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or has no rows, its first line holds values in place of names, a
-        column is missing (naming the nearest one) or stands there twice, or a cell is refused
-        (naming its row, counted from 1 below the names).
-    """
+    """Read columns of a CSV file whose first line holds their names."""
     known, rows = _rows(validation.path("path", path))
     _refuse_values(path, known, parse)
     values = []

@@ -57,20 +57,7 @@ class NetworkTable(NamedTuple):
 def network_table(
     tail: npt.ArrayLike = (), head: npt.ArrayLike = (), agent: npt.ArrayLike = ()
 ) -> NetworkTable:
-    """Lay out a network for compiled code; without arguments, none.
-
-    Parameters
-    ----------
-    tail, head : array_like of int, shape (a,)
-        From which node each arc leads to which, in the order of the arcs' numbers.
-    agent : array_like of int, shape (n,)
-        The node of each agent.
-
-    Returns
-    -------
-    NetworkTable
-        With working memory of its own.
-    """
+    """Lay out a network for compiled code; without arguments, none."""
     tails, heads = np.array(tail, dtype=np.int64), np.array(head, dtype=np.int64)
     n_nodes = int(heads.max()) + 1 if len(heads) else 0
     arc = np.argsort(tails, kind="stable")
@@ -87,19 +74,7 @@ def network_table(
 
 @routine
 def spread(network: NetworkTable, lost: BoolArray, departure: float, arrival: FloatArray) -> None:
-    """Let a broadcast run over the arcs.
-
-    Parameters
-    ----------
-    network : NetworkTable
-        With the latencies of the broadcast, each at least 0.
-    lost : ndarray of bool, shape (a,)
-        Whether each arc loses it, by number of the arc.
-    departure : float
-        When it leaves the control unit.
-    arrival : ndarray, shape (n,)
-        Receives when it reaches each agent; inf where it does not.
-    """
+    """Let a broadcast run over the arcs."""
     time, fresh = network.time, network.fresh
     time[:] = np.inf
     fresh[:] = False

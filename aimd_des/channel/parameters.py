@@ -21,51 +21,14 @@ _EXAMPLES = {"latency": "Exponential(0.5)", "loss": "Bernoulli(0.1)"}
 
 
 def take(model: object, *names: str, **bounds: Any) -> None:
-    """Check parameters of a frozen model and put the clean values in their place.
-
-    Parameters
-    ----------
-    model : object
-        The model, in its constructor.
-    *names : str
-        Its parameters with these bounds; refused as "Model.name".
-    **bounds
-        As for `validation.per_agent`.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
-    """
+    """Check parameters of a frozen model and put the clean values in their place."""
     for name in names:
         clean = validation.per_agent(f"{type(model).__name__}.{name}", getattr(model, name), **bounds)
         object.__setattr__(model, name, clean)
 
 
 def model_of(field: str, given: Any, kind: type, plain: Callable[[Any], Any]) -> Any:
-    """Return a model of latency or loss as it is, or make the plain one of numbers.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave it.
-    given : object
-        What was given.
-    kind : type
-        `Latency` or `Loss`.
-    plain : callable
-        Makes the model of a number, or of one for each agent; refuses those that are none.
-
-    Returns
-    -------
-    Latency or Loss
-        A model.
-
-    Raises
-    ------
-    InputError
-        If it is neither numbers nor a model.
-    """
+    """Return a model of latency or loss as it is, or make the plain one of numbers."""
     if isinstance(given, Real | np.ndarray) or validation.axes(given):
         return plain(given)
     name = kind.__name__.lower()
@@ -74,22 +37,7 @@ def model_of(field: str, given: Any, kind: type, plain: Callable[[Any], Any]) ->
 
 
 def fit(model: object, names: tuple[str, ...], n_agents: int | None = None) -> None:
-    """Refuse arrays that have not one value for each agent.
-
-    Parameters
-    ----------
-    model : object
-        The model.
-    names : tuple of str
-        Its parameters that may be arrays.
-    n_agents : int, optional
-        n; where it is not known yet, arrays are held to the length of the first.
-
-    Raises
-    ------
-    InputError
-        Naming both lengths.
-    """
+    """Refuse arrays that have not one value for each agent."""
     for name in names:
         value = getattr(model, name)
         if np.ndim(value):
@@ -98,24 +46,7 @@ def fit(model: object, names: tuple[str, ...], n_agents: int | None = None) -> N
 
 
 def refuse(model: object, name: str, wrong: npt.ArrayLike, allowed: str) -> None:
-    """Refuse a parameter where it does not go with another one.
-
-    Parameters
-    ----------
-    model : object
-        The model, in its constructor.
-    name : str
-        The parameter.
-    wrong : array_like of bool
-        Where, for all agents or for each.
-    allowed : str
-        What is allowed, to be read after "must be".
-
-    Raises
-    ------
-    InputError
-        Naming the first element that is wrong, if there is one.
-    """
+    """Refuse a parameter where it does not go with another one."""
     found = np.flatnonzero(wrong)
     if len(found):
         values = getattr(model, name)
@@ -125,18 +56,7 @@ def refuse(model: object, name: str, wrong: npt.ArrayLike, allowed: str) -> None
 
 
 def scalar_or_row(value: Any) -> float | FloatArray:
-    """Return a number where all agents share it, else an array that cannot be written to.
-
-    Parameters
-    ----------
-    value : array_like
-        A scalar, or an array of shape (n,).
-
-    Returns
-    -------
-    float or ndarray of shape (n,)
-        The same numbers.
-    """
+    """Return a number where all agents share it, else an array that cannot be written to."""
     row = np.array(value, dtype=np.float64)
     if not row.ndim:
         return float(row)

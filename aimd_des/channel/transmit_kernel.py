@@ -70,28 +70,7 @@ def channel_table(
     keys: Mapping[Purpose, Key],
     network: NetworkTable | None = None,
 ) -> ChannelTable:
-    """Lay out a channel for compiled code, at the start of a run.
-
-    Parameters
-    ----------
-    latency : LatencyTable
-        The model of latency, for each link.
-    loss : LossTable
-        The model of loss, for each link.
-    duplication : float or array_like, shape (n,)
-        Probability that a copy which is not lost arrives twice; 0 where there is a network.
-    fifo : bool
-        Whether links are; not where there is a network.
-    keys : mapping of Purpose to Key
-        The run's keys of random numbers.
-    network : NetworkTable, optional
-        Whose arcs the links are.
-
-    Returns
-    -------
-    ChannelTable
-        Nothing has been sent yet.
-    """
+    """Lay out a channel for compiled code, at the start of a run."""
     links = len(latency.first)
     n = links if network is None else len(network.agent)
     return ChannelTable(
@@ -112,16 +91,7 @@ def channel_table(
 
 @kernel
 def put_in_order(latest: FloatArray, arrival: FloatArray) -> None:
-    """Let no copy overtake another one on its link.
-
-    Parameters
-    ----------
-    latest : ndarray, shape (n,)
-        The last arrival on each link; moves on.
-    arrival : ndarray, shape (n,)
-        When copies arrive if nothing is in their way, in the order in which they leave; inf where they are
-        lost, or cut.  Receives when they arrive.
-    """
+    """Let no copy overtake another one on its link."""
     for i in range(arrival.shape[0]):
         arrival[i] = max(arrival[i], latest[i])
         if arrival[i] < np.inf:
@@ -144,26 +114,7 @@ def _transmit_seconds(
 def transmit(
     table: ChannelTable, resource: int, number: int, departure: float, arrival: FloatArray, second: FloatArray
 ) -> int:
-    """Draw loss, latency and duplication of every copy of a broadcast; `put_in_order` comes after it.
-
-    Parameters
-    ----------
-    table : ChannelTable
-        The channel; its memory of losses moves on.
-    resource, number : int
-        The broadcast.
-    departure : float
-        When it leaves the control unit.
-    arrival : ndarray, shape (n,)
-        Receives when each agent's copy arrives; inf where it is lost.
-    second : ndarray, shape (n,)
-        Receives when a duplicate arrives, inf where there is none; left alone if there cannot be any.
-
-    Returns
-    -------
-    int
-        0, or what `refuse_loss` has words for.
-    """
+    """Draw loss, latency and duplication of every copy of a broadcast; `put_in_order` comes after it."""
     lost, spare, network = table.lost, table.spare, table.network
     code = loss_row(table.loss, table.loss_key, resource, number, departure, 0, lost, spare)
     networked = network.head.shape[0] > 0

@@ -88,23 +88,7 @@ class Entry:
 
 
 def entries(topic: str) -> list[Entry]:
-    """List what there is of one topic.
-
-    Parameters
-    ----------
-    topic : str
-        One of `TOPICS`.
-
-    Returns
-    -------
-    list of Entry
-        In the order in which it is shown.
-
-    Raises
-    ------
-    InputError
-        If a module of the user's models cannot be imported.
-    """
+    """List what there is of one topic."""
     if topic == "scenarios":
         return [*_scripts(), *_files()]
     from aimd_des.scenario.kinds import kinds, kinds_of

@@ -21,20 +21,7 @@ _MOST_POINTS = 5
 
 
 def compare_studies(first: Path, second: Path, measures: Sequence[str] = ()) -> None:
-    """Print in which keys two studies differ, and the differences of means at the points that both have.
-
-    Parameters
-    ----------
-    first, second : Path
-        The folders.
-    measures : sequence of str
-        Which; the main ones unless given.
-
-    Raises
-    ------
-    InputError
-        If they have no point in common, or one does not keep a measure.
-    """
+    """Print in which keys two studies differ, and the differences of means at the points that both have."""
     from aimd_des.study import load_study
 
     one, other = load_study(first), load_study(second)

@@ -22,25 +22,7 @@ class Refusal(click.ClickException):
 
 @contextmanager
 def refusing(about: object = "") -> Iterator[None]:
-    """End the command with a sentence where its block raises one of our exceptions.
-
-    Parameters
-    ----------
-    about : object
-        What a mistake is about, such as the path of a file; it is named before the sentence.
-
-    Yields
-    ------
-    None
-        Nothing.
-
-    Raises
-    ------
-    Refusal
-        For an `InputError`: exit code 2.
-    click.ClickException
-        For a `SimulationError`, or where there is not enough memory: exit code 1.
-    """
+    """End the command with a sentence where its block raises one of our exceptions."""
     try:
         yield
     except InputError as refusal:
@@ -54,23 +36,7 @@ def refusing(about: object = "") -> Iterator[None]:
 
 @contextmanager
 def writing(place: Path) -> Iterator[None]:
-    """End the command with a sentence where its block cannot write.
-
-    Parameters
-    ----------
-    place : Path
-        The file or folder that is written.
-
-    Yields
-    ------
-    None
-        Nothing.
-
-    Raises
-    ------
-    Refusal
-        For an `OSError`: exit code 2.
-    """
+    """End the command with a sentence where its block cannot write."""
     try:
         yield
     except OSError as failure:

@@ -11,17 +11,7 @@ __all__ = ["let_go_of_output", "say"]
 
 
 def say(text: str = "", *, err: bool = False, end: bool = True) -> None:
-    """Print a text.
-
-    Parameters
-    ----------
-    text : str
-        One line or more.
-    err : bool
-        Whether to the standard error.
-    end : bool
-        Whether the last line ends with it.
-    """
+    """Print a text."""
     click.echo(fit(text), err=err, nl=end)
 
 

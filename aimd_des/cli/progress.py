@@ -16,11 +16,6 @@ class RunProgress:
     """A bar with simulated time and how much of it passes in a second, shown for runs of a second or more.
 
     The rate is counted from the first news of the run: before that, code may have been compiled.
-
-    Parameters
-    ----------
-    until : float
-        The end of the run, in units of simulated time.
     """
 
     def __init__(self, until: float) -> None:
@@ -47,15 +42,7 @@ class RunProgress:
             self._bar.stop()
 
     def update(self, now: float, events: int) -> None:
-        """Take note of how far the run is.
-
-        Parameters
-        ----------
-        now : float
-            Simulated time.
-        events : int
-            Events handled so far: they differ with how agents are represented, and say nothing here.
-        """
+        """Take note of how far the run is."""
         clock = time.monotonic()
         if self._first is None:
             self._first = clock, now

@@ -16,20 +16,7 @@ _PROBLEM = ("resources", "costs")
 
 
 def show_run(run: StoredRun, measures: Sequence[str] = ()) -> None:
-    """Print what was run, with which versions, and the measures of each resource.
-
-    Parameters
-    ----------
-    run : StoredRun
-        The folder.
-    measures : sequence of str
-        Which; all unless given.
-
-    Raises
-    ------
-    InputError
-        If the run has no such measure.
-    """
+    """Print what was run, with which versions, and the measures of each resource."""
     _chosen(run, measures)
     of_model = "model" in run.scenario
     given = {key: value for key, value in run.scenario.items() if of_model or key not in _PROBLEM}
@@ -47,22 +34,7 @@ def _written_out(run: StoredRun) -> str:
 
 
 def print_measures(title: str, run: StoredRun, measures: Sequence[str] = ()) -> None:
-    """Print a line for each measure and a column for each resource.
-
-    Parameters
-    ----------
-    title : str
-        Above the table.
-    run : StoredRun
-        The folder.
-    measures : sequence of str
-        Which; all unless given.
-
-    Raises
-    ------
-    InputError
-        If the run has no such measure.
-    """
+    """Print a line for each measure and a column for each resource."""
     rows = [[_words(name), *(of[name] for of in run.measures.values())] for name in _chosen(run, measures)]
     print_table(title, ["measure", *run.measures], rows)
 
@@ -83,20 +55,7 @@ def _chosen(run: StoredRun, measures: Sequence[str]) -> list[str]:
 
 
 def compare_runs(first: StoredRun, second: StoredRun, measures: Sequence[str] = ()) -> None:
-    """Print in which keys two runs differ, whether their digests are equal, and their measures side by side.
-
-    Parameters
-    ----------
-    first, second : StoredRun
-        The folders.
-    measures : sequence of str
-        Which; all that both have unless given.
-
-    Raises
-    ------
-    InputError
-        If they have no resource in common, or a run has no such measure.
-    """
+    """Print where two runs differ, whether their digests are equal, and their measures side by side."""
     shared = [name for name in first.measures if name in second.measures]
     if not shared:
         own = f"{', '.join(first.measures)} and {', '.join(second.measures)}"

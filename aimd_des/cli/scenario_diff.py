@@ -13,15 +13,7 @@ HEADS = ("first", "second")
 
 
 def print_differences(found: Sequence[Sequence[str]], none: str) -> None:
-    """Print a line for each key that differs.
-
-    Parameters
-    ----------
-    found : sequence of sequence of str
-        From `differences`.
-    none : str
-        What is said where there are none.
-    """
+    """Print a line for each key that differs."""
     if found:
         print_table("What differs", ["key", *HEADS], found)
     else:
@@ -29,18 +21,7 @@ def print_differences(found: Sequence[Sequence[str]], none: str) -> None:
 
 
 def differences(first: Any, second: Any) -> list[list[str]]:
-    """Name the keys in which two tables differ.
-
-    Parameters
-    ----------
-    first, second : dict
-        As TOML has them.
-
-    Returns
-    -------
-    list of list of str
-        Key and both values; a dash where a key is missing.
-    """
+    """Name the keys in which two tables differ."""
     one, other = flat(first), flat(second)
     found = []
     for key in dict.fromkeys([*one, *other]):
@@ -61,20 +42,7 @@ def _closer(first: Any, second: Any) -> list[str]:
 
 
 def flat(table: Any, above: str = "") -> dict[str, Any]:
-    """Name every value of a scenario by its path, such as "channel.latency" or "resources.0.capacity".
-
-    Parameters
-    ----------
-    table : dict or list
-        As TOML has it.
-    above : str
-        The path of the table itself.
-
-    Returns
-    -------
-    dict
-        Path to value; lists of values are values, lists of tables are not.
-    """
+    """Name every value of a scenario by its path, such as "channel.latency" or "resources.0.capacity"."""
     if isinstance(table, dict) and (table or not above):
         items = list(table.items())
     elif isinstance(table, list) and table and all(isinstance(part, dict) for part in table):

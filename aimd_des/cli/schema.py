@@ -39,18 +39,7 @@ def command(kind: str, out: Path | None) -> None:
 
 
 def schema_of(kind: str) -> dict[str, Any]:
-    """Give the schema of files of a kind.
-
-    Parameters
-    ----------
-    kind : {"scenario", "study"}
-        Which.
-
-    Returns
-    -------
-    dict
-        JSON Schema of draft 7.
-    """
+    """Give the schema of files of a kind."""
     if kind == "scenario":
         from aimd_des.scenario.schema import scenario_schema
 

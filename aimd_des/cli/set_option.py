@@ -22,61 +22,21 @@ _DEPTH = 6
 
 
 def holds_a_study(path: Path) -> bool:
-    """Tell files of studies and of scenarios apart.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    bool
-        Whether it has a key that only studies have.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read.
-    """
+    """Tell files of studies and of scenarios apart."""
     from aimd_des.scenario.file import read_toml
 
     return bool(_OF_A_STUDY & set(read_toml(path)[0]))
 
 
 def check_command(path: Path, *, study: bool) -> None:
-    """Refuse the file of a study where that of a scenario is due, and the reverse.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    study : bool
-        Which is due.
-
-    Raises
-    ------
-    InputError
-        Naming the command to use.
-    """
+    """Refuse the file of a study where that of a scenario is due, and the reverse."""
     if holds_a_study(path) != study:
         found, command = ("scenario", "run") if study else ("study", "sweep")
         raise InputError(f"{path}: is the file of a {found}: say aimd-des {command} {path}")
 
 
 def set_option(examples: str) -> Callable[[_Function], _Function]:
-    """Make the option, for a command whose first argument is the file.
-
-    Parameters
-    ----------
-    examples : str
-        Keys that the file may have, with values.
-
-    Returns
-    -------
-    callable
-        A decorator.
-    """
+    """Make the option, for a command whose first argument is the file."""
     return click.option(
         "--set",
         "settings",
@@ -88,25 +48,7 @@ def set_option(examples: str) -> Callable[[_Function], _Function]:
 
 
 def changes(settings: Sequence[str], **options: Any) -> dict[str, Any]:
-    """Put together what the command line says about a file.
-
-    Parameters
-    ----------
-    settings : sequence of str
-        What was given to `--set`: dotted keys with their values.
-    **options
-        Keys that have an option of their own, which goes before; None where it was not given.
-
-    Returns
-    -------
-    dict
-        Values by dotted keys.
-
-    Raises
-    ------
-    InputError
-        If a setting is none.
-    """
+    """Put together what the command line says about a file."""
     from aimd_des.scenario.settings import parse_setting
 
     given = {name: value for name, value in options.items() if value is not None}

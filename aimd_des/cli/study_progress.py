@@ -39,13 +39,7 @@ class StudyProgress:
             self._bar.stop()
 
     def update(self, tally: Tally) -> None:
-        """Take note of how far the study is.
-
-        Parameters
-        ----------
-        tally : Tally
-            As `run_study` gives it.
-        """
+        """Take note of how far the study is."""
         self.tally = tally
         task = self._bar.tasks[0]
         made = tally.done + tally.failed

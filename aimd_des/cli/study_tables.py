@@ -21,41 +21,12 @@ _MOST_FAILURES = 10
 
 
 def is_study(folder: Path) -> bool:
-    """Tell whether a folder is that of a study.
-
-    Parameters
-    ----------
-    folder : Path
-        Any.
-
-    Returns
-    -------
-    bool
-        Whether it has the file by which one is recognised.
-    """
+    """Tell whether a folder is that of a study."""
     return (folder / "manifest.json").is_file()
 
 
 def chosen_measures(kept: Sequence[str], measures: Sequence[str]) -> list[str]:
-    """Take the measures that are asked for, or those that matter most.
-
-    Parameters
-    ----------
-    kept : sequence of str
-        Those that the study keeps.
-    measures : sequence of str
-        What is asked for.
-
-    Returns
-    -------
-    list of str
-        Measures that the study keeps.
-
-    Raises
-    ------
-    InputError
-        If it does not keep one.
-    """
+    """Take the measures that are asked for, or those that matter most."""
     from aimd_des.study.columns import known_measure
 
     for name in measures:
@@ -66,22 +37,7 @@ def chosen_measures(kept: Sequence[str], measures: Sequence[str]) -> list[str]:
 
 
 def show_study(folder: Path, measures: Sequence[str] = (), by: Sequence[str] = ()) -> None:
-    """Print what a study is, the means at each point, and what failed or is missing.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the study.
-    measures : sequence of str
-        Which; the main ones unless given.
-    by : sequence of str
-        The axes whose points are told apart; over the others means are taken.  All unless given.
-
-    Raises
-    ------
-    InputError
-        If the study has no such measure or axis.
-    """
+    """Print what a study is, the means at each point, and what failed or is missing."""
     from aimd_des.study import load_study
 
     results = load_study(folder)

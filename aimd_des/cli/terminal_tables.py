@@ -21,18 +21,7 @@ _NARROWEST = 20
 
 
 def shown(value: Any) -> str:
-    """Write what was measured.
-
-    Parameters
-    ----------
-    value : int, float, str or None
-        A value of a table.
-
-    Returns
-    -------
-    str
-        Integers with separators, other numbers with four digits, words as they are.
-    """
+    """Write what was measured."""
     if isinstance(value, int):
         return f"{value:,d}"
     if isinstance(value, float):
@@ -53,18 +42,7 @@ def _magnitude(value: float) -> int:
 
 
 def said(value: Any) -> str:
-    """Write what was set.
-
-    Parameters
-    ----------
-    value : object
-        Whatever a scenario file may say.
-
-    Returns
-    -------
-    str
-        Numbers with up to six digits, tables in one line, long lists by their ends and their length.
-    """
+    """Write what was set."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
@@ -88,29 +66,12 @@ def _list(values: Sequence[Any]) -> str:
 
 
 def plus_minus() -> str:
-    """Give the sign that the terminal can show.
-
-    Returns
-    -------
-    str
-        A plus over a minus, or both one after the other.
-    """
+    """Give the sign that the terminal can show."""
     return "+/-" if Console().options.ascii_only else "±"
 
 
 def interval(mean: float, half_width: float) -> str:
-    """Write a mean with what it is known to.
-
-    Parameters
-    ----------
-    mean, half_width : float
-        Of a confidence interval; a half-width that is not finite is left out.
-
-    Returns
-    -------
-    str
-        With as many decimals as give the half-width two digits.
-    """
+    """Write a mean with what it is known to."""
     if not (isfinite(mean) and isfinite(half_width)):
         return shown(mean)
     if half_width == 0:
@@ -123,15 +84,7 @@ def interval(mean: float, half_width: float) -> str:
 
 
 def print_pairs(title: str, pairs: Sequence[tuple[str, Any]]) -> None:
-    """Print names and values, one pair a line.
-
-    Parameters
-    ----------
-    title : str
-        Above the table.
-    pairs : sequence of (str, object)
-        What is shown.
-    """
+    """Print names and values, one pair a line."""
     console = Console()
     table = _table(show_header=False)
     table.add_column(no_wrap=True)
@@ -143,19 +96,7 @@ def print_pairs(title: str, pairs: Sequence[tuple[str, Any]]) -> None:
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], labels: int = 1) -> None:
-    """Print a table, in several parts one below the other where it is wider than the terminal.
-
-    Parameters
-    ----------
-    title : str
-        Above the table.
-    columns : sequence of str
-        The heads.
-    rows : sequence of sequence
-        A value for each column.
-    labels : int
-        How many columns, from the left, say what a row is, as it was set; each part begins with them.
-    """
+    """Print a table, in several parts one below the other where it is wider than the terminal."""
     console = Console()
     heads = [*map(fit, columns)]
     cells = [[*map(fit, map(said, row[:labels])), *map(fit, map(shown, row[labels:]))] for row in rows]

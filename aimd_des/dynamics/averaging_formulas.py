@@ -65,64 +65,19 @@ class Memory(NamedTuple):
 
 @formula
 def age_at(moment: float, origin: float, grain: float) -> float:
-    """Return for how long an agent has been active, the moment at hand included where it counts.
-
-    Parameters
-    ----------
-    moment : float
-        The moment at hand.
-    origin : float
-        Moments that do not count.
-    grain : float
-        Grain of time.
-
-    Returns
-    -------
-    float
-        In moments.
-    """
+    """Return for how long an agent has been active, the moment at hand included where it counts."""
     return (moment - origin) + grain
 
 
 @formula
 def accumulated_at(accumulated: float, demand: float, increase: float, since: float, grain: float) -> float:
-    """Return the demand accumulated so far: a sum over ticks, or an integral over time.
-
-    Parameters
-    ----------
-    accumulated, demand : float
-        At the anchor.
-    increase : float
-        alpha.
-    since : float
-        Moments since the anchor.
-    grain : float
-        Grain of time.
-
-    Returns
-    -------
-    float
-        In units of the resource, times ticks or time.
-    """
+    """Return the demand accumulated so far: a sum over ticks, or an integral over time."""
     return accumulated + (since * demand + increase * (0.5 * since * (since - grain)))
 
 
 @formula
 def time_average(accumulated: float, age: float) -> float:
-    """Return the average over all of the past, 0 where no time has passed.
-
-    Parameters
-    ----------
-    accumulated : float
-        Demand accumulated over the age.
-    age : float
-        For how long the agent has been active.
-
-    Returns
-    -------
-    float
-        In units of the resource.
-    """
+    """Return the average over all of the past, 0 where no time has passed."""
     return accumulated / age if age > 0.0 else 0.0
 
 
@@ -130,20 +85,7 @@ def time_average(accumulated: float, age: float) -> float:
 def folded_at(
     memory: Memory, accumulated: float, demand: float, increase: float, since: float, grain: float
 ) -> float:
-    """Return what is accumulated at the moment at hand, as the way of averaging has it.
-
-    Parameters
-    ----------
-    memory : Memory
-        The way of averaging.
-    accumulated, demand, increase, since, grain : float
-        As for `accumulated_at`.
-
-    Returns
-    -------
-    float
-        In units of the resource, times ticks or time.
-    """
+    """Return what is accumulated at the moment at hand, as the way of averaging has it."""
     if memory.kind == FORGETTING:
         if accumulated == 0.0 and demand == 0.0 and since <= grain:
             return 0.0  # a tick that folds in nothing; the rounding of what follows would be taken for demand
@@ -174,28 +116,7 @@ def average_at(
     moment: float,
     grain: float,
 ) -> float:
-    """Return an agent's average at the moment at hand, 0 where no time has passed.
-
-    Parameters
-    ----------
-    memory : Memory
-        The way of averaging.
-    parts : ndarray, shape (m, n, parts)
-        What had been accumulated at the boundaries of parts; read for windows only.
-    resource, agent : int
-        j and i.
-    folded : float
-        As of `folded_at`.
-    accumulated, demand, increase : float
-        At the anchor.
-    anchor, origin, moment, grain : float
-        When the line began, moments that do not count, the moment at hand, and the grain of time.
-
-    Returns
-    -------
-    float
-        In units of the resource.
-    """
+    """Return an agent's average at the moment at hand, 0 where no time has passed."""
     age = age_at(moment, origin, grain)
     if memory.kind == CUMULATIVE or age <= 0.0:
         return time_average(folded, age)
@@ -226,19 +147,7 @@ def keep_parts(
     moment: float,
     grain: float,
 ) -> None:
-    """Note what had been accumulated at the boundaries of parts on the line that ends now.
-
-    Parameters
-    ----------
-    memory : Memory
-        The way of averaging; nothing is to be done but for windows.
-    parts : ndarray, shape (m, n, parts)
-        Receives it.
-    resource, agent : int
-        j and i.
-    accumulated, demand, increase, anchor, origin, moment, grain : float
-        As for `average_at`.
-    """
+    """Note what had been accumulated at the boundaries of parts on the line that ends now."""
     if memory.kind == WINDOW:
         before, last = age_at(anchor, origin, grain), _part_of(memory, age_at(moment, origin, grain))
         boundary = max(_part_of(memory, before) + 1, last - memory.parts + 1)

@@ -14,48 +14,14 @@ _TICKS, PHASES = 0, 1
 
 @kernel
 def tick_time(phase: float, period: float, jitter: float, key: Key, agent: int, tick: float) -> float:
-    """Return the time of an agent's tick.
-
-    Parameters
-    ----------
-    phase, period, jitter : float
-        Of the agent, drift included in the period.
-    key : tuple of two uint64
-        The run's key for clocks.
-    agent : int
-        i.
-    tick : float
-        Its index q, a whole number from 0.
-
-    Returns
-    -------
-    float
-        In units of time.
-    """
+    """Return the time of an agent's tick."""
     time = phase + tick * period
     return time + jitter * uniform_at(key, _TICKS, int(tick), 0, agent) if jitter > 0.0 else time
 
 
 @kernel
 def next_tick(phase: float, period: float, jitter: float, key: Key, agent: int, time: float) -> float:
-    """Count an agent's ticks before a time; exact, though the division is not.
-
-    Parameters
-    ----------
-    phase, period, jitter : float
-        Of the agent, drift included in the period.
-    key : tuple of two uint64
-        The run's key for clocks.
-    agent : int
-        i.
-    time : float
-        Any time.
-
-    Returns
-    -------
-    float
-        The index of the first tick at or after the time.
-    """
+    """Count an agent's ticks before a time; exact, though the division is not."""
     tick = max(np.ceil((time - phase) / period), 0.0)
     while tick > 0.0 and tick_time(phase, period, jitter, key, agent, tick - 1.0) >= time:
         tick -= 1.0
@@ -68,18 +34,6 @@ def next_tick(phase: float, period: float, jitter: float, key: Key, agent: int, 
 def next_ticks(
     phase: FloatArray, period: FloatArray, jitter: FloatArray, key: Key, time: float, out: FloatArray
 ) -> None:
-    """Count every agent's ticks before a time.
-
-    Parameters
-    ----------
-    phase, period, jitter : ndarray, shape (n,)
-        Of each agent, drift included in the period.
-    key : tuple of two uint64
-        The run's key for clocks.
-    time : float
-        Any time.
-    out : ndarray, shape (n,) or (1,)
-        Receives the indices of the first ticks at or after the time.
-    """
+    """Count every agent's ticks before a time."""
     for i in range(out.shape[0]):
         out[i] = next_tick(phase[i], period[i], jitter[i], key, i, time)

@@ -19,18 +19,6 @@ __all__ = ["AgentClocks", "Clock", "Clocks"]
 class Clock:
     """A clock that ticks for ever.
 
-    Parameters
-    ----------
-    period : float
-        Time between two ticks, greater than 0.
-    phase : float
-        Time of tick 0, at least 0.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
-
     Examples
     --------
     Adding 0.1 ten times misses 1.0; tick 10 does not:
@@ -47,33 +35,11 @@ class Clock:
         object.__setattr__(self, "phase", validation.number("phase", self.phase, low=0.0))
 
     def time(self, tick: int) -> float:
-        """Return the time of a tick.
-
-        Parameters
-        ----------
-        tick : int
-            Its index q, from 0.
-
-        Returns
-        -------
-        float
-            phase + q * period.
-        """
+        """Return the time of a tick."""
         return self.phase + tick * self.period
 
     def next_tick(self, time: float) -> int:
-        """Return the index of the first tick at or after a time: how many ticks are before it.
-
-        Parameters
-        ----------
-        time : float
-            Any time.
-
-        Returns
-        -------
-        int
-            At least 0; exact with respect to `time`, though the division is not.
-        """
+        """Return the index of the first tick at or after a time: how many ticks are before it."""
         tick = max(math.ceil((time - self.phase) / self.period), 0)
         while tick > 0 and self.time(tick - 1) >= time:
             tick -= 1
@@ -166,13 +132,6 @@ class Clocks:
 class AgentClocks:
     """The clocks of all agents in one run.
 
-    Parameters
-    ----------
-    phase, period, jitter : ndarray, shape (n,)
-        Of each agent, drift included in the period.
-    key : tuple of two uint64
-        The run's key for clocks.
-
     Attributes
     ----------
     common : bool
@@ -194,39 +153,13 @@ class AgentClocks:
         self._asked, self._answer = -1.0, 0
 
     def time(self, agent: int, tick: int) -> float:
-        """Return the time of an agent's tick.
-
-        Parameters
-        ----------
-        agent : int
-            i.
-        tick : int
-            Its index q, from 0.
-
-        Returns
-        -------
-        float
-            In units of time.
-        """
+        """Return the time of an agent's tick."""
         if self.common:
             return self._shared.time(tick)
         return tick_time(*self._numbers[agent], self.key, agent, float(tick))
 
     def next_tick(self, agent: int, time: float) -> int:
-        """Return the index of an agent's first tick at or after a time.
-
-        Parameters
-        ----------
-        agent : int
-            i.
-        time : float
-            Any time.
-
-        Returns
-        -------
-        int
-            At least 0.
-        """
+        """Return the index of an agent's first tick at or after a time."""
         if self.common:
             if time != self._asked:
                 self._asked, self._answer = time, self._shared.next_tick(time)
@@ -234,18 +167,7 @@ class AgentClocks:
         return int(next_tick(*self._numbers[agent], self.key, agent, time))
 
     def next_ticks(self, time: float) -> FloatArray:
-        """Return the index of every agent's first tick at or after a time.
-
-        Parameters
-        ----------
-        time : float
-            Any time.
-
-        Returns
-        -------
-        ndarray, shape (n,), or (1,) where the clock is common
-            Overwritten by the next call.
-        """
+        """Return the index of every agent's first tick at or after a time."""
         if self.common:
             self._ticks[0] = self._shared.next_tick(time)
         else:

@@ -82,18 +82,7 @@ class Compensation(Protocol):
 
 
 def no_compensation(n_agents: int) -> Answering:
-    """Return what the formulas need where agents do nothing about loss.
-
-    Parameters
-    ----------
-    n_agents : int
-        n.
-
-    Returns
-    -------
-    Answering
-        With no loss known.
-    """
+    """Return what the formulas need where agents do nothing about loss."""
     return Answering(NOTHING, np.zeros(n_agents), 0)
 
 
@@ -192,23 +181,7 @@ class EstimatedLoss:
 
 @formula
 def read_number(number: int, heard: int, first: int, latest: int, period: int) -> tuple[int, int, int]:
-    """Count a signal that has been heard.
-
-    Parameters
-    ----------
-    number : int
-        Its running number; it is sent, and read, modulo the period.
-    heard, first, latest : int
-        How many were heard so far, and the numbers of the first and the latest as the agent counts.
-    period : int
-        A power of 2.
-
-    Returns
-    -------
-    heard, first, latest : int
-        With this one.  It is taken for the number nearest to the latest, of two for the later one; what is
-        older than the first is not counted, since it is not among those that can be missing.
-    """
+    """Count a signal that has been heard."""
     received = number % period
     if heard == 0:
         return 1, received, received
@@ -221,20 +194,7 @@ def read_number(number: int, heard: int, first: int, latest: int, period: int) -
 
 @formula
 def estimated_loss(heard: int, first: int, latest: int) -> float:
-    """Estimate the share of signals that are lost on an agent.
-
-    Parameters
-    ----------
-    heard : int
-        How many it heard, the first and the latest included.
-    first, latest : int
-        Numbers of the first that was heard, and the highest.
-
-    Returns
-    -------
-    float
-        Missing ones over all between the first and the latest, with one more that was heard: below 1.
-    """
+    """Estimate the share of signals that are lost on an agent."""
     if heard < 2:
         return 0.0
     between = latest - first - 1

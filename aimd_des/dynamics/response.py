@@ -43,24 +43,7 @@ DISCRETE, CONTINUOUS = 1.0, 0.0
 
 @formula
 def demand_at(demand: float, increase: float, since: float, grain: float) -> float:
-    """Return the demand after growth.
-
-    Parameters
-    ----------
-    demand : float
-        Demand just after the anchor, in units of the resource.
-    increase : float
-        alpha.
-    since : float
-        Moments since the anchor.
-    grain : float
-        Grain of time.
-
-    Returns
-    -------
-    float
-        In units of the resource.
-    """
+    """Return the demand after growth."""
     return demand + increase * (since - grain)
 
 
@@ -95,21 +78,7 @@ def average_row(
     folded: FloatArray,
     average: FloatArray,
 ) -> None:
-    """Compute the averages that all agents have at one moment.
-
-    Parameters
-    ----------
-    state, law : State, Law
-        State of all agents, and the parameters of their rule.
-    resource : int
-        j.
-    moment : float
-        The moment at hand, common to all.
-    grain : float
-        Grain of time.
-    folded, average : ndarray, shape (n,)
-        Receive the demand accumulated up to this moment, and the average.
-    """
+    """Compute the averages that all agents have at one moment."""
     j, memory = resource, law.memory
     demand, accumulated, anchor = state.demand[j], state.accumulated[j], state.anchor[j]
     increase, origin = law.increase[j], state.origin[j]
@@ -138,23 +107,7 @@ def answer_row(
     moment: float,
     grain: float,
 ) -> None:
-    """Let all agents answer one capacity signal at the same moment.
-
-    Parameters
-    ----------
-    state, law : State, Law
-        State of all agents, which is moved to this moment, and the parameters of their rule.
-    resource : int
-        The signal's.
-    folded, average, gradient : ndarray, shape (n,)
-        Demand accumulated up to this moment, averages, and derivatives of the costs there.
-    uniform : ndarray, shape (n,)
-        The draw of each agent for this broadcast.
-    moment : float
-        The moment at hand.
-    grain : float
-        Grain of time.
-    """
+    """Let all agents answer one capacity signal at the same moment."""
     j, memory, normalization = resource, law.memory, law.normalization[resource]
     demand, accumulated, anchor = state.demand[j], state.accumulated[j], state.anchor[j]
     increase, decrease, origin = law.increase[j], law.decrease[j], state.origin[j]

@@ -100,30 +100,7 @@ def law_of(
     averaging: Averaging | None = None,
     compensation: Compensation | None = None,
 ) -> Law:
-    """Lay out a problem's parameters with agents along the contiguous axis.
-
-    Parameters
-    ----------
-    problem : Problem
-        What is shared, by how many.
-    grain : float
-        Grain of time.
-    averaging : Averaging, optional
-        Cumulative unless given.
-    compensation : Compensation, optional
-        None unless given.
-
-    Returns
-    -------
-    Law
-        Its arrays are copies.
-
-    Raises
-    ------
-    InputError
-        If the averaging does not go with the grain, a loss known for each agent is not for n, or one of them
-        hands back what is no memory, or no answering.
-    """
+    """Lay out a problem's parameters with agents along the contiguous axis."""
     return Law(
         increase=locked(problem.increase.T.copy()),
         decrease=locked(problem.decrease.T.copy()),
@@ -165,22 +142,7 @@ def _answering_of(compensation: Compensation | None, n_agents: int) -> Answering
 
 
 def start(n_resources: int, n_agents: int, grain: float, memory: Memory) -> State:
-    """Give the state before anything has happened: nobody holds anything.
-
-    Parameters
-    ----------
-    n_resources, n_agents : int
-        m and n.
-    grain : float
-        Grain of time.
-    memory : Memory
-        How demand is averaged.
-
-    Returns
-    -------
-    State
-        Fresh arrays.
-    """
+    """Give the state before anything has happened: nobody holds anything."""
     shape = (n_resources, n_agents)
     counts = np.zeros((6, *shape), dtype=np.int64)
     return State(

@@ -15,24 +15,7 @@ __all__ = ["average_of", "observe", "observe_totals", "total_of", "totals"]
 
 @formula
 def average_of(state: State, law: Law, resource: int, agent: int, moment: float, grain: float) -> float:
-    """Read one agent's average of one resource without changing anything.
-
-    Parameters
-    ----------
-    state, law : State, Law
-        State of all agents, and the parameters of their rule.
-    resource, agent : int
-        j and i.
-    moment : float
-        The moment at hand; where the agent is away, the last that counts is taken.
-    grain : float
-        Grain of time.
-
-    Returns
-    -------
-    float
-        In units of the resource.
-    """
+    """Read one agent's average of one resource without changing anything."""
     j, i, memory = resource, agent, law.memory
     held, kept, alpha = state.demand[j, i], state.accumulated[j, i], law.increase[j, i]
     anchor, now = state.anchor[j, i], min(moment, state.pause[j, i])
@@ -45,22 +28,7 @@ def average_of(state: State, law: Law, resource: int, agent: int, moment: float,
 def total_of(
     demand: FloatArray, increase: FloatArray, anchor: FloatArray, moment: FloatArray, grain: float
 ) -> float:
-    """Sum the demand for one resource over the agents, in index order.
-
-    Parameters
-    ----------
-    demand, increase, anchor : ndarray, shape (n,)
-        State and alpha for the resource.
-    moment : ndarray, shape (n,) or (1,)
-        The moment at hand: of each agent, or common to all.
-    grain : float
-        Grain of time.
-
-    Returns
-    -------
-    float
-        In units of the resource.
-    """
+    """Sum the demand for one resource over the agents, in index order."""
     total = 0.0
     if moment.shape[0] == 1:
         now = moment[0]
@@ -74,21 +42,7 @@ def total_of(
 
 @kernel
 def totals(state: State, law: Law, moment: FloatArray, grain: float, out: FloatArray) -> None:
-    """Sum the demand over the agents in index order, for every resource.
-
-    Parameters
-    ----------
-    state : State
-        State of all agents.
-    law : Law
-        Parameters of the rule.
-    moment : ndarray, shape (n,) or (1,)
-        The moment at hand: of each agent, or common to all.
-    grain : float
-        Grain of time.
-    out : ndarray, shape (m,)
-        Receives the totals, in units of the resources.
-    """
+    """Sum the demand over the agents in index order, for every resource."""
     for j in range(state.demand.shape[0]):
         out[j] = total_of(state.demand[j], law.increase[j], state.anchor[j], moment, grain)
 
@@ -102,21 +56,7 @@ def _moment_of(moment: FloatArray, agent: int) -> float:
 def observe(
     state: State, law: Law, moment: FloatArray, grain: float, demand: FloatArray, average: FloatArray
 ) -> None:
-    """Read demand and average of all agents without changing anything.
-
-    Parameters
-    ----------
-    state : State
-        State of all agents.
-    law : Law
-        Parameters of the rule.
-    moment : ndarray, shape (n,) or (1,)
-        The moment at hand: of each agent, or common to all.
-    grain : float
-        Grain of time.
-    demand, average : ndarray, shape (m, n)
-        Receive what is read, in units of the resources.
-    """
+    """Read demand and average of all agents without changing anything."""
     for j in range(state.demand.shape[0]):
         for i in range(state.demand.shape[1]):
             now = _moment_of(moment, i)
@@ -128,21 +68,7 @@ def observe(
 def observe_totals(
     state: State, law: Law, moment: FloatArray, grain: float, demand: FloatArray, average: FloatArray
 ) -> None:
-    """Sum demand and average over the agents in index order, for every resource.
-
-    Parameters
-    ----------
-    state : State
-        State of all agents.
-    law : Law
-        Parameters of the rule.
-    moment : ndarray, shape (n,) or (1,)
-        The moment at hand: of each agent, or common to all.
-    grain : float
-        Grain of time.
-    demand, average : ndarray, shape (m,)
-        Receive the sums, in units of the resources.
-    """
+    """Sum demand and average over the agents in index order, for every resource."""
     totals(state, law, moment, grain, demand)
     for j in range(state.demand.shape[0]):
         used = 0.0

@@ -81,18 +81,7 @@ class Conditions:
 
     @classmethod
     def at_start(cls, problem: Problem) -> "Conditions":
-        """Give the conditions before anything has happened: all are here and hear.
-
-        Parameters
-        ----------
-        problem : Problem
-            What is shared, by how many.
-
-        Returns
-        -------
-        Conditions
-            Of one run.
-        """
+        """Give the conditions before anything has happened: all are here and hear."""
         n = problem.n_agents
         nobody = locked(np.zeros(n, dtype=np.bool_))
         return cls(
@@ -111,16 +100,5 @@ class Conditions:
 
 
 def growth_of(increase: FloatArray) -> FloatArray:
-    """Sum up what all agents add.
-
-    Parameters
-    ----------
-    increase : ndarray, shape (m, n)
-        alpha.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        Added up in the order of the agents, as totals are.
-    """
+    """Sum up what all agents add."""
     return np.cumsum(increase, axis=1)[:, -1].copy()

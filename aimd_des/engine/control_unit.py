@@ -108,22 +108,7 @@ class Sampled:
 
 @formula
 def soonest_crossing(now: float, limit: float, total: float, growth: float) -> float:
-    """Return when total demand can reach its threshold at the earliest.
-
-    Parameters
-    ----------
-    now : float
-        The time.
-    limit, total : float
-        Threshold and total demand, in units of the resource.
-    growth : float
-        Of the total, per unit of time.
-
-    Returns
-    -------
-    float
-        Now, if it is there already; inf if nobody is here who could grow.
-    """
+    """Return when total demand can reach its threshold at the earliest."""
     if total >= limit:
         return now
     return now + (limit - total) / growth if growth > 0.0 else math.inf
@@ -131,23 +116,7 @@ def soonest_crossing(now: float, limit: float, total: float, growth: float) -> f
 
 @formula
 def adapted(hold_off: float, shortest: float, longest: float, expected: float, total: float) -> float:
-    """Return the next hold-off where one has ended with demand still at its threshold.
-
-    Parameters
-    ----------
-    hold_off : float
-        The one that has ended.
-    shortest, longest : float
-        Bounds.
-    expected, total : float
-        What total demand would be if nobody had answered since the last signal, and what it is.
-
-    Returns
-    -------
-    float
-        Twice as long if nobody has answered yet, since the signal may be on its way; half as long if it was
-        answered and did not suffice.
-    """
+    """Return the next hold-off where one has ended with demand still at its threshold."""
     if expected - total > _ROUNDING * expected:
         return max(0.5 * hold_off, shortest)
     return min(2.0 * hold_off, longest)
@@ -155,11 +124,6 @@ def adapted(hold_off: float, shortest: float, longest: float, expected: float, t
 
 class Unanswered:
     """What total demand would be if nobody had answered since the last signal, whatever else has changed.
-
-    Parameters
-    ----------
-    system : System
-        The run in progress.
 
     Attributes
     ----------

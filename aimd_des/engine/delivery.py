@@ -81,15 +81,7 @@ _ROWS_KEPT = 256
 
 
 class ResponseDraws(dict[Signal, list[float]]):
-    """What decides how each agent responds to a signal; drawn when it is first asked for.
-
-    Parameters
-    ----------
-    key : tuple of two uint64
-        The key of the response draws.
-    n_agents : int
-        n.
-    """
+    """What decides how each agent responds to a signal; drawn when it is first asked for."""
 
     def __init__(self, key: Key, n_agents: int) -> None:
         super().__init__()
@@ -125,17 +117,6 @@ class Carrier:
     The environment knows only the earliest copy.  When that has landed, the next one lands within the
     same event unless something else is due first.
 
-    Parameters
-    ----------
-    env : OrderedEnvironment
-        Decides when copies land.
-    agents : mapping of int to Agent
-        All receivers, by their index.
-    away : ndarray of bool, shape (n,)
-        Who is not here at the moment.
-    log : EventLog, optional
-        Where landings are written.
-
     Attributes
     ----------
     missed : callable
@@ -160,19 +141,7 @@ class Carrier:
         self._scheduled: list[int] = []
 
     def send(self, signal: Signal, times: list[float], receivers: list[int], first_order: int) -> None:
-        """Put copies of one broadcast on their way.
-
-        Parameters
-        ----------
-        signal : Signal
-            What is on its way.
-        times : list of float
-            When copies land, ascending and before the end of the run; at least one.
-        receivers : list of int
-            To whom; in the order of their index where times are equal.
-        first_order : int
-            The first of n order numbers that are set aside for these copies.
-        """
+        """Put copies of one broadcast on their way."""
         orders = [first_order + receiver for receiver in receivers]
         flight = _Flight(signal)
         flight.copies = zip(times, orders, receivers, repeat(flight), strict=False)

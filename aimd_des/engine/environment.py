@@ -261,21 +261,10 @@ class Mailbox(simpy.Event):
     """An event that hands values to the process which waits for it, at once and any number of times.
 
     `simpy.Event.succeed` would queue the process behind others of the same instant.
-
-    Parameters
-    ----------
-    env : simpy.Environment
-        Where the process lives.
     """
 
     def hand(self, value: object) -> None:
-        """Resume the waiting process with a value, within the present event.
-
-        Parameters
-        ----------
-        value : object
-            What ``yield`` returns there.
-        """
+        """Resume the waiting process with a value, within the present event."""
         waiting, self.callbacks = self.callbacks, []
         self._ok = True
         self._value = value

@@ -29,11 +29,6 @@ _BUFFERED = 1 << 16
 class ConstantPieces:
     """Overshoot of discrete agents: at every tick an interval of constant demand is closed.
 
-    Parameters
-    ----------
-    system : System
-        The run in progress.
-
     Attributes
     ----------
     peak, above, excess, used : ndarray, shape (m,)
@@ -88,13 +83,7 @@ class ConstantPieces:
             self.measured[0] = now
 
     def load(self) -> FloatArray:
-        """Integrate total demand over the capacity up to now, without closing anything.
-
-        Returns
-        -------
-        ndarray, shape (m,)
-            In units of time.
-        """
+        """Integrate total demand over the capacity up to now, without closing anything."""
         since = float(self.system.env.now - self.measured[0])
         used = self.used + self.system.totals() * since
         return np.asarray(used / self.system.law.capacity + _load_before(self.stretches))
@@ -118,18 +107,7 @@ def _load_before(stretches: list[Stretch]) -> FloatArray | float:
 
 @kernel
 def fold_change(running: FloatArray, time: float, change: float, slope: float, capacity: float) -> None:
-    """Close a piece of a line with a change of the total.
-
-    Parameters
-    ----------
-    running : ndarray, shape (6,)
-        Time and total at the last change, peak, time above capacity, and integrals of what exceeds it and
-        of all.
-    time, change : float
-        When the total changes, and by how much.
-    slope, capacity : float
-        Growth of the total per unit of time, and C.
-    """
+    """Close a piece of a line with a change of the total."""
     total = running[1]
     duration = time - running[0]
     end = total + slope * duration
@@ -157,11 +135,6 @@ def _fold_line(
 class LinearPieces:
     """Overshoot of continuous agents: total demand is a line between two changes.
 
-    Parameters
-    ----------
-    system : System
-        The run in progress.
-
     Attributes
     ----------
     slope : ndarray, shape (m,)
@@ -186,17 +159,7 @@ class LinearPieces:
         system.conditions.on_piece.append(self.close_stretch)
 
     def changed(self, time: float, resource: int, change: float) -> None:
-        """Take note of a change of the total.
-
-        Parameters
-        ----------
-        time : float
-            When: now.
-        resource : int
-            j.
-        change : float
-            In units of the resource.
-        """
+        """Take note of a change of the total."""
         self.system.settle()
         self.times[resource].append(time)
         self.changes[resource].append(change)
@@ -220,13 +183,7 @@ class LinearPieces:
         self.times[resource], self.changes[resource] = array("d"), array("d")
 
     def load(self) -> FloatArray:
-        """Integrate total demand over the capacity up to now, without closing anything.
-
-        Returns
-        -------
-        ndarray, shape (m,)
-            In units of time.
-        """
+        """Integrate total demand over the capacity up to now, without closing anything."""
         self.system.settle()
         self.flush()
         since = self.system.env.now - self.running[:, 0]
@@ -249,13 +206,6 @@ class LinearPieces:
 
 class Observer:
     """Looks at the system at the times asked for.
-
-    Parameters
-    ----------
-    system : System
-        The run in progress.
-    recording : Recording
-        What to keep.
 
     Attributes
     ----------
@@ -306,13 +256,7 @@ class Observer:
         self.system.observe_totals(self.total_demand[row], self.total_average[row])
 
     def finish(self) -> Observations:
-        """Take the last look, at the end of the run.
-
-        Returns
-        -------
-        Observations
-            All that was kept.
-        """
+        """Take the last look, at the end of the run."""
         self._keep_totals(len(self.demand_times) - 1)
         self.demand[-1], self.average[-1] = self.system.allocations()
         missing = np.full(self.system.problem.n_resources, np.nan)

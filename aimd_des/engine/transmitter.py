@@ -30,25 +30,13 @@ class SentSignals(Sequence[Broadcast]):
         self._time, self._resource, self._number = array("d"), array("q"), array("q")
 
     def append(self, broadcast: Broadcast) -> None:
-        """Add one.
-
-        Parameters
-        ----------
-        broadcast : Broadcast
-            The latest.
-        """
+        """Add one."""
         self._time.append(broadcast.time)
         self._resource.append(broadcast.resource)
         self._number.append(broadcast.number)
 
     def extend(self, time: FloatArray, resource: IntArray, number: IntArray) -> None:
-        """Add several.
-
-        Parameters
-        ----------
-        time, resource, number : ndarray, shape (s,)
-            As in `Broadcast`.
-        """
+        """Add several."""
         self._time.frombytes(time.tobytes())
         self._resource.frombytes(resource.tobytes())
         self._number.frombytes(number.tobytes())
@@ -68,35 +56,12 @@ class SentSignals(Sequence[Broadcast]):
         return Broadcast(self._resource[index], self._number[index], self._time[index])
 
     def signals(self) -> Signals:
-        """Return all of them as arrays.
-
-        Returns
-        -------
-        Signals
-            Copies.
-        """
+        """Return all of them as arrays."""
         return Signals(np.array(self._time), np.array(self._resource), np.array(self._number))
 
 
 class Transmitter:
     """Sends the signals of one run to all agents.
-
-    Parameters
-    ----------
-    env : OrderedEnvironment
-        The run's time.
-    link : Link
-        The channel in this run.
-    n_resources : int
-        m.
-    conditions : Conditions
-        Who is cut off, and whether the control unit is down.
-    until : float
-        The end of the run.
-    carrier : Carrier
-        Brings copies to agents that are processes.
-    log : EventLog, optional
-        Where broadcasts and losses are written.
 
     Attributes
     ----------
@@ -134,24 +99,7 @@ class Transmitter:
         return np.asarray(self.numbers[:, None] - self.delivered - self.lost)
 
     def send(self, resource: int, time: float, delay: float, total: Callable[[int], float]) -> None:
-        """Broadcast a capacity signal.
-
-        Parameters
-        ----------
-        resource : int
-            j.
-        time : float
-            Of the look, or the crossing, that has caused it.
-        delay : float
-            How long after that it leaves, at least 0.
-        total : callable
-            Gives the total demand for a resource, for the log.
-
-        Raises
-        ------
-        InputError
-            If the channel says anything but a time for each agent that is not before the departure.
-        """
+        """Broadcast a capacity signal."""
         signal = Broadcast(resource, int(self.numbers[resource]), time)
         self.numbers[resource] += 1
         self.sent.append(signal)
@@ -216,15 +164,7 @@ class Transmitter:
                 self._carry(Signal(signal.resource, signal.number, copy), arrival, arrives, order)
 
     def missed(self, signal: Signal, agent: int) -> None:
-        """Take note that a copy has landed where nobody is: it is lost after all.
-
-        Parameters
-        ----------
-        signal : Signal
-            The bit.
-        agent : int
-            i.
-        """
+        """Take note that a copy has landed where nobody is: it is lost after all."""
         if signal.copy:
             self.duplicated[signal.resource, agent] -= 1
         else:

@@ -14,22 +14,7 @@ __all__ = ["forget", "miss", "subject"]
 
 @formula
 def subject(flights: Flights, place: int) -> Any:
-    """Tell what a copy is about.
-
-    Parameters
-    ----------
-    flights : Flights
-        The copies on their way.
-    place : int
-        Where it stands.
-
-    Returns
-    -------
-    resource : int
-        j.
-    second : bool
-        Whether it is a duplicate.
-    """
+    """Tell what a copy is about."""
     resource = np.int64(flights.resource[place])
     second = resource >= SECOND
     return resource - (SECOND if second else 0), second
@@ -37,17 +22,7 @@ def subject(flights: Flights, place: int) -> Any:
 
 @formula
 def miss(crowd: Crowd, resource: int, agent: int, second: bool) -> None:
-    """Take note that a copy has landed where nobody is: it is lost after all.
-
-    Parameters
-    ----------
-    crowd : Crowd
-        The agents.
-    resource, agent : int
-        j and i.
-    second : bool
-        Whether it is a duplicate.
-    """
+    """Take note that a copy has landed where nobody is: it is lost after all."""
     if second:
         crowd.books.duplicated[resource, agent] -= 1
     else:
@@ -57,19 +32,7 @@ def miss(crowd: Crowd, resource: int, agent: int, second: bool) -> None:
 
 @routine
 def forget(crowd: Crowd, agent: int, time: float, limit: int, lost: bool) -> None:
-    """Drop the copies of a discrete agent that have arrived and wait for its next tick.
-
-    Parameters
-    ----------
-    crowd : Crowd
-        The agents.
-    agent : int
-        i.
-    time, limit : float, int
-        What has arrived before has arrived, and at this very time what has an order number below this.
-    lost : bool
-        Whether they are lost, since nobody was there; if not, they were delivered.
-    """
+    """Drop the copies of a discrete agent that have arrived and wait for its next tick."""
     flights = crowd.flights
     for queue in range(flights.head.shape[0]):
         for chain in range(flights.head.shape[1]):

@@ -118,18 +118,7 @@ class Scratch(NamedTuple):
 
 
 def scratch_for(n_resources: int, n_agents: int) -> Scratch:
-    """Make the working memory of one run.
-
-    Parameters
-    ----------
-    n_resources, n_agents : int
-        m and n.
-
-    Returns
-    -------
-    Scratch
-        With nobody's copies due.
-    """
+    """Make the working memory of one run."""
     return Scratch(
         np.full(n_agents, LAST),
         np.zeros(n_agents),
@@ -208,22 +197,7 @@ def accept(
     acted_at: float,
     acted: int,
 ) -> None:
-    """Put the members' copies of one broadcast on their way.
-
-    Parameters
-    ----------
-    crowd : Crowd
-        The agents; there must be room for n copies.
-    resource, number, copy : int
-        The signal.
-    arrival : ndarray, shape (n,)
-        When copies arrive; inf where they are lost.
-    first_rank : int
-        Order number of agent 0's copy.
-    acted_at, acted : float, int
-        When somebody last acted, and the last turn that was over then: who has had its turn at this
-        instant answers at its next tick.
-    """
+    """Put the members' copies of one broadcast on their way."""
     queue = resource if not crowd.coupled else 0
     ticking, rhythm, flights = crowd.grain > 0.0, crowd.rhythm, crowd.flights
     uniform = crowd.scratch.uniform

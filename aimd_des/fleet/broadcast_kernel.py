@@ -64,26 +64,7 @@ class Post(NamedTuple):
 def broadcast(
     crowd: Crowd, post: Post, resource: int, time: float, delay: float, acted_at: float, acted: int
 ) -> bool:
-    """Send a capacity signal to all agents.
-
-    Parameters
-    ----------
-    crowd : Crowd
-        The agents, with room for two copies each.
-    post : Post
-        The way.
-    resource : int
-        j.
-    time, delay : float
-        Of the look that has caused it, and how long after that it leaves.
-    acted_at, acted : float, int
-        When somebody last acted, and the last turn that was over then.
-
-    Returns
-    -------
-    bool
-        Whether the channel has taken it.
-    """
+    """Send a capacity signal to all agents."""
     number, row, n = post.numbers[resource], post.held[0], post.arrival.shape[0]
     post.numbers[resource] += 1
     post.time[row], post.resource[row], post.number[row] = time, resource, number

@@ -46,26 +46,12 @@ class CompiledAgents:
 
     Copies that have arrived are answered when somebody looks, each agent's in the order of time.
 
-    Parameters
-    ----------
-    system : System
-        The run in progress.
-    absent : collection of int
-        Agents that are no part of it.
-    overshoot : ConstantPieces or LinearPieces, optional
-        What integrates total demand.
-
     Attributes
     ----------
     members : ndarray of bool, shape (n,)
         Who is part of it.
     crowd, meter : Crowd, Meter
         What compiled code works on.
-
-    Raises
-    ------
-    InputError
-        If costs are functions that cannot be called by compiled code.
     """
 
     def __init__(
@@ -153,17 +139,7 @@ class CompiledAgents:
                 self.meter = self.meter._replace(order=order, spare=spare)
 
     def send(self, signal: Signal, arrival: FloatArray, first_order: int) -> None:
-        """Put the members' copies of a broadcast on their way.
-
-        Parameters
-        ----------
-        signal : Signal
-            The bit.
-        arrival : ndarray, shape (n,)
-            When copies arrive; inf where they are lost.
-        first_order : int
-            The first of n order numbers that are set aside for these copies.
-        """
+        """Put the members' copies of a broadcast on their way."""
         self.listen()
         self.make_room(1)
         accept(self.crowd, *signal, arrival, first_order, *self.system.env.acted)
@@ -177,13 +153,7 @@ class CompiledAgents:
         self.system.env.forget_reached()
 
     def make_room(self, rows: int) -> None:
-        """Make space for more copies where there is too little.
-
-        Parameters
-        ----------
-        rows : int
-            For how many copies of each agent.
-        """
+        """Make space for more copies where there is too little."""
         flights = self.crowd.flights
         needed = int(flights.aloft[0]) + rows * len(self.members)
         if needed > self.crowd.room:
@@ -206,15 +176,7 @@ class CompiledAgents:
                     self._tell(reached)
 
     def forget(self, agent: int, *, lost: bool) -> None:
-        """Drop a member's copies that have arrived by now.
-
-        Parameters
-        ----------
-        agent : int
-            i.
-        lost : bool
-            Whether they are lost, since it was away; if not, they were delivered.
-        """
+        """Drop a member's copies that have arrived by now."""
         if self.members[agent] and self.crowd.grain:
             time, kind, order = self._position
             forget(self.crowd, agent, time, _limit(kind, order, Kind.DELIVER), lost)

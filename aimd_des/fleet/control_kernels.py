@@ -139,28 +139,7 @@ def _signal(crowd: Crowd, pilot: Pilot, post: Post, limits: Limits) -> int:
 
 @announced("the fleet (about a minute)")
 def sample(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, limits: Limits) -> int:
-    """Look at phase + q * period, and let observers look, until something else is due.
-
-    Parameters
-    ----------
-    crowd : Crowd
-        The agents.
-    pilot : Pilot
-        A sampled control unit.
-    post : Post
-        The way of its signals.
-    meter : Meter
-        Overshoot.
-    watch : Watch
-        Totals.
-    limits : Limits
-        How far.
-
-    Returns
-    -------
-    int
-        As of `sense`.
-    """
+    """Look at phase + q * period, and let observers look, until something else is due."""
     summed = -1.0
     while True:
         look = pilot.phase + pilot.look[0] * pilot.period
@@ -204,30 +183,7 @@ def _hold_off(pilot: Pilot, resource: int, now: float, total: float) -> None:
 
 @announced("the fleet (about a minute)")
 def sense(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, limits: Limits) -> int:
-    """Go from one possible crossing to the next, and let observers look, until something else is due.
-
-    Parameters
-    ----------
-    crowd : Crowd
-        The agents.
-    pilot : Pilot
-        A crossing control unit.
-    post : Post
-        The way of its signals.
-    meter : Meter
-        Overshoot.
-    watch : Watch
-        Totals.
-    limits : Limits
-        How far.
-
-    Returns
-    -------
-    int
-        `REACHED`: the next look is beyond the horizon.  `BROADCAST`: signals are due.  `CROWDED`: there may
-        be too little room for what the next look brings.  `STANDSTILL`: time cannot advance.  `REFUSED`:
-        the channel has not taken a signal.
-    """
+    """Go from one possible crossing to the next, and let observers look, until something else is due."""
     alarm = pilot.alarm
     while True:
         j = int(np.argmin(alarm))
@@ -270,17 +226,7 @@ def sense(crowd: Crowd, pilot: Pilot, post: Post, meter: Meter, watch: Watch, li
 
 @routine
 def settle_and_fold(crowd: Crowd, meter: Meter, time: float, limit: int) -> None:
-    """Let all agents answer all copies that are due, and measure.
-
-    Parameters
-    ----------
-    crowd : Crowd
-        The agents.
-    meter : Meter
-        Overshoot.
-    time, limit : float, int
-        As for `settle`.
-    """
+    """Let all agents answer all copies that are due, and measure."""
     settle(crowd, 0, crowd.flights.base.shape[0], time, limit)
     if meter.lines and crowd.answers.held[0] > 0:
         fold_answers(crowd.answers, meter)

@@ -31,17 +31,7 @@ _SIGNALS = 1 << 14
 
 
 class ControlProcess:
-    """A built-in control unit of a fleet: the same looks as those of its process, many to an event of SimPy.
-
-    Parameters
-    ----------
-    fleet : CompiledAgents
-        The agents.
-    control_unit : Sampled or Crossing
-        What decides.
-    observer : Observer
-        Its looks at totals are taken in compiled code, too.
-    """
+    """A built-in control unit of a fleet: the looks of its process, many of them to an event of SimPy."""
 
     def __init__(self, fleet: CompiledAgents, control_unit: Sampled | Crossing, observer: Observer) -> None:
         self.fleet, self.control_unit = fleet, control_unit
@@ -94,13 +84,7 @@ class ControlProcess:
         system.conditions.on_recovery.append(self._recovered)
 
     def process(self) -> ProcessGenerator:
-        """Look for as long as the run lasts.
-
-        Yields
-        ------
-        simpy.Event
-            The next look that comes after something else.
-        """
+        """Look for as long as the run lasts."""
         while True:
             self._set_alarm()
             yield self._mailbox

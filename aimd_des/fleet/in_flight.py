@@ -82,40 +82,12 @@ def _blocks_for(copies: int, queues: int) -> int:
 
 
 def room(flights: Flights) -> int:
-    """Tell for how many copies there is space.
-
-    Parameters
-    ----------
-    flights : Flights
-        The copies on their way.
-
-    Returns
-    -------
-    int
-        Those on their way included.
-    """
+    """Tell for how many copies there is space."""
     return (len(flights.following) - _blocks_for(0, len(flights.base))) * BLOCK
 
 
 def take_off(copies: int, queues: int, ticking: bool, numbered: bool) -> Flights:
-    """Make space for copies, of which there are none yet.
-
-    Parameters
-    ----------
-    copies : int
-        How many there may be at a time.
-    queues : int
-        How many queues.
-    ticking : bool
-        Whether agents answer at their ticks.
-    numbered : bool
-        Whether they read numbers.
-
-    Returns
-    -------
-    Flights
-        Empty.
-    """
+    """Make space for copies, of which there are none yet."""
     blocks = _blocks_for(copies, queues)
     shape = blocks * BLOCK
     own = shape if ticking else 0
@@ -139,20 +111,7 @@ def take_off(copies: int, queues: int, ticking: bool, numbered: bool) -> Flights
 
 
 def enlarge(flights: Flights, copies: int) -> Flights:
-    """Make space for more copies.
-
-    Parameters
-    ----------
-    flights : Flights
-        The copies on their way.
-    copies : int
-        How many there may be at a time, those included.
-
-    Returns
-    -------
-    Flights
-        With the same copies.
-    """
+    """Make space for more copies."""
     old = len(flights.following)
     ticking, numbered = flights.moment.size > 0, flights.number.size > 0
     larger = take_off(copies, len(flights.base), ticking, numbered)

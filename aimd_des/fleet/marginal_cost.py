@@ -31,24 +31,7 @@ def _call_gradient(typingctx: Any, address: Any, agent: Any, average: Any, gradi
 
 @formula
 def marginal_cost_at(crowd: Crowd, agent: int, resource: int, moment: float, average: float) -> float:
-    """Return grad_j f_i at the agent's averages, of which that of the resource itself is known.
-
-    Parameters
-    ----------
-    crowd : Crowd
-        The agents.
-    agent, resource : int
-        i and j.
-    moment : float
-        The moment at hand.
-    average : float
-        Of the resource, in its unit.
-
-    Returns
-    -------
-    float
-        In units of cost per unit of the resource.
-    """
+    """Return grad_j f_i at the agent's averages, of which that of the resource itself is known."""
     averages = crowd.scratch.average
     if crowd.coupled:
         for j in range(averages.shape[0]):

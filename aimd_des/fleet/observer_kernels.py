@@ -125,15 +125,7 @@ def _sort(answers: Answers, order: IntArray, spare: IntArray) -> None:
 
 @routine
 def fold_answers(answers: Answers, meter: Meter) -> None:
-    """Fold the answers in memory into the integrals, and forget them.
-
-    Parameters
-    ----------
-    answers : Answers
-        All of them later than those before.
-    meter : Meter
-        Of lines.
-    """
+    """Fold the answers in memory into the integrals, and forget them."""
     _sort(answers, meter.order, meter.spare)
     for place in range(answers.held[0]):
         row = meter.order[place]

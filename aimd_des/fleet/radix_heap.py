@@ -42,55 +42,20 @@ def _highest_bit(typingctx: Any, word: Any) -> Any:  # noqa: ARG001 - numba's ca
 
 @formula
 def bits_of(time: float) -> Any:
-    """Return the bits of a time, as an integer that is in the order of times.
-
-    Parameters
-    ----------
-    time : float
-        At least 0.
-
-    Returns
-    -------
-    int64
-        At least 0.
-    """
+    """Return the bits of a time, as an integer that is in the order of times."""
     # Adding 0.0 makes +0.0 of -0.0.
     return np.float64(time + 0.0).view(np.int64)
 
 
 @formula
 def time_of(key: int) -> Any:
-    """Return the time that bits stand for.
-
-    Parameters
-    ----------
-    key : int64
-        As from `bits_of`.
-
-    Returns
-    -------
-    float64
-        The time.
-    """
+    """Return the time that bits stand for."""
     return np.int64(key).view(np.float64)
 
 
 @formula
 def places(flights: Flights, block: int) -> Any:
-    """Return the places of the copies in a block.
-
-    Parameters
-    ----------
-    flights : Flights
-        The copies on their way.
-    block : int
-        The block.
-
-    Returns
-    -------
-    range
-        Without a sign: compiled code need not ask whether they count from the end.
-    """
+    """Return the places of the copies in a block."""
     first = block * BLOCK
     return range(np.uint64(first), np.uint64(first + flights.filled[block]))
 
@@ -117,20 +82,7 @@ def _end(flights: Flights, queue: int, chain: int) -> np.uint64:
 
 @formula
 def release(flights: Flights, block: int) -> Any:
-    """Give a block back whose copies are elsewhere, or answered.
-
-    Parameters
-    ----------
-    flights : Flights
-        The copies on their way.
-    block : int
-        The block.
-
-    Returns
-    -------
-    int
-        The next block of its chain.
-    """
+    """Give a block back whose copies are elsewhere, or answered."""
     following = flights.following[block]
     flights.following[block] = flights.free[0]
     flights.free[0] = block
@@ -150,17 +102,7 @@ def put(
     rank: int,
     uniform: float,
 ) -> None:
-    """Put a copy on its way.
-
-    Parameters
-    ----------
-    flights : Flights
-        The copies on their way; there must be room.
-    queue : int
-        Which queue.
-    key, moment, arrival, number, agent, resource, rank, uniform
-        As in `Flights`; due no earlier than the last release of this queue.
-    """
+    """Put a copy on its way."""
     end = _end(flights, queue, _highest_bit(key ^ flights.base[queue]) + 1)
     flights.key[end] = key
     flights.agent[end] = agent
@@ -176,17 +118,7 @@ def put(
 
 @formula
 def move(flights: Flights, queue: int, chain: int, place: int) -> None:
-    """Copy a copy to the end of a chain.
-
-    Parameters
-    ----------
-    flights : Flights
-        The copies on their way.
-    queue, chain : int
-        Where to.
-    place : int
-        Where it stands.
-    """
+    """Copy a copy to the end of a chain."""
     end = _end(flights, queue, chain)
     flights.key[end] = flights.key[place]
     flights.agent[end] = flights.agent[place]
@@ -241,20 +173,7 @@ def _raise_ties(flights: Flights, queue: int, limit: int) -> None:
 
 @formula
 def raise_due(flights: Flights, queue: int, time: float, limit: int) -> None:
-    """Put all copies of a queue that are due in its chain of those.
-
-    Parameters
-    ----------
-    flights : Flights
-        The copies on their way.
-    queue : int
-        Which queue.
-    time : float
-        What is due before is due; not before the time of the last release.
-    limit : int
-        What is due at this very time is due if its order number (of discrete agents: the agent's index)
-        is below this.
-    """
+    """Put all copies of a queue that are due in its chain of those."""
     base, now = flights.base[queue], bits_of(time)
     if now > base:
         flights.base[queue] = now

@@ -238,20 +238,7 @@ def _answer(crowd: Crowd, chosen: int) -> None:
 
 @kernel
 def settle(crowd: Crowd, first: int, last: int, time: float, limit: int) -> None:
-    """Let all agents answer the copies that are due.
-
-    Parameters
-    ----------
-    crowd : Crowd
-        The agents.
-    first, last : int
-        In which queues: from the first to the one before the last.
-    time : float
-        What is due before is due.
-    limit : int
-        What is due at this very time is due if its order number (of discrete agents: the agent's index)
-        is below this.
-    """
+    """Let all agents answer the copies that are due."""
     flights = crowd.flights
     for queue in range(first, last):
         raise_due(flights, queue, time, limit)

@@ -20,44 +20,20 @@ class BeginsAt:
 
 
 def note(system: System, entry: Entry, resource: int = -1, agent: int = -1, value: float = 0.0) -> None:
-    """Enter a change in the log.
-
-    Parameters
-    ----------
-    system : System
-        The run in progress.
-    entry : Entry
-        What has changed.
-    resource, agent : int
-        j and i; -1: none, or all.
-    value : float
-        As `Entry` tells.
-    """
+    """Enter a change in the log."""
     if system.log is not None:
         system.log.add((system.env.now, entry, resource, agent, -1, value))
 
 
 def end_piece(system: System) -> None:
-    """Let everybody close their books on the problem that has been in force.
-
-    Parameters
-    ----------
-    system : System
-        The run in progress.
-    """
+    """Let everybody close their books on the problem that has been in force."""
     system.settle()
     for close in system.conditions.on_piece:
         close()
 
 
 def begin_piece(system: System) -> None:
-    """Note the problem that is in force from now on; what has been so for no time is forgotten.
-
-    Parameters
-    ----------
-    system : System
-        The run in progress.
-    """
+    """Note the problem that is in force from now on; what has been so for no time is forgotten."""
     conditions, now = system.conditions, float(system.env.now)
     if conditions.pieces[-1].start == now:
         conditions.pieces.pop()

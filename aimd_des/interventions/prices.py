@@ -38,20 +38,7 @@ def set_costs(system: System, costs: Costs) -> None:
 
 
 def checked_costs(problem: Problem, costs: Costs) -> None:
-    """Refuse costs that cannot take the place of a problem's.
-
-    Parameters
-    ----------
-    problem : Problem
-        What is shared.
-    costs : Costs
-        The new ones.
-
-    Raises
-    ------
-    InputError
-        If they are of another kind or shape, or not convex and increasing.
-    """
+    """Refuse costs that cannot take the place of a problem's."""
     before = problem.costs
     if type(costs) is not type(before) or costs.separable != before.separable:
         allowed = f"of the same family as those of the problem, {type(before).__name__}"

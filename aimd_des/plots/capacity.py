@@ -22,22 +22,7 @@ _NOT_RECORDED = (
 
 
 def capacity_at(result: Result, resource: int, times: FloatArray) -> FloatArray:
-    """Look up which capacity was in force.
-
-    Parameters
-    ----------
-    result : Result
-        The run.
-    resource : int
-        j.
-    times : ndarray, shape (q,)
-        When.
-
-    Returns
-    -------
-    ndarray, shape (q,)
-        C, in units of the resource.
-    """
+    """Look up which capacity was in force."""
     starts = [piece.start for piece in result.history]
     levels = np.array([piece.capacity[resource] for piece in result.history])
     return np.asarray(levels[np.searchsorted(starts, times, side="right") - 1])
@@ -46,21 +31,7 @@ def capacity_at(result: Result, resource: int, times: FloatArray) -> FloatArray:
 def capacity_line(
     axes: Axes, result: Result, resource: int, divisor: float, first: float, last: float
 ) -> None:
-    """Draw the capacity in force as a dashed line, with a step wherever an intervention changes it.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where to draw.
-    result : Result
-        The run.
-    resource : int
-        j.
-    divisor : float
-        What amounts are divided by.
-    first, last : float
-        From when to when.
-    """
+    """Draw the capacity in force as a dashed line, with a step wherever an intervention changes it."""
     changes = [piece.start for piece in result.history if first < piece.start < last]
     times = np.array([first, *changes, last])
     level = capacity_at(result, resource, times) / divisor

@@ -48,26 +48,7 @@ def measured(
     measure: Callable[[Look], npt.ArrayLike],
     *shape: int,
 ) -> FloatArray:
-    """Measure the averages at some looks.
-
-    Parameters
-    ----------
-    result : Result
-        The run.
-    shown : ndarray of int, shape (q,)
-        Which looks at allocations.
-    optimum : Optimum, optional
-        What stands for the one in force at the end.
-    measure : callable
-        Called with each `Look`.
-    *shape : int
-        Of what it gives.
-
-    Returns
-    -------
-    ndarray, shape (q, ...)
-        NaN where nobody is here.
-    """
+    """Measure the averages at some looks."""
     seen, found = result.observations, np.full((len(shown), *shape), np.nan)
     for row, look in enumerate(shown.tolist()):
         piece = result.piece_at(float(seen.allocation_times[look]))

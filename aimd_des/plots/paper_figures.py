@@ -23,54 +23,14 @@ _Panel = tuple[str, Callable[[Axes], Axes]]
 
 
 def paper_figures(results: Result | Sequence[Result], optimum: Optimum | None = None) -> dict[str, Figure]:
-    """Draw the paper's four figures.
-
-    Parameters
-    ----------
-    results : Result or sequence of Result
-        The run to draw; of several, the first, and all of them where capacity events are counted.
-        Best recorded with ``Recording("auto", "auto", tail=100)``: a panel for which too little
-        was recorded says so.
-    optimum : Optimum, optional
-        What stands for the optimum of the first run's problem at its end; the one in force unless given.
-
-    Returns
-    -------
-    dict of str to Figure
-        ``figure1``: averages of some agents, their demand over the last 100 units of time, profile
-        of the derivatives.  ``figure2``: distance of the averages from the optimum, relative error,
-        cost ratio.  ``figure3``: for each resource a histogram of the distances at the end.
-        ``figure4``: sum of the averages, sum of the demands over the last 40 units of time,
-        capacity events.
-
-    Raises
-    ------
-    InputError
-        If there is no run, their resources differ, or the optimum is for another number of agents.
-    """
+    """Draw the paper's four figures."""
     return {name: draw() for name, draw in figure_makers(results, optimum).items()}
 
 
 def figure_makers(
     results: Result | Sequence[Result], optimum: Optimum | None = None
 ) -> dict[str, Callable[[], Figure]]:
-    """Give what draws each of the paper's figures, so that one that fails does not take the others along.
-
-    Parameters
-    ----------
-    results, optimum
-        As for `paper_figures`.
-
-    Returns
-    -------
-    dict of str to callable
-        Draws the figure of that name.
-
-    Raises
-    ------
-    InputError
-        If there is no run.
-    """
+    """Give what draws each of the paper's figures, so that one that fails does not take the others along."""
     runs = [results] if isinstance(results, Result) else list(results)
     if not runs:
         raise InputError.of("results", runs, "at least one run")

@@ -54,37 +54,13 @@ def colour(resource: int) -> str:
 
 
 def plain(text: str) -> str:
-    """Write a text so that it is drawn as it stands, with dollar signs that begin no formula.
-
-    Parameters
-    ----------
-    text : str
-        What a user has named something.
-
-    Returns
-    -------
-    str
-        For a label, a tick, a title or a legend, which leaves out what begins with an underscore.
-    """
+    """Write a text so that it is drawn as it stands, with dollar signs that begin no formula."""
     shown = text.replace("$", r"\$")
     return f" {shown}" if shown.startswith("_") else shown
 
 
 def axis_label(what: str, unit: str) -> str:
-    """Compose the label of an axis.
-
-    Parameters
-    ----------
-    what : str
-        What the axis shows.
-    unit : str
-        In which unit; may be empty.
-
-    Returns
-    -------
-    str
-        ``what (unit)``, in two lines where it is long.
-    """
+    """Compose the label of an axis."""
     if not unit:
         return plain(what)
     gap = " " if len(what) + len(unit) <= _LONGEST_LABEL else "\n"
@@ -92,33 +68,12 @@ def axis_label(what: str, unit: str) -> str:
 
 
 def resource_label(resource: Resource) -> str:
-    """Name a resource together with its unit.
-
-    Parameters
-    ----------
-    resource : Resource
-        The resource.
-
-    Returns
-    -------
-    str
-        For the legend.
-    """
+    """Name a resource together with its unit."""
     return f"{resource.name} ({resource.unit})" if resource.unit else resource.name
 
 
 def name_resources(axes: Axes, problem: Problem, reference: str = "") -> None:
-    """Put the resources, and what the dashed lines mean, into the legend of these axes.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where.
-    problem : Problem
-        Whose resources.
-    reference : str
-        What dashed lines mean; empty where there are none.
-    """
+    """Put the resources, and what the dashed lines mean, into the legend of these axes."""
     for j, resource in enumerate(problem.resources):
         axes.plot([], [], color=colour(j), linewidth=2.0, label=plain(resource_label(resource)))
     if reference:
@@ -167,17 +122,7 @@ def _percent(share: float, _position: int | None = None) -> str:
 
 
 def number_axis(axis: Axis, *, percent: bool = False, whole: bool = False) -> None:
-    """Let an axis show plain numbers with grouped digits, at 1, 2 and 5 where it is logarithmic and short.
-
-    Parameters
-    ----------
-    axis : Axis
-        What to dress, with scale and limits set.
-    percent : bool
-        Whether to show shares as percentages.
-    whole : bool
-        Whether only whole numbers make sense.
-    """
+    """Let an axis show plain numbers with grouped digits, at 1, 2 and 5 where it is logarithmic and short."""
     if axis.get_scale() == "log":
         low, high = axis.get_view_interval()
         subs = (1.0,) if high / low > 200 else (1.0, 2.0, 5.0)
@@ -189,17 +134,7 @@ def number_axis(axis: Axis, *, percent: bool = False, whole: bool = False) -> No
 
 
 def time_axis(axes: Axes, result: Result, *, log: bool = False) -> None:
-    """Dress the axis of time, and the axes around it.
-
-    Parameters
-    ----------
-    axes : Axes
-        What to dress, with everything drawn.
-    result : Result
-        The run: decides whether time counts steps.
-    log : bool
-        Whether the axis is logarithmic.
-    """
+    """Dress the axis of time, and the axes around it."""
     steps = result.dynamics == "discrete"
     axes.set_xlabel("time step" if steps else "time")
     if log:
@@ -209,49 +144,20 @@ def time_axis(axes: Axes, result: Result, *, log: bool = False) -> None:
 
 
 def colour_bar(axes: Axes, drawn: ScalarMappable, label: str) -> None:
-    """Put a colour bar beside axes, from which it takes some room.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where.
-    drawn : ScalarMappable
-        What has the colours.
-    label : str
-        What they mean, with unit.
-    """
+    """Put a colour bar beside axes, from which it takes some room."""
     bar = axes.figure.colorbar(drawn, ax=axes, label=label)
     bar.outline.set_visible(False)
 
 
 def frame(axes: Axes) -> None:
-    """Give axes the light grid and the open frame that all panels have.
-
-    Parameters
-    ----------
-    axes : Axes
-        What to dress.
-    """
+    """Give axes the light grid and the open frame that all panels have."""
     axes.grid(visible=True, color="0.9", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
 
 
 def note(axes: Axes, text: str) -> Axes:
-    """Say in the axes why nothing is drawn.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where.
-    text : str
-        The reason and what to do about it.
-
-    Returns
-    -------
-    Axes
-        The same.
-    """
+    """Say in the axes why nothing is drawn."""
     axes.text(
         0.5,
         0.5,

@@ -30,72 +30,26 @@ class Scale(NamedTuple):
 
 
 def comparable(values: FloatArray) -> bool:
-    """Tell whether one linear axis can show all of these.
-
-    Parameters
-    ----------
-    values : ndarray, shape (m,)
-        One typical value for each resource.
-
-    Returns
-    -------
-    bool
-        Whether the largest is at most ten times the smallest.
-    """
+    """Tell whether one linear axis can show all of these."""
     return bool(values.min() > 0 and values.max() / values.min() <= _COMPARABLE)
 
 
 def scale_for_totals(problem: Problem) -> Scale:
-    """Choose the scale for sums over all agents.
-
-    Parameters
-    ----------
-    problem : Problem
-        What is shared.
-
-    Returns
-    -------
-    Scale
-        Units of the resources; shares of the capacities where these differ too much.
-    """
+    """Choose the scale for sums over all agents."""
     if comparable(problem.capacity):
         return Scale(np.ones(problem.n_resources), units_of(problem))
     return Scale(problem.capacity, "share of the capacity")
 
 
 def scale_for_agents(problem: Problem) -> Scale:
-    """Choose the scale for amounts of single agents.
-
-    Parameters
-    ----------
-    problem : Problem
-        What is shared.
-
-    Returns
-    -------
-    Scale
-        Units of the resources; multiples of C / n where the capacities differ too much.
-    """
+    """Choose the scale for amounts of single agents."""
     if comparable(problem.capacity):
         return Scale(np.ones(problem.n_resources), units_of(problem))
     return Scale(problem.capacity / problem.n_agents, "multiples of capacity / agents")
 
 
 def units_of(problem: Problem, otherwise: str = "units as in the legend") -> str:
-    """List the units of the resources for the label of an axis that they share.
-
-    Parameters
-    ----------
-    problem : Problem
-        What is shared.
-    otherwise : str
-        What to say where the list is too long.
-
-    Returns
-    -------
-    str
-        Each unit once; empty where resources have none.
-    """
+    """List the units of the resources for the label of an axis that they share."""
     units = dict.fromkeys(resource.unit for resource in problem.resources if resource.unit)
     text = ", ".join(units)
     return text if len(text) <= _LONGEST_UNIT else otherwise

@@ -28,71 +28,17 @@ def _index(field: str, names: Sequence[str], given: object) -> int:
 
 
 def resource_index(problem: Problem, resource: str | int) -> int:
-    """Find a resource.
-
-    Parameters
-    ----------
-    problem : Problem
-        What is shared.
-    resource : str or int
-        Its name, or j.
-
-    Returns
-    -------
-    int
-        j.
-
-    Raises
-    ------
-    InputError
-        If there is none; with the nearest name.
-    """
+    """Find a resource."""
     return _index("resource", problem.resource_names, resource)
 
 
 def agent_index(problem: Problem, agent: str | int) -> int:
-    """Find an agent.
-
-    Parameters
-    ----------
-    problem : Problem
-        Who shares.
-    agent : str or int
-        Its name, or i.
-
-    Returns
-    -------
-    int
-        i.
-
-    Raises
-    ------
-    InputError
-        If there is none; with the nearest name.
-    """
+    """Find an agent."""
     return _index("agent", problem.agent_names, agent)
 
 
 def agent_indices(problem: Problem, agents: Agents) -> list[int]:
-    """Find agents.
-
-    Parameters
-    ----------
-    problem : Problem
-        Who shares.
-    agents : str, int or sequence of these
-        Names, or i.
-
-    Returns
-    -------
-    list of int
-        Each i, in the order given.
-
-    Raises
-    ------
-    InputError
-        If there is no such agent, one is named twice, or none is named.
-    """
+    """Find agents."""
     # One that is no list is looked up, or refused, as one agent.
     given: list[Any] = list(agents) if validation.axes(agents) else [agents]  # type: ignore[arg-type]  # it has elements
     found = [agent_index(problem, agent) for agent in given]

@@ -18,18 +18,7 @@ _DIGITS = 5
 
 
 def data(frame: pd.DataFrame) -> alt.InlineData:
-    """Put a frame into a chart.
-
-    Parameters
-    ----------
-    frame : DataFrame
-        Few rows: all of them are written.
-
-    Returns
-    -------
-    altair.InlineData
-        Numbers have five digits; what is no number is left out.
-    """
+    """Put a frame into a chart."""
     rows = [
         {str(name): rounded(value) for name, value in row.items() if not _missing(value)}
         for row in frame.to_dict("records")
@@ -42,18 +31,7 @@ def _missing(value: Any) -> bool:
 
 
 def rounded(value: Any) -> Any:
-    """Write no more of a number than can be seen.
-
-    Parameters
-    ----------
-    value : object
-        Whatever stands in a frame.
-
-    Returns
-    -------
-    object
-        Floats with five digits, integers where they are whole; anything else as it is.
-    """
+    """Write no more of a number than can be seen."""
     if not isinstance(value, float):
         return value
     short = float(f"{value:.{_DIGITS}g}")
@@ -61,20 +39,7 @@ def rounded(value: Any) -> Any:
 
 
 def resource_colour(names: Sequence[str], *, legend: bool = True) -> alt.Color:
-    """Give every resource the colour that it has in all figures.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of the resources, in their order.
-    legend : bool
-        Whether to name them above the chart.
-
-    Returns
-    -------
-    altair.Color
-        Of the column `resource`.
-    """
+    """Give every resource the colour that it has in all figures."""
     # Black would not be seen on a dark ground.
     colours = [colour(j) if colour(j) != "#000000" else "currentColor" for j in range(len(names))]
     scale = alt.Scale(domain=list(names), range=colours)
@@ -85,38 +50,12 @@ def resource_colour(names: Sequence[str], *, legend: bool = True) -> alt.Color:
 
 
 def slid(name: str, start: str) -> alt.Parameter:
-    """Make a parameter that follows a slider of the page while it moves.
-
-    Parameters
-    ----------
-    name : str
-        Of the parameter, and the id of the slider; its value is a text.
-    start : str
-        Its value at first.
-
-    Returns
-    -------
-    altair.Parameter
-        To be added to a chart.
-    """
+    """Make a parameter that follows a slider of the page while it moves."""
     return _bound(name, start, "input")
 
 
 def chosen(name: str, start: str) -> alt.Parameter:
-    """Make a parameter that follows a choice of the page.
-
-    Parameters
-    ----------
-    name : str
-        Of the parameter, and the id of the choice.
-    start : str
-        Its value at first.
-
-    Returns
-    -------
-    altair.Parameter
-        To be added to a chart.
-    """
+    """Make a parameter that follows a choice of the page."""
     return _bound(name, start, "change")
 
 
@@ -125,20 +64,7 @@ def _bound(name: str, start: str, event: str) -> alt.Parameter:
 
 
 def finished(chart: alt.Chart | alt.LayerChart | alt.FacetChart, height: int = _HEIGHT) -> dict[str, Any]:
-    """Make a chart as wide as its place.
-
-    Parameters
-    ----------
-    chart : altair.Chart, altair.LayerChart or altair.FacetChart
-        Without a size.
-    height : int
-        In pixels.
-
-    Returns
-    -------
-    dict
-        Vega-Lite.
-    """
+    """Make a chart as wide as its place."""
     sized = chart.properties(width="container", height=height, background="transparent")
     spec: dict[str, Any] = sized.to_dict()
     spec["autosize"] = {"type": "fit-x", "contains": "padding"}

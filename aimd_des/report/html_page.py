@@ -116,13 +116,7 @@ class Chart:
     wide: bool = True
 
     def json(self) -> str:
-        """Write the specification so that nothing in it can end a script.
-
-        Returns
-        -------
-        str
-            JSON.
-        """
+        """Write the specification so that nothing in it can end a script."""
         described = {**self.spec, "description": f"{self.title}. {self.text}"}
         text = json.dumps(described, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
         return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
@@ -239,19 +233,7 @@ def write_page(page: Page, path: Path) -> None:
 
 
 def render(page: Page) -> str:
-    """Put a page together.
-
-    Parameters
-    ----------
-    page : Page
-        What it says.
-
-    Returns
-    -------
-    str
-        HTML with styles, scripts and data in it.  Texts are escaped, and the policy in its head lets no
-        script run but its own, and nothing be loaded.
-    """
+    """Put a page together."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     folder = PackageLoader("aimd_des.report")

@@ -23,18 +23,7 @@ _START, _PART = 50, 20
 
 
 def window_controls(until: float) -> list[Slider | Choice]:
-    """Make the controls of the window of time that is shown.
-
-    Parameters
-    ----------
-    until : float
-        The end of the run.
-
-    Returns
-    -------
-    list of Slider or Choice
-        Where it begins, and how long it is.
-    """
+    """Make the controls of the window of time that is shown."""
     starts = [f"{until * k / _POSITIONS:,.6g}" for k in range(_POSITIONS + 1)]
     lengths = [
         (repr(until / part), "the whole run" if part == 1 else f"{until / part:,.6g}") for part in _PARTS
@@ -61,20 +50,7 @@ def _window(until: float) -> tuple[list[alt.Parameter], alt.X, str]:
 
 
 def over_capacity(demand: pd.DataFrame, capacity: pd.DataFrame) -> pd.DataFrame:
-    """Measure totals and averages in capacities, at as many looks as can be seen.
-
-    Parameters
-    ----------
-    demand : DataFrame
-        As `Result` has it.
-    capacity : DataFrame
-        Since when each resource has had which: columns time, resource, capacity.
-
-    Returns
-    -------
-    DataFrame
-        Columns time, resource, total, average.
-    """
+    """Measure totals and averages in capacities, at as many looks as can be seen."""
     resources = capacity["resource"].nunique()
     kept = looks(demand["time"].to_numpy()[::resources], max(_MOST_ROWS // resources, 50))
     rows = demand.iloc[(kept[:, None] * resources + np.arange(resources)).ravel()]
@@ -84,24 +60,7 @@ def over_capacity(demand: pd.DataFrame, capacity: pd.DataFrame) -> pd.DataFrame:
 
 
 def demand_charts(demand: pd.DataFrame, signals: pd.DataFrame, names: list[str], until: float) -> list[Chart]:
-    """Show total demand over the capacity, and when signals were sent.
-
-    Parameters
-    ----------
-    demand : DataFrame
-        As `over_capacity` makes it.
-    signals : DataFrame
-        As `Result` has them.
-    names : list of str
-        Of the resources.
-    until : float
-        The end of the run.
-
-    Returns
-    -------
-    list of Chart
-        Both show the same window.
-    """
+    """Show total demand over the capacity, and when signals were sent."""
     parameters, time, inside = _window(until)
     line = (
         alt.Chart(data(demand[["time", "resource"]].assign(level=demand["total"])))
@@ -160,22 +119,7 @@ def _signals_chart(signals: pd.DataFrame, names: list[str], until: float) -> Cha
 
 
 def settling_chart(demand: pd.DataFrame, names: list[str], until: float) -> Chart:
-    """Show how the sum of the averages settles.
-
-    Parameters
-    ----------
-    demand : DataFrame
-        As `over_capacity` makes it.
-    names : list of str
-        Of the resources.
-    until : float
-        The end of the run.
-
-    Returns
-    -------
-    Chart
-        Over all of the run.
-    """
+    """Show how the sum of the averages settles."""
     chart = (
         alt.Chart(data(demand[["time", "resource"]].assign(level=demand["average"])))
         .mark_line(clip=True)
@@ -190,20 +134,7 @@ def settling_chart(demand: pd.DataFrame, names: list[str], until: float) -> Char
 
 
 def share_chart(average: np.ndarray[Any, Any], best: np.ndarray[Any, Any], names: list[str]) -> Chart:
-    """Hold the average of every agent against its optimum.
-
-    Parameters
-    ----------
-    average, best : ndarray, shape (n, m)
-        At the end, and at the optimum, in units of the resources.
-    names : list of str
-        Of the resources.
-
-    Returns
-    -------
-    Chart
-        In multiples of what each would have of equal shares.
-    """
+    """Hold the average of every agent against its optimum."""
     n = len(average)
     kept = np.unique(np.linspace(0, n - 1, min(n, _MOST_AGENTS)).astype(int))
     equal = best.mean(axis=0)

@@ -35,22 +35,7 @@ def _slider(axis: int) -> str:
 def study_controls(
     axes: Sequence[Along], resources: Sequence[str], measures: Sequence[str], start: Sequence[int]
 ) -> list[Slider | Choice]:
-    """Make the controls of the charts.
-
-    Parameters
-    ----------
-    axes : sequence of Along
-        At least one.
-    resources, measures : sequence of str
-        What the map can show.
-    start : sequence of int
-        The position on each axis at first.
-
-    Returns
-    -------
-    list of Slider or Choice
-        What is along the horizontal axis, where the others stand, and what the map shows.
-    """
+    """Make the controls of the charts."""
     numbered = [(str(number), axis.name) for number, axis in enumerate(axes)]
     controls: list[Slider | Choice] = []
     if len(axes) > 1:
@@ -106,27 +91,7 @@ def _ordinal(field: str, of: str, **more: Any) -> dict[str, Any]:
 def line_chart(
     frame: pd.DataFrame, name: str, axes: Sequence[Along], resources: Sequence[str], start: Sequence[int]
 ) -> Chart:
-    """Show one measure along an axis, with the confidence intervals of its means.
-
-    Parameters
-    ----------
-    frame : DataFrame
-        A row for each point and resource: i0, i1, ... (positions on the axes), resource, and mean, low and
-        high of the measure.
-    name : str
-        The measure.
-    axes : sequence of Along
-        The axes.
-    resources : sequence of str
-        The resources.
-    start : sequence of int
-        The position on each axis at first.
-
-    Returns
-    -------
-    Chart
-        Bound to the controls.
-    """
+    """Show one measure along an axis, with the confidence intervals of its means."""
     measure = MEASURES.get(name, Measure(_title(name), "", "", abs, str))
     base = (
         alt.Chart(data(frame))
@@ -160,25 +125,7 @@ def map_chart(
     axes: Sequence[Along],
     start: Sequence[int],
 ) -> Chart:
-    """Show one measure of one resource over two axes.
-
-    Parameters
-    ----------
-    frame : DataFrame
-        A row for each point and resource: i0, i1, ..., r (number of the resource), and for each measure its
-        mean m0, m1, ... and the half-width of its interval h0, h1, ...
-    measures : sequence of str
-        The measures.
-    axes : sequence of Along
-        Two or more.
-    start : sequence of int
-        The position on each axis at first.
-
-    Returns
-    -------
-    Chart
-        Bound to the controls.
-    """
+    """Show one measure of one resource over two axes."""
     parameters = [
         *_parameters(axes, start),
         chosen("up", "1"),

@@ -86,38 +86,14 @@ MEASURES = {
 
 
 def percent(share: float, digits: int = 3) -> str:
-    """Write a share as a percentage.
-
-    Parameters
-    ----------
-    share : float
-        1 is 100 %.
-    digits : int
-        How many are written.
-
-    Returns
-    -------
-    str
-        A dash where it is no number.
-    """
+    """Write a share as a percentage."""
     if not isfinite(share):
         return "–" if isnan(share) else "∞"
     return f"{float(f'{100.0 * share:.{digits}g}'):,.10g} %"
 
 
 def shown(value: Any) -> str:
-    """Write a value for a table.
-
-    Parameters
-    ----------
-    value : object
-        A number or a word.
-
-    Returns
-    -------
-    str
-        Numbers that are not whole with four digits.
-    """
+    """Write a value for a table."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
@@ -130,24 +106,7 @@ def shown(value: Any) -> str:
 def verdict(
     name: str, values: Mapping[str, float], among: str, run_away: Collection[str] = ()
 ) -> Verdict | None:
-    """Say the worst of several values in words.
-
-    Parameters
-    ----------
-    name : str
-        One of `MEASURES`.
-    values : mapping of str to float
-        The values, by what they are of.
-    among : str
-        What they are, in the plural.
-    run_away : collection of str
-        Of which of them demand has run away from the capacity.
-
-    Returns
-    -------
-    Verdict or None
-        None where none of them is a number.
-    """
+    """Say the worst of several values in words."""
     measure = MEASURES[name]
     known = {of: value for of, value in values.items() if isfinite(value)}
     if not known:

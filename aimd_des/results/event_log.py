@@ -59,13 +59,7 @@ class Entry(IntEnum):
 
 
 class EventLog:
-    """Entries in the order of events: time, then kind, then broadcast and agent.
-
-    Parameters
-    ----------
-    entries : iterable of LogEntry
-        With which it begins.
-    """
+    """Entries in the order of events: time, then kind, then broadcast and agent."""
 
     def __init__(self, entries: Iterable[LogEntry] = ()) -> None:
         self._entries = list(entries)
@@ -77,13 +71,7 @@ class EventLog:
         return EventLog, (self._entries,)
 
     def lead(self, before: Callable[[], None]) -> None:
-        """Have something done before an entry is added.
-
-        Parameters
-        ----------
-        before : callable
-            Adds, by `extend`, what has happened until now and is not in the log yet.
-        """
+        """Have something done before an entry is added."""
 
         def add(entry: LogEntry) -> None:
             before()
@@ -92,33 +80,12 @@ class EventLog:
         self.add = add
 
     def columns(self) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray]:
-        """Return the entries as arrays.
-
-        Returns
-        -------
-        time : ndarray, shape (e,)
-            In units of time.
-        entry : ndarray of int, shape (e, 4)
-            Kind (`Entry`), resource, agent (-1: all), number of the broadcast.
-        value : ndarray, shape (e,)
-            As `Entry` tells.
-        """
+        """Return the entries as arrays."""
         rows = np.array(self._entries, dtype=np.float64).reshape(-1, 6)
         return rows[:, 0], rows[:, 1:5].astype(np.int64), rows[:, 5]
 
     def frame(self, resource_names: tuple[str, ...], agent_names: tuple[str, ...]) -> pd.DataFrame:
-        """Return the entries as a frame.
-
-        Parameters
-        ----------
-        resource_names, agent_names : tuple of str
-            m and n names.
-
-        Returns
-        -------
-        DataFrame
-            time, kind, resource, agent (missing where an entry is about all), number, value.
-        """
+        """Return the entries as a frame."""
         time, entry, value = self.columns()
         kinds = [kind.name.lower() for kind in Entry]
         return pd.DataFrame(

@@ -14,52 +14,17 @@ _TEXT = "'"
 
 
 def categorical(codes: npt.NDArray[np.int64], names: Sequence[str]) -> pd.Categorical:
-    """Turn indices into names.
-
-    Parameters
-    ----------
-    codes : ndarray of int
-        Indices; -1 for a missing name.
-    names : sequence of str
-        All names there are.
-
-    Returns
-    -------
-    pandas.Categorical
-        With the names as categories.
-    """
+    """Turn indices into names."""
     # Generic in the stubs only: a subscript in the annotation would not survive at run time.
     return pd.Categorical.from_codes(codes.tolist(), categories=pd.Index(names))  # type: ignore[return-value]
 
 
 def safe_names(names: Iterable[str]) -> list[str]:
-    """Write names for a CSV file so that no spreadsheet takes them for formulas.
-
-    Parameters
-    ----------
-    names : iterable of str
-        As the user gave them.
-
-    Returns
-    -------
-    list of str
-        With an apostrophe before each that begins like a formula, or with an apostrophe.
-    """
+    """Write names for a CSV file so that no spreadsheet takes them for formulas."""
     return [_TEXT + name if name.startswith((*_FORMULAS, _TEXT)) else name for name in names]
 
 
 def name_as_written(word: str) -> str:
-    """Undo `safe_names`.
-
-    Parameters
-    ----------
-    word : str
-        As it stands in a CSV file.
-
-    Returns
-    -------
-    str
-        The name as the user gave it.
-    """
+    """Undo `safe_names`."""
     rest = word.removeprefix(_TEXT)
     return rest if rest.startswith((*_FORMULAS, _TEXT)) else word

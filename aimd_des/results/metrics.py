@@ -69,46 +69,18 @@ class Stretch:
     used: FloatArray
 
     def overshoot(self) -> Overshoot:
-        """Measure this stretch alone.
-
-        Returns
-        -------
-        Overshoot
-            Against its own capacity.
-        """
+        """Measure this stretch alone."""
         length = self.end - self.start
         return Overshoot(self.peak / self.capacity, self.above / length, self.excess / length / self.capacity)
 
 
 def load_of(stretches: Sequence[Stretch]) -> FloatArray:
-    """Integrate total demand over the capacity in force.
-
-    Parameters
-    ----------
-    stretches : sequence of Stretch
-        One after another from time 0 on, at least one.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        In units of time.
-    """
+    """Integrate total demand over the capacity in force."""
     return np.asarray(np.sum([part.used / part.capacity for part in stretches], axis=0))
 
 
 def overshoot_of(stretches: Sequence[Stretch]) -> Overshoot:
-    """Put the overshoot of several stretches together.
-
-    Parameters
-    ----------
-    stretches : sequence of Stretch
-        One after another from time 0 on, at least one.
-
-    Returns
-    -------
-    Overshoot
-        Of the whole time, each stretch against its own capacity.
-    """
+    """Put the overshoot of several stretches together."""
     until = stretches[-1].end
     peak, above, mean = np.zeros((3, len(stretches[0].capacity)))
     for part in stretches:
@@ -128,17 +100,7 @@ def fold_overshoot(
     excess: FloatArray,
     used: FloatArray,
 ) -> None:
-    """Fold in an interval over which total demand was constant.
-
-    Parameters
-    ----------
-    total, capacity : ndarray, shape (m,)
-        Total demand over the interval, and capacities, in units of the resources.
-    duration : float
-        Length of the interval.
-    peak, above, excess, used : ndarray, shape (m,)
-        Running maximum of the total, time above capacity, and integrals of what exceeds it and of all.
-    """
+    """Fold in an interval over which total demand was constant."""
     for j in range(capacity.shape[0]):
         peak[j] = max(peak[j], total[j])
         used[j] += total[j] * duration

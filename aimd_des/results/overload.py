@@ -46,26 +46,7 @@ class Opportunities(NamedTuple):
 def run_away(
     signals: Signals, mean: FloatArray, until: float, opportunities: Opportunities
 ) -> npt.NDArray[np.bool_]:
-    """Judge the second half of a run.
-
-    Parameters
-    ----------
-    signals : Signals
-        Of the whole run.
-    mean : ndarray, shape (m,)
-        Mean total demand in its second half over the capacity; NaN where it was not integrated.
-    until : float
-        The end.
-    opportunities : Opportunities
-        Of the control unit.
-
-    Returns
-    -------
-    ndarray of bool, shape (m,)
-        Whether mean demand is above 1.05 of the capacity, and at least 95 % of the opportunities to signal
-        are used (of 20 or more), or more than 100 one after another; or above twice the capacity, and at
-        least half of them are used.
-    """
+    """Judge the second half of a run."""
     away = np.zeros(len(mean), dtype=np.bool_)
     for j in np.flatnonzero(mean > _MEAN).tolist():
         times = signals.time[(signals.resource == j) & (signals.time >= 0.5 * until)]
@@ -78,22 +59,7 @@ def run_away(
 
 
 def overload_words(names: Sequence[str], mean: FloatArray, away: npt.NDArray[np.bool_]) -> str:
-    """Say which capacities do not hold demand.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of the resources.
-    mean : ndarray, shape (m,)
-        Mean total demand in the second half of the run over the capacity.
-    away : ndarray of bool, shape (m,)
-        Where it has run away.
-
-    Returns
-    -------
-    str
-        A sentence.
-    """
+    """Say which capacities do not hold demand."""
     where = ", ".join(f"{names[j]} ({mean[j]:.3g} of it)" for j in np.flatnonzero(away).tolist())
     return (
         f"demand has run away from the capacity of {where}, in the mean of the second half of the run:"

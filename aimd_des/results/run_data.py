@@ -35,18 +35,7 @@ class Signals:
     number: npt.NDArray[np.int64]
 
     def counts(self, n_resources: int) -> npt.NDArray[np.int64]:
-        """Count the signals of each resource, shape (m,).
-
-        Parameters
-        ----------
-        n_resources : int
-            m.
-
-        Returns
-        -------
-        ndarray of int, shape (m,)
-            The bits that were broadcast.
-        """
+        """Count the signals of each resource, shape (m,)."""
         return np.bincount(self.resource, minlength=n_resources)
 
 

@@ -18,39 +18,13 @@ __all__ = ["PieceOptima", "is_unchanged", "piece_problem", "pieces_frame", "trac
 
 
 def is_unchanged(problem: Problem, piece: Piece) -> bool:
-    """Tell whether the problem of a piece is that of the run.
-
-    Parameters
-    ----------
-    problem : Problem
-        The run's.
-    piece : Piece
-        What is in force.
-
-    Returns
-    -------
-    bool
-        Whether capacities and costs are as at the start, and everybody is here.
-    """
+    """Tell whether the problem of a piece is that of the run."""
     as_given = piece.costs is problem.costs and bool((piece.capacity == problem.capacity).all())
     return as_given and bool(piece.present.all())
 
 
 def piece_problem(problem: Problem, piece: Piece) -> Problem:
-    """Build the problem of a piece: the capacities and costs in force, for those who are here.
-
-    Parameters
-    ----------
-    problem : Problem
-        The run's.
-    piece : Piece
-        What is in force, with at least one agent.
-
-    Returns
-    -------
-    Problem
-        The run's own where nothing has changed.
-    """
+    """Build the problem of a piece: the capacities and costs in force, for those who are here."""
     if is_unchanged(problem, piece):
         return problem
     here = piece.present
@@ -67,13 +41,7 @@ def _resource(resource: Resource, capacity: float, increase: FloatArray, decreas
 
 
 class PieceOptima:
-    """The optima of pieces, each solved when it is first asked for, and those that are alike once.
-
-    Parameters
-    ----------
-    problem : Problem
-        The run's.
-    """
+    """The optima of pieces, each solved when it is first asked for, and those that are alike once."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -81,38 +49,11 @@ class PieceOptima:
 
     @staticmethod
     def key(piece: Piece) -> tuple[bytes, bytes, int]:
-        """Give what is equal for pieces with the same problem.
-
-        Parameters
-        ----------
-        piece : Piece
-            What was in force.
-
-        Returns
-        -------
-        tuple
-            Of the capacities, those who were here, and the costs.
-        """
+        """Give what is equal for pieces with the same problem."""
         return piece.capacity.tobytes(), piece.present.tobytes(), id(piece.costs)
 
     def __call__(self, piece: Piece) -> Optimum | None:
-        """Solve a piece.
-
-        Parameters
-        ----------
-        piece : Piece
-            What was in force.
-
-        Returns
-        -------
-        Optimum or None
-            With the allocations of those who were here; None where nobody was.
-
-        Raises
-        ------
-        SimulationError
-            If it is not found.
-        """
+        """Solve a piece."""
         key = self.key(piece)
         if key not in self._solved:
             anybody = bool(piece.present.any())
@@ -127,26 +68,7 @@ def pieces_frame(
     until: float,
     observations: Observations,
 ) -> pd.DataFrame:
-    """Tell what was in force when, with its optimum and what total demand did.
-
-    Parameters
-    ----------
-    problem : Problem
-        The run's.
-    pieces : sequence of Piece
-        What was in force.
-    optima : PieceOptima
-        Solves them.
-    until : float
-        The end of the run.
-    observations : Observations
-        With the stretches of total demand.
-
-    Returns
-    -------
-    DataFrame
-        A row for each piece and resource, see `Result.pieces`.
-    """
+    """Tell what was in force when, with its optimum and what total demand did."""
     m, stretches = problem.n_resources, observations.stretches
     ends = [*(piece.start for piece in pieces[1:]), until]
     missing = np.full(m, np.nan)
@@ -182,24 +104,7 @@ def tracking_frame(
     optima: PieceOptima,
     observations: Observations,
 ) -> pd.DataFrame:
-    """Hold the averages at every recorded time against the optimum that is in force then.
-
-    Parameters
-    ----------
-    problem : Problem
-        The run's.
-    pieces : sequence of Piece
-        What was in force.
-    optima : PieceOptima
-        Solves them.
-    observations : Observations
-        With allocations.
-
-    Returns
-    -------
-    DataFrame
-        A row for each time and resource, see `Result.tracking`.
-    """
+    """Hold the averages at every recorded time against the optimum that is in force then."""
     times = observations.allocation_times
     starts = np.array([piece.start for piece in pieces])
     in_force = np.searchsorted(starts, times, side="right") - 1

@@ -14,15 +14,7 @@ Integer = Annotated[int, Field(ge=-(2**63), lt=2**63), WithJsonSchema({"type": "
 
 
 def described(schema: dict[str, Any], table: type[BaseModel]) -> None:
-    """Take descriptions from the docstring: its first paragraph, and what it says about each key.
-
-    Parameters
-    ----------
-    schema : dict
-        As pydantic has made it; it is changed.
-    table : class
-        Of which it is the schema.
-    """
+    """Take descriptions from the docstring: its first paragraph, and what it says about each key."""
     meanings = describe(table.__doc__)
     schema["description"] = " ".join((table.__doc__ or "").strip().partition("\n\n")[0].split())
     for name, part in schema.get("properties", {}).items():

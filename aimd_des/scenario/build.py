@@ -17,23 +17,7 @@ __all__ = ["built_by", "changes_of", "under", "with_resources"]
 
 @contextmanager
 def under(key: str) -> Iterator[None]:
-    """Say under which key of the scenario something was refused.
-
-    Parameters
-    ----------
-    key : str
-        The dotted key.
-
-    Yields
-    ------
-    None
-        While the block runs.
-
-    Raises
-    ------
-    InputError
-        With the key before the sentence.
-    """
+    """Say under which key of the scenario something was refused."""
     try:
         yield
     except InputError as refusal:
@@ -41,50 +25,12 @@ def under(key: str) -> Iterator[None]:
 
 
 def built_by(model: str, parameters: dict[str, Any], seed: int) -> Problem:
-    """Let a model make the problem.
-
-    Parameters
-    ----------
-    model : str
-        A registered model.
-    parameters : dict
-        Of the model; what is not given has its default.
-    seed : int
-        The scenario's.
-
-    Returns
-    -------
-    Problem
-        What is shared.
-
-    Raises
-    ------
-    InputError
-        If there is no such model or parameter, or the model makes no problem of them.
-    """
+    """Let a model make the problem."""
     return made_by(model, model_parameters(model, parameters, seed))
 
 
 def with_resources(problem: Problem, changes: Mapping[str, ResourceChange]) -> Problem:
-    """Put what a scenario says of resources over what the model has made.
-
-    Parameters
-    ----------
-    problem : Problem
-        Of the model.
-    changes : mapping
-        By the number of the resource, from 0, as a word.
-
-    Returns
-    -------
-    Problem
-        With the costs and the names of the model.
-
-    Raises
-    ------
-    InputError
-        If there is no such resource, or a value is outside its range.
-    """
+    """Put what a scenario says of resources over what the model has made."""
     resources = list(problem.resources)
     for number, change in changes.items():
         if number not in map(str, range(len(resources))):
@@ -98,31 +44,7 @@ def with_resources(problem: Problem, changes: Mapping[str, ResourceChange]) -> P
 def changes_of(
     tables: Sequence[KindTable], problem: Problem, model: str | None, parameters: dict[str, Any], seed: int
 ) -> list[Intervention]:
-    """Make the interventions, and hold them against the problem.
-
-    Parameters
-    ----------
-    tables : sequence of KindTable
-        What the scenario says.
-    problem : Problem
-        What is shared.
-    model : str, optional
-        Which made it; prices are drawn by a model.
-    parameters : dict
-        Of the model.
-    seed : int
-        The scenario's.
-
-    Returns
-    -------
-    list of Intervention
-        For `Simulation`.
-
-    Raises
-    ------
-    InputError
-        If there is no such agent or resource, or absences overlap.
-    """
+    """Make the interventions, and hold them against the problem."""
     made = []
     for number, table in enumerate(tables):
         subject = next(key for key in ("agents", "resource", "parameter", "kind") if hasattr(table, key))

@@ -18,24 +18,7 @@ _IMMATERIAL = {"title", "agents"}
 
 
 def canonical_form(spoken: Mapping[str, Any]) -> bytes:
-    """Write what decides a result, in one way only.
-
-    Parameters
-    ----------
-    spoken : mapping
-        A resolved scenario, spelled out, with parameters as `typed_parameters` returns them.
-
-    Returns
-    -------
-    bytes
-        JSON with sorted keys, without title and `agents`.  Files that tables name stand there by the
-        SHA-256 of what they hold.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read.
-    """
+    """Write what decides a result, in one way only."""
     material = {
         key: value if key == "parameters" else _with_contents(value)
         for key, value in spoken.items()
@@ -45,25 +28,7 @@ def canonical_form(spoken: Mapping[str, Any]) -> bytes:
 
 
 def typed_parameters(function: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Write parameters of a model so that equal ones look alike.
-
-    Parameters
-    ----------
-    function : callable
-        The model.
-    given : mapping
-        Its parameters.
-
-    Returns
-    -------
-    dict
-        With floats where the model's signature says floats, and the contents of files where it says `Path`.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read.
-    """
+    """Write parameters of a model so that equal ones look alike."""
     try:
         hints = get_type_hints(function)
     except (NameError, TypeError):  # what is annotated with names that are not there

@@ -12,23 +12,7 @@ __all__ = ["check_to_run"]
 
 
 def check_to_run(scenario: Scenario) -> Problem:
-    """Hold a scenario's parts against the number of agents and the end of the run.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Checked by itself.
-
-    Returns
-    -------
-    Problem
-        What is shared.
-
-    Raises
-    ------
-    InputError
-        Whatever a run would refuse before it begins.
-    """
+    """Hold a scenario's parts against the number of agents and the end of the run."""
     (problem, interventions), recording = scenario.built(), scenario.recording.build()
     synchronous = scenario.dynamics == "synchronous"
     if synchronous:

@@ -52,25 +52,7 @@ def load_scenario(path: str | Path, /, **changes: Any) -> Scenario:
 
 
 def read_toml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
-    """Read a TOML file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    dict
-        What it says.
-    dict
-        The line of each key and table, as far as they are found.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is no TOML, or is too large, or nested too deep.
-    """
+    """Read a TOML file."""
     try:
         text = _text(path)
         data = tomllib.loads(text)

@@ -57,13 +57,7 @@ class KindTable(Table):
         self.build()
 
     def build(self) -> Any:
-        """Make the object that the table describes.
-
-        Returns
-        -------
-        object
-            Checked.
-        """
+        """Make the object that the table describes."""
         given = {name: _for_call(self.of, name, value) for name, value in self if name != "kind"}
         if "path" in given:
             _refuse_no_file(given["path"])
@@ -144,43 +138,13 @@ def _tables(group: str, default: str | None) -> tuple[type[KindTable], ...]:
 
 
 def kind_table(group: str, name: str, default: str | None = None) -> KindTable:
-    """Make a table of a kind, with what holds unless it is given.
-
-    Parameters
-    ----------
-    group, name : str
-        Which.
-    default : str, optional
-        As of `one_of`.
-
-    Returns
-    -------
-    KindTable
-        With all defaults.
-    """
+    """Make a table of a kind, with what holds unless it is given."""
     table = next(table for table in _tables(group, default) if table.of.name == name)
     return table.model_validate({"kind": name})
 
 
 def one_of(group: str, default: str | None = None, *, plain: bool = False, several: bool = False) -> Any:
-    """Make the type of a key that holds a table of one of the kinds of a group.
-
-    Parameters
-    ----------
-    group : str
-        The group.
-    default : str, optional
-        The kind of a table that does not say it.
-    plain : bool
-        Whether a number, or a list with one for each agent, will do as well.
-    several : bool
-        Whether a list of tables will do as well.
-
-    Returns
-    -------
-    type
-        For pydantic.
-    """
+    """Make the type of a key that holds a table of one of the kinds of a group."""
     tables = _tables(group, default)
     union: Any = reduce(or_, [cast(Any, Annotated[table, Tag(table.form)]) for table in tables])
     choose = _chooser(tables, default)

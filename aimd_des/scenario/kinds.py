@@ -146,35 +146,12 @@ KINDS: tuple[Kind, ...] = (
 
 
 def kinds() -> tuple[Kind, ...]:
-    """Describe everything that a scenario can name.
-
-    Returns
-    -------
-    tuple of Kind
-        Models first: those of the package `models` on the Python path, and of the modules in the working
-        directory.  Where a kind has two forms, with values and with a file, it stands there twice.
-
-    Raises
-    ------
-    InputError
-        If one of these modules registers a model and cannot be imported.
-    """
+    """Describe everything that a scenario can name."""
     return (*_models(), *KINDS)
 
 
 def kinds_of(group: str) -> tuple[Kind, ...]:
-    """List one group.
-
-    Parameters
-    ----------
-    group : str
-        Its name; not that of models.
-
-    Returns
-    -------
-    tuple of Kind
-        In the order of `KINDS`.
-    """
+    """List one group."""
     return tuple(kind for kind in KINDS if kind.group == group)
 
 
@@ -187,16 +164,6 @@ def _models() -> Iterator[Kind]:
 
 def describe(docstring: str | None) -> dict[str, str]:
     """Read what a docstring says about each parameter or attribute.
-
-    Parameters
-    ----------
-    docstring : str, optional
-        In NumPy's form.
-
-    Returns
-    -------
-    dict of str to str
-        One paragraph each.
 
     Examples
     --------

@@ -62,29 +62,7 @@ def validate_scenario(
 def checked(
     form: type[_Form], data: Mapping[str, Any], source: str, lines: Mapping[Place, int] | None = None
 ) -> _Form:
-    """Make a table of data, as `validate_scenario` makes a scenario.
-
-    Parameters
-    ----------
-    form : type
-        The table, such as `Scenario`.
-    data : mapping
-        Tables and lists, as read from TOML or JSON.
-    source : str
-        Where they come from, to begin each sentence with.
-    lines : mapping, optional
-        The line of each key and table there, as far as it is known.
-
-    Returns
-    -------
-    instance of form
-        Checked.
-
-    Raises
-    ------
-    InputError
-        One line for each error: source, line, key, what is wrong, and the nearest known word.
-    """
+    """Make a table of data, as `validate_scenario` makes a scenario."""
     try:
         return TypeAdapter(form).validate_python(dict(data))
     except ValidationError as refusal:
@@ -98,24 +76,7 @@ def refused(
     source: str = "",
     lines: Mapping[Place, int] | None = None,
 ) -> InputError:
-    """Say in our own words what pydantic has refused.
-
-    Parameters
-    ----------
-    form : type
-        The table.
-    refusal : ValidationError
-        What pydantic says.
-    data : mapping
-        Of which the table was to be made.
-    source, lines
-        As for `checked`.
-
-    Returns
-    -------
-    InputError
-        One line for each error.
-    """
+    """Say in our own words what pydantic has refused."""
     found = list(_by_place(refusal.errors(include_url=False), data))
     known = {} if lines is None else lines
     sentences = []

@@ -45,22 +45,6 @@ def named_model(name: str) -> Callable[..., Problem]:
     """Find a registered model, and import its module.
 
     A module that registers no model is not imported: that is read in its source.
-
-    Parameters
-    ----------
-    name : str
-        A module on the path, or in the working directory, such as "models.smart_cameras"; or one of its
-        functions, such as "my_models.small".
-
-    Returns
-    -------
-    callable
-        The function that was registered there.
-
-    Raises
-    ------
-    InputError
-        If there is no such module, it cannot be imported, or it registers no such model, or several.
     """
     module, function = _called(name)
     if module not in _REGISTERED:
@@ -112,18 +96,7 @@ def _not_imported(name: str, error: BaseException) -> InputError:
 
 
 def models_of(module: str) -> list[str]:
-    """Name the models of a module, as a scenario can; nothing is imported.
-
-    Parameters
-    ----------
-    module : str
-        Its name.
-
-    Returns
-    -------
-    list of str
-        Empty if it registers none, or is no module of Python.
-    """
+    """Name the models of a module, as a scenario can; nothing is imported."""
     try:
         functions = _functions_of(module) or []
     except InputError:
@@ -132,25 +105,7 @@ def models_of(module: str) -> list[str]:
 
 
 def made_by(name: str, parameters: Mapping[str, Any]) -> Problem:
-    """Let a model make a problem.
-
-    Parameters
-    ----------
-    name : str
-        A registered model.
-    parameters : mapping
-        Of the model.
-
-    Returns
-    -------
-    Problem
-        What is shared.
-
-    Raises
-    ------
-    InputError
-        If there is no such model, or it makes no problem of them.
-    """
+    """Let a model make a problem."""
     function = named_model(name)
     try:
         problem = function(**parameters)
@@ -165,27 +120,7 @@ def made_by(name: str, parameters: Mapping[str, Any]) -> Problem:
 
 
 def model_parameters(name: str, given: dict[str, Any], seed: int) -> dict[str, Any]:
-    """Complete the parameters of a model with its defaults.
-
-    Parameters
-    ----------
-    name : str
-        The model.
-    given : dict
-        What the scenario says.
-    seed : int
-        The scenario's seed, for a parameter of that name that is not given.
-
-    Returns
-    -------
-    dict
-        A value for each parameter of the model.
-
-    Raises
-    ------
-    InputError
-        If a parameter is unknown, naming the nearest one.
-    """
+    """Complete the parameters of a model with its defaults."""
     known = signature(named_model(name)).parameters
     for key in given:
         if key not in known:

@@ -12,23 +12,7 @@ __all__ = ["decorated", "modules_in", "source_of"]
 
 
 def source_of(name: str) -> str | None:
-    """Read the source of a module.
-
-    Parameters
-    ----------
-    name : str
-        A module on the Python path or in the working directory, with the packages that it is in.
-
-    Returns
-    -------
-    str or None
-        None if there is no such module; empty if it has no source, as what is built into Python.
-
-    Raises
-    ------
-    SyntaxError, UnicodeDecodeError, ImportError
-        If it is no text, or cannot be read.
-    """
+    """Read the source of a module."""
     spec = _spec(name)
     if spec is None:
         return None
@@ -73,43 +57,14 @@ def _inside(package: ModuleSpec, part: str) -> ModuleSpec | None:
 
 
 def modules_in(package: str = "") -> list[str]:
-    """Name the modules of a package, or those of the working directory.
-
-    Parameters
-    ----------
-    package : str
-        Its name; the working directory unless given.
-
-    Returns
-    -------
-    list of str
-        In alphabetical order; empty if there is no such package.
-    """
+    """Name the modules of a package, or those of the working directory."""
     spec = _spec(package) if package else None
     places = (spec.submodule_search_locations or ()) if spec else () if package else (str(Path.cwd()),)
     return sorted(info.name for info in iter_modules(places, f"{package}." if package else ""))
 
 
 def decorated(source: str, decorators: frozenset[str]) -> list[str]:
-    """Name the functions at the top level of a module that have one of some decorators.
-
-    Parameters
-    ----------
-    source : str
-        Of the module.
-    decorators : frozenset of str
-        Dotted names, with the module that they come from.
-
-    Returns
-    -------
-    list of str
-        In the order of the source, without repetition.
-
-    Raises
-    ------
-    SyntaxError, ValueError, RecursionError
-        If it is no Python.
-    """
+    """Name the functions at the top level of a module that have one of some decorators."""
     tree = ast.parse(source)
     meant = dict(_imported(tree, decorators))
     return list(

@@ -17,22 +17,7 @@ _DEEPEST = 32
 
 
 def refuse_no_data(field: str, value: Any, depth: int = 0) -> None:
-    """Refuse what cannot be written to a file and read back the same.
-
-    Parameters
-    ----------
-    field : str
-        Its dotted key.
-    value : object
-        What was given.
-    depth : int
-        Of tables and lists around it.
-
-    Raises
-    ------
-    InputError
-        Naming the key.
-    """
+    """Refuse what cannot be written to a file and read back the same."""
     if depth > _DEEPEST:
         raise InputError(f"{field}: is nested deeper than {_DEEPEST} tables and lists; make it flatter")
     if isinstance(value, dict):
@@ -48,20 +33,7 @@ def refuse_no_data(field: str, value: Any, depth: int = 0) -> None:
 
 
 def as_data(value: Any, depth: int = 0) -> Any:
-    """Write values as a file has them.
-
-    Parameters
-    ----------
-    value : object
-        With tuples, ranges, arrays and Series where there are lists in a file, or numbers of NumPy.
-    depth : int
-        Of tables and lists around it; what is deeper than can be allowed is left as it is.
-
-    Returns
-    -------
-    object
-        With lists, and with Python's own numbers.
-    """
+    """Write values as a file has them."""
     if isinstance(value, np.ndarray | np.generic | pd.Series | pd.Index):
         value = value.tolist()
     if depth > 2 * _DEEPEST:

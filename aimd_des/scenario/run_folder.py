@@ -55,28 +55,7 @@ class Place:
 
 
 def check_folder(folder: Path, *, overwrite: bool, mark: str = PROVENANCE) -> Place:
-    """Refuse a folder that cannot be written, before anything runs.
-
-    Parameters
-    ----------
-    folder : Path
-        Where results shall go.
-    overwrite : bool
-        Whether earlier results may be replaced.
-    mark : str
-        The file by which earlier results are recognised.
-
-    Returns
-    -------
-    Place
-        For `new_folder`.
-
-    Raises
-    ------
-    InputError
-        If it is a file, holds something and `overwrite` is false, holds something that this
-        program did not write, or cannot be created.
-    """
+    """Refuse a folder that cannot be written, before anything runs."""
     if folder.exists() and not folder.is_dir():
         raise InputError.of("output folder", str(folder), "a folder", "it is a file; choose another name")
     target = folder.resolve()
@@ -124,21 +103,6 @@ def new_folder(place: Place) -> Iterator[Path]:
     """Give a temporary folder that takes its place once its block has ended well.
 
     What has come to that place since it was checked stays there: the new folder then gets a name beside it.
-
-    Parameters
-    ----------
-    place : Place
-        Where results shall go, as `check_folder` has found it.
-
-    Yields
-    ------
-    Path
-        Where to write; it is removed if the block fails.
-
-    Raises
-    ------
-    InputError
-        If the place is no longer as it was; it says where the new folder is.
     """
     target = place.target
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -226,13 +190,7 @@ def _umask() -> int:
 
 
 def library_versions() -> dict[str, str]:
-    """Name what results were made with.
-
-    Returns
-    -------
-    dict of str
-        The version of this package, of Python and of the libraries that results may depend on.
-    """
+    """Name what results were made with."""
     libraries = {library: version(library) for library in _LIBRARIES}
     return {"aimd_des": __version__, "python": platform.python_version(), **libraries}
 

@@ -13,31 +13,12 @@ _DIALECT = "http://json-schema.org/draft-07/schema#"
 
 
 def scenario_schema() -> dict[str, Any]:
-    """Describe scenario files for programs.
-
-    Returns
-    -------
-    dict
-        A JSON Schema of draft 7, with a description of every key.
-    """
+    """Describe scenario files for programs."""
     return file_schema(Scenario, "Scenario of aimd-des")
 
 
 def file_schema(form: type[BaseModel], title: str) -> dict[str, Any]:
-    """Describe a form that files may have.
-
-    Parameters
-    ----------
-    form : class
-        For which pydantic makes a schema.
-    title : str
-        What editors call it.
-
-    Returns
-    -------
-    dict
-        A JSON Schema of draft 7, in which nothing refers to what TOML does not have.
-    """
+    """Describe a form that files may have."""
     made = form.model_json_schema(ref_template="#/definitions/{model}")
     definitions = made.pop("$defs")
     schema = _in_dialect({**made, "definitions": definitions})

@@ -22,21 +22,6 @@ _OPENERS = ('"', "'", "[", "{", "=")
 def split_key(key: str) -> tuple[str, ...]:
     """Split a dotted key into its parts.
 
-    Parameters
-    ----------
-    key : str
-        Parts are joined by dots; a part that holds a dot stands in quotes.
-
-    Returns
-    -------
-    tuple of str
-        At least one.
-
-    Raises
-    ------
-    InputError
-        If a part is empty, or holds something that needs quotes, or there are too many of them.
-
     Examples
     --------
     >>> split_key('parameters."my.size"')
@@ -57,20 +42,7 @@ def split_key(key: str) -> tuple[str, ...]:
 
 
 def check_depth(data: Mapping[str, Any], source: str) -> None:
-    """Refuse data that are nested deeper than anything that a file can mean.
-
-    Parameters
-    ----------
-    data : mapping
-        Tables and lists, as read from TOML.
-    source : str
-        Where they come from, to begin the sentence with.
-
-    Raises
-    ------
-    InputError
-        If they are nested deeper than 64 tables and lists.
-    """
+    """Refuse data that are nested deeper than anything that a file can mean."""
     level: list[Any] = [data]
     for _ in range(MOST_PARTS + 1):
         inside = (part.values() if isinstance(part, Mapping) else part for part in level)
@@ -82,25 +54,6 @@ def check_depth(data: Mapping[str, Any], source: str) -> None:
 
 def with_settings(data: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
     """Set values in nested data, and leave the data as they are.
-
-    Parameters
-    ----------
-    data : mapping
-        Tables and lists, as read from TOML.
-    settings : mapping of str to value
-        Dotted keys, in a list by number from 0, and what stands there from now on; one after another.
-        Tables on the way that are missing are made.  A value takes the place of whatever stood there,
-        also of a table.
-
-    Returns
-    -------
-    dict
-        New where something has changed; the rest is shared with `data`.
-
-    Raises
-    ------
-    InputError
-        If a key leads through something that is no table, or to an element that a list does not have.
 
     Examples
     --------
@@ -136,21 +89,6 @@ def _set(container: Any, key: str, parts: tuple[str, ...], depth: int, value: An
 
 def parse_setting(text: str) -> tuple[str, Any]:
     """Read ``key=value`` as it is given on the command line.
-
-    Parameters
-    ----------
-    text : str
-        The value is one of TOML; a word that is none, such as ``fleet``, is a string.
-
-    Returns
-    -------
-    tuple of str and value
-        The dotted key, and what it is set to.
-
-    Raises
-    ------
-    InputError
-        If there is no ``=``, no key or no value, or the value begins like one of TOML and is none.
 
     Examples
     --------

@@ -55,13 +55,7 @@ class ResourceTable(Table):
         return self
 
     def build(self) -> Resource:
-        """Make the object that the table describes.
-
-        Returns
-        -------
-        Resource
-            Checked.
-        """
+        """Make the object that the table describes."""
         return Resource(**dict(self))
 
 
@@ -83,18 +77,7 @@ class ResourceChange(Table):
     threshold: float | None = None
 
     def of(self, resource: Resource) -> Resource:
-        """Change a resource of a model.
-
-        Parameters
-        ----------
-        resource : Resource
-            As the model has it.
-
-        Returns
-        -------
-        Resource
-            Checked.
-        """
+        """Change a resource of a model."""
         return replace(resource, **{name: value for name, value in self if value is not None})
 
 
@@ -118,13 +101,7 @@ class CostsTable(Table):
         return self
 
     def build(self) -> PolynomialCosts:
-        """Make the object that the table describes.
-
-        Returns
-        -------
-        PolynomialCosts
-            Checked.
-        """
+        """Make the object that the table describes."""
         return PolynomialCosts(self.exponents, self.coefficients)
 
 
@@ -158,23 +135,11 @@ class ChannelTable(Table):
         return self
 
     def idle(self) -> tuple[str, ...]:
-        """Name the keys that have no meaning over a network.
-
-        Returns
-        -------
-        tuple of str
-            None of them may be given.
-        """
+        """Name the keys that have no meaning over a network."""
         return () if self.network is None else ("latency", "loss", "duplication", "fifo")
 
     def build(self) -> Channel:
-        """Make the object that the table describes.
-
-        Returns
-        -------
-        Channel
-            Checked.
-        """
+        """Make the object that the table describes."""
         if self.network is not None:
             made: Channel = self.network.build()
             return made
@@ -214,13 +179,7 @@ class ClocksTable(Table):
         return self
 
     def build(self) -> Clocks:
-        """Make the object that the table describes.
-
-        Returns
-        -------
-        Clocks
-            Checked.
-        """
+        """Make the object that the table describes."""
         return Clocks(**dict(self))
 
 
@@ -251,11 +210,5 @@ class RecordingTable(Table):
         return self
 
     def build(self) -> Recording:
-        """Make the object that the table describes.
-
-        Returns
-        -------
-        Recording
-            Checked.
-        """
+        """Make the object that the table describes."""
         return Recording(**dict(self))

@@ -35,38 +35,12 @@ FRAMES = ("signals", "demand", "allocations", "events", "pieces", "tracking")
 
 
 def known_measure(field: str, name: str) -> None:
-    """Refuse what is no column of the summary.
-
-    Parameters
-    ----------
-    field : str
-        Where it was given.
-    name : str
-        The name.
-
-    Raises
-    ------
-    InputError
-        Naming the nearest one.
-    """
+    """Refuse what is no column of the summary."""
     _known(field, name, tuple(MEASURES))
 
 
 def known_frame(field: str, name: str) -> None:
-    """Refuse what is no frame of a result.
-
-    Parameters
-    ----------
-    field : str
-        Where it was given.
-    name : str
-        The name.
-
-    Raises
-    ------
-    InputError
-        Naming the nearest one.
-    """
+    """Refuse what is no frame of a result."""
     _known(field, name, FRAMES)
 
 

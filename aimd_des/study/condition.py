@@ -39,20 +39,7 @@ _ALLOWED = (
 
 
 class Condition:
-    """A condition that points of a study must fulfil.
-
-    Parameters
-    ----------
-    text : str
-        Such as "latency <= 5 or loss < 0.5".
-    names : sequence of str
-        The axes, which may have dots in their names.
-
-    Raises
-    ------
-    InputError
-        If the text is no such expression, or names something that is no axis.
-    """
+    """A condition that points of a study must fulfil."""
 
     def __init__(self, text: str, names: Sequence[str]) -> None:
         self.text = text
@@ -92,23 +79,7 @@ class Condition:
         return InputError.of(f"where has {ast.unparse(node)!r}, and where", self.text, _ALLOWED)
 
     def __call__(self, labels: Mapping[str, Any]) -> bool:
-        """Tell whether a point fulfils the condition.
-
-        Parameters
-        ----------
-        labels : mapping
-            The value of each axis by its name.
-
-        Returns
-        -------
-        bool
-            Whether it does.
-
-        Raises
-        ------
-        InputError
-            If values cannot be compared or computed with, such as a word with a number.
-        """
+        """Tell whether a point fulfils the condition."""
         try:
             return bool(self._value(self._root, labels))
         except (TypeError, ArithmeticError) as error:

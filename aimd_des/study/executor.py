@@ -30,26 +30,7 @@ def execute(
     take: Callable[[Run, Outcome], None],
     halted: Callable[[], bool],
 ) -> None:
-    """Carry out runs until none is due.
-
-    Parameters
-    ----------
-    pool : Pool
-        Where.
-    task : Task
-        What is the same for all.
-    due : callable
-        Gives the next run; None where there is none now, though outcomes may make more.
-    take : callable
-        Told what became of each run.
-    halted : callable
-        Whether nothing more is to be started.
-
-    Raises
-    ------
-    SimulationError
-        If there is nobody who could run anything.
-    """
+    """Carry out runs until none is due."""
     window = _Window(pool, task, due, take, halted)
     try:
         window.run()

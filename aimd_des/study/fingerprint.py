@@ -30,37 +30,14 @@ _FIELDS = ("name", "capacity", "increase", "decrease", "normalization", "thresho
 
 
 def problem_digests(problem: Problem) -> dict[str, str]:
-    """Describe a problem part by part.
-
-    Parameters
-    ----------
-    problem : Problem
-        What is shared.
-
-    Returns
-    -------
-    dict of str
-        A digest for each field of the resources, the costs, and the names of the agents.
-    """
+    """Describe a problem part by part."""
     fields = {name: [getattr(resource, name) for resource in problem.resources] for name in _FIELDS}
     whole = {**fields, "costs": problem.costs, "agent names": problem.agent_names}
     return {name: fingerprint(value) for name, value in whole.items()}
 
 
 def fingerprint(value: object) -> str:
-    """Digest a value: the same in every process, and another where what it does may be another.
-
-    Parameters
-    ----------
-    value : object
-        Numbers, arrays and collections count by what they hold; functions and classes outside of the
-        libraries by their source without comments, and by all that they refer to.
-
-    Returns
-    -------
-    str
-        Hexadecimal.
-    """
+    """Digest a value: the same in every process, and another where what it does may be another."""
     digest = sha256()
     for part in _words(value, {}):
         digest.update(part)

@@ -28,18 +28,7 @@ else:
 
 
 def private_folder() -> Path:
-    """Make a folder for temporary files that nobody else can put anything into.
-
-    Returns
-    -------
-    Path
-        The same for all processes of a user.
-
-    Raises
-    ------
-    OSError
-        If it cannot be made, or what is there is somebody else's or open to others.
-    """
+    """Make a folder for temporary files that nobody else can put anything into."""
     user = os.getuid() if hasattr(os, "getuid") else "all"
     folder = Path(tempfile.gettempdir()) / f"aimd_des-{user}"
     folder.mkdir(mode=0o700, exist_ok=True)
@@ -53,27 +42,7 @@ def private_folder() -> Path:
 
 @contextmanager
 def exclusive(path: Path, *, wait: float) -> Iterator[None]:
-    """Hold a lock over a block.
-
-    Parameters
-    ----------
-    path : Path
-        The file, made if there is none; it stays, and is empty.
-    wait : float
-        For how many seconds to wait for who holds it.
-
-    Yields
-    ------
-    None
-        While it is held.
-
-    Raises
-    ------
-    BlockingIOError
-        If another process holds it all the time.
-    OSError
-        If the file cannot be made.
-    """
+    """Hold a lock over a block."""
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     try:
         until = time.monotonic() + wait

@@ -29,20 +29,7 @@ _REMEDY = "choose another folder, or say --overwrite (overwrite=True)"
 
 
 def plan_table(study: Study, runs: Sequence[Run]) -> pa.Table:
-    """List the runs of a study.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-    runs : sequence of Run
-        Its runs.
-
-    Returns
-    -------
-    pyarrow.Table
-        The columns of the axes, point, replication, seed and key; a row for each run.
-    """
+    """List the runs of a study."""
     schema = plan_schema(study)
     labels = [run.labels for run in runs]
     return pa.Table.from_arrays(
@@ -51,27 +38,7 @@ def plan_table(study: Study, runs: Sequence[Run]) -> pa.Table:
 
 
 def earlier_replications(store: Store, study: Study, points: Sequence[Point]) -> dict[str, int]:
-    """Hold a study against the one whose folder this is.
-
-    Parameters
-    ----------
-    store : Store
-        The folder.
-    study : Study
-        The study that shall go on in it.
-    points : sequence of Point
-        Its points.
-
-    Returns
-    -------
-    dict of int
-        How many replications each point has had, by its name.
-
-    Raises
-    ------
-    InputError
-        If the folder has runs that would be no part of the study, or that lack something.
-    """
+    """Hold a study against the one whose folder this is."""
     manifest, plan = store.manifest(), store.plan()
     if manifest is None and plan is None:
         return {}
@@ -108,19 +75,7 @@ def _hold_against(earlier: Study, study: Study) -> None:
 
 
 def digests_of(points: Sequence[Point]) -> dict[str, Any]:
-    """Say what is shared at each point, for the manifest.
-
-    Parameters
-    ----------
-    points : sequence of Point
-        Of a study.
-
-    Returns
-    -------
-    dict
-        For each problem that differs, by a digest: the points that have it, and digests of its parts; and
-        the form of the digests.
-    """
+    """Say what is shared at each point, for the manifest."""
     found: dict[str, dict[str, Any]] = {}
     for point in points:
         entry = found.setdefault(fingerprint(point.problem), {"points": [], "parts": point.problem})
@@ -171,25 +126,7 @@ def _counts(plan: pa.Table, study: Study, points: Sequence[Point]) -> dict[str, 
 
 
 def planned(study: Study, store: Store) -> pd.DataFrame:
-    """Say what a sweep would do.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-    store : Store
-        The folder, which may not be there yet.
-
-    Returns
-    -------
-    DataFrame
-        A row for each point: the columns of the axes, point, replications (at least), done, failed.
-
-    Raises
-    ------
-    InputError
-        If a sweep would refuse.
-    """
+    """Say what a sweep would do."""
     store.check()
     points = expand(study)
     schedule = Schedule(study, points, earlier_replications(store, study, points))

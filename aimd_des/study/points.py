@@ -86,13 +86,7 @@ class Run:
     key: str
 
     def job(self) -> Job:
-        """Say what a worker has to know.
-
-        Returns
-        -------
-        Job
-            Plain data.
-        """
+        """Say what a worker has to know."""
         return Job(self.key, self.labels, self.scenario.spoken())
 
     @property
@@ -106,23 +100,7 @@ class Run:
 
 
 def expand(study: Study) -> list[Point]:
-    """List the points of a study, each with its scenario checked.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    list of Point
-        In the order of the axes, the last one fastest.
-
-    Raises
-    ------
-    InputError
-        If a scenario is refused, no point fulfils the condition, or two points are one.
-    """
+    """List the points of a study, each with its scenario checked."""
     points: list[Point] = []
     problems: dict[str, dict[str, str]] = {}
     first: dict[str, Point] = {}
@@ -171,18 +149,7 @@ def _check_problem(study: Study, scenario: Scenario, known: dict[str, dict[str, 
 
 
 def problem_words(scenario: Scenario) -> str:
-    """Describe the problem of a scenario.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Resolved.
-
-    Returns
-    -------
-    str
-        Equal words mean equal problems.
-    """
+    """Describe the problem of a scenario."""
     return repr((scenario.model, scenario.parameters, scenario.resources, scenario.costs))
 
 
@@ -214,24 +181,7 @@ def _plain(value: Any) -> Any:
 
 
 def run_of(study: Study, point: Point, replication: int) -> Run:
-    """Make one run.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-    point : Point
-        One of its points.
-    replication : int
-        Which, from 0.
-
-    Returns
-    -------
-    Run
-        With its seed: the first 63 bits of a `numpy.random.SeedSequence` of the study's seed whose spawn key
-        is 0 and the replication where seeds are paired, and otherwise 1, two words of the point's name and
-        the replication.
-    """
+    """Make one run."""
     if study.paired:
         spawn_key: tuple[int, ...] = (_PAIRED, replication)
     else:

@@ -38,34 +38,6 @@ def replicate(
 ) -> list[list[_Outcome]]:
     """Call every job with the same seeds, so that jobs share their luck and differences are paired.
 
-    Parameters
-    ----------
-    jobs : sequence of callable
-        Each takes a seed; with several workers or a folder all are functions of a module, or
-        `functools.partial` of such functions.
-    replications : int
-        How many seeds, at least 1.
-    seed : int
-        Of the first replication, at least 0; replication r has the seed ``seed + r``.
-    workers : int, optional
-        Processes; 1 stays in this one, one for each processor unless given.
-    out : str or Path, optional
-        A folder, new or of an earlier call.  What is there is not called again, and every outcome is
-        written there at once, so that what was stopped goes on.
-
-    Returns
-    -------
-    list of list
-        For each job its outcomes, in the order of the seeds, however the work was shared.
-
-    Raises
-    ------
-    InputError
-        If a number is outside its range, a job has no name to be recognised by, or the folder holds
-        something else.
-    SimulationError
-        If a worker dies; outcomes that are written stay.
-
     Notes
     -----
     Outcomes are kept by `pickle`, which runs what it reads: give only folders of your own.  They are

@@ -41,34 +41,12 @@ _KINDS = {"boolean": pa.bool_(), "number": pa.float64(), "string": pa.string(), 
 
 
 def axis_fields(study: Study) -> list[pa.Field]:
-    """Describe the columns of the axes.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    list of pyarrow.Field
-        Numbers are doubles, so that an axis of integers may grow by fractions.
-    """
+    """Describe the columns of the axes."""
     return [pa.field(axis.name, _KINDS[Axis.kind(axis.settings()[0][0])]) for axis in study.axes]
 
 
 def plan_schema(study: Study) -> pa.Schema:
-    """Describe the columns of the plan.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    pyarrow.Schema
-        The columns of the axes, point, replication, seed and key.
-    """
+    """Describe the columns of the plan."""
     return pa.schema(
         [
             *axis_fields(study),
@@ -81,18 +59,7 @@ def plan_schema(study: Study) -> pa.Schema:
 
 
 def run_schema(study: Study) -> pa.Schema:
-    """Describe the columns of a run's rows.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-
-    Returns
-    -------
-    pyarrow.Schema
-        The same for all of its runs.
-    """
+    """Describe the columns of a run's rows."""
     texts = [pa.field(name, pa.string()) for name in ("key", "digest", "resource")]
     measures = [pa.field(name, _KINDS[MEASURES[name]]) for name in study.columns()]
     return pa.schema(
@@ -120,22 +87,7 @@ def _optimum(described: _Described) -> Optimum:
 
 
 def summary_of(scenario: Scenario, result: Result, names: Sequence[str]) -> dict[str, list[Any]]:
-    """Measure a run, with the optimum of its problem solved only once for all runs that share it.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        What was run, resolved.
-    result : Result
-        What came out.
-    names : sequence of str
-        The measures.
-
-    Returns
-    -------
-    dict of list
-        A column for the resource and for each measure, a value for each resource.
-    """
+    """Measure a run, with the optimum of its problem solved only once for all runs that share it."""
     # Where interventions have left another problem, the run has one of its own.
     own = not is_unchanged(result.problem, result.history[-1])
     shared = not own and not _NEED_OPTIMUM.isdisjoint(names)
@@ -154,26 +106,7 @@ def run_table(
     scenario: str,
     versions: Mapping[str, str],
 ) -> pa.Table:
-    """Put the rows of a run together.
-
-    Parameters
-    ----------
-    schema : pyarrow.Schema
-        The columns, as from `run_schema`.
-    labels : mapping
-        A value for each column that says which run it is.
-    summary : mapping
-        A column for the resource and each measure, as from `summary_of`.
-    scenario : str
-        What was run, as TOML, for the metadata.
-    versions : mapping of str to str
-        Of this program, Python and the libraries, for the metadata.
-
-    Returns
-    -------
-    pyarrow.Table
-        A row for each resource.
-    """
+    """Put the rows of a run together."""
     count = len(summary["resource"])
     every = {**{name: [value] * count for name, value in labels.items()}, **summary}
     arrays = [pa.array(every[part.name], part.type) for part in schema]
@@ -182,22 +115,7 @@ def run_table(
 
 
 def frame_table(key: str, result: Result, name: str) -> pa.Table:
-    """Take a frame of a result, with the key of its run in front.
-
-    Parameters
-    ----------
-    key : str
-        Of the run.
-    result : Result
-        What came out.
-    name : str
-        Of the frame.
-
-    Returns
-    -------
-    pyarrow.Table
-        Column key, then those of the frame.
-    """
+    """Take a frame of a result, with the key of its run in front."""
     frame = pa.Table.from_pandas(getattr(result, name), preserve_index=False)
     keys = pa.DictionaryArray.from_arrays(pa.repeat(pa.scalar(0, pa.int8()), len(frame)), [key])
     return frame.replace_schema_metadata(None).add_column(0, "key", keys)

@@ -24,17 +24,7 @@ class _Progress:
 
 
 class Schedule:
-    """The runs of a study in their order; what it adds depends on their results alone, not on who was faster.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-    points : sequence of Point
-        Its points.
-    earlier : mapping
-        How many replications a point had in an earlier sweep, by its name: never fewer.
-    """
+    """The runs of a study in their order; what it adds depends on their results alone."""
 
     def __init__(self, study: Study, points: Sequence[Point], earlier: Mapping[str, int]) -> None:
         self._study = study
@@ -60,25 +50,11 @@ class Schedule:
         return sum(len(progress.runs) for progress in self._points.values())
 
     def next(self) -> Run | None:
-        """Give the next run.
-
-        Returns
-        -------
-        Run or None
-            None where all are under way or done.
-        """
+        """Give the next run."""
         return self._due.popleft() if self._due else None
 
     def record(self, run: Run, values: Sequence[tuple[str, float]]) -> None:
-        """Take note of a run, and decide on more when all of its point are there.
-
-        Parameters
-        ----------
-        run : Run
-            The run.
-        values : sequence of (str, float)
-            The measure that precision is wanted of, for each resource; empty where it failed.
-        """
+        """Take note of a run, and decide on more when all of its point are there."""
         progress = self._points[run.point.name]
         progress.waiting -= 1
         for resource, value in values:

@@ -15,13 +15,7 @@ _OF_FILES = {
 
 
 def study_schema() -> dict[str, Any]:
-    """Describe study files for programs.
-
-    Returns
-    -------
-    dict
-        A JSON Schema of draft 7.  Nothing is required: it may stand in a file that is extended.
-    """
+    """Describe study files for programs."""
     schema, scenario = file_schema(Study, "Study of aimd-des"), scenario_schema()
     properties, definitions = schema["properties"], schema["definitions"]
     definitions |= scenario["definitions"]

@@ -45,20 +45,7 @@ def _seal(name: str, content: bytes) -> bytes:
 
 
 def write_file(path: Path, content: bytes | pa.Buffer) -> None:
-    """Write a file under a temporary name, and give it its own when all of it is on the disk.
-
-    Parameters
-    ----------
-    path : Path
-        Its name.
-    content : bytes or pyarrow.Buffer
-        What it holds.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written; nothing is left then.
-    """
+    """Write a file under a temporary name, and give it its own when all of it is on the disk."""
     temporary = path.with_name(f".{path.name}.{uuid4().hex}.tmp")
     try:
         with temporary.open("wb") as file:
@@ -72,22 +59,7 @@ def write_file(path: Path, content: bytes | pa.Buffer) -> None:
 
 
 def write_sealed(folder: Path, name: str, content: bytes | pa.Buffer) -> None:
-    """Write a file with the digest of its content, unless the same is there already.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the study.
-    name : str
-        Of the file, as seen from the folder; it ends with .json, .toml or .parquet.
-    content : bytes or pyarrow.Buffer
-        What it holds, in the format that its name says.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written; nothing is left then.
-    """
+    """Write a file with the digest of its content, unless the same is there already."""
     path = folder / name
     rest = bytes(content)
     place = len(rest) - _behind(rest, path.suffix)
@@ -97,29 +69,7 @@ def write_sealed(folder: Path, name: str, content: bytes | pa.Buffer) -> None:
 
 
 def read_sealed(folder: Path, name: str, remedy: str) -> tuple[bytes, bool]:
-    """Read a file, and hold it against its digest.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the study.
-    name : str
-        Of the file, as seen from the folder.
-    remedy : str
-        What to do where it is damaged.
-
-    Returns
-    -------
-    content : bytes
-        Without the digest.
-    sealed : bool
-        Whether there was one: earlier versions wrote none.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or its digest is not that of the content.
-    """
+    """Read a file, and hold it against its digest."""
     path = folder / name
     try:
         whole = path.read_bytes()
@@ -129,31 +79,7 @@ def read_sealed(folder: Path, name: str, remedy: str) -> tuple[bytes, bool]:
 
 
 def unsealed(whole: bytes, name: str, source: str, remedy: str) -> tuple[bytes, bool]:
-    """Hold content against the digest in it.
-
-    Parameters
-    ----------
-    whole : bytes
-        Of the file.
-    name : str
-        Under which it was written, as seen from the folder.
-    source : str
-        Where it comes from, to begin the sentence with.
-    remedy : str
-        What to do where it is damaged.
-
-    Returns
-    -------
-    content : bytes
-        Without the digest.
-    sealed : bool
-        Whether there was one: earlier versions wrote none.
-
-    Raises
-    ------
-    InputError
-        If the digest is not that of the content.
-    """
+    """Hold content against the digest in it."""
     suffix = Path(name).suffix
     before, after = _FORMS[suffix]
     end = max(len(whole) - _behind(whole, suffix), 0)

@@ -40,20 +40,7 @@ _ANEW = "remove it, and sweep again"
 
 
 def parquet(table: pa.Table, *, small: bool = False) -> pa.Buffer:
-    """Turn a table into the bytes of a Parquet file.
-
-    Parameters
-    ----------
-    table : pyarrow.Table
-        What it holds.
-    small : bool
-        Whether it has so few rows that compression and statistics are not worth their time.
-
-    Returns
-    -------
-    pyarrow.Buffer
-        The same for the same table and version of pyarrow.
-    """
+    """Turn a table into the bytes of a Parquet file."""
     sink = pa.BufferOutputStream()
     if small:
         pq.write_table(table, sink, compression="none", use_dictionary=False, write_statistics=False)
@@ -63,13 +50,7 @@ def parquet(table: pa.Table, *, small: bool = False) -> pa.Buffer:
 
 
 class Store:
-    """The folder of a study.
-
-    Parameters
-    ----------
-    folder : Path
-        Where it is, or shall be.
-    """
+    """The folder of a study."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -77,37 +58,11 @@ class Store:
 
     @staticmethod
     def name(kind: str, key: str) -> str:
-        """Name a file of a run.
-
-        Parameters
-        ----------
-        kind : str
-            "runs", "failed" or a frame.
-        key : str
-            Of the run.
-
-        Returns
-        -------
-        str
-            Where it is, or shall be, as seen from the folder.
-        """
+        """Name a file of a run."""
         return f"{kind}/{key}.{'json' if kind == 'failed' else 'parquet'}"
 
     def write(self, name: str, content: bytes | pa.Buffer) -> None:
-        """Write a file with its checksum, unless it is there already.
-
-        Parameters
-        ----------
-        name : str
-            As seen from the folder.
-        content : bytes or pyarrow.Buffer
-            What it holds.
-
-        Raises
-        ------
-        OSError
-            If it cannot be written; nothing is left then.
-        """
+        """Write a file with its checksum, unless it is there already."""
         write_sealed(self.folder, name, content)
 
     def _content(self, name: str, remedy: str) -> tuple[bytes, bool]:
@@ -136,25 +91,7 @@ class Store:
         return table
 
     def run(self, key: str, schema: pa.Schema) -> pa.Table:
-        """Read the rows of a run.
-
-        Parameters
-        ----------
-        key : str
-            Of the run.
-        schema : pyarrow.Schema
-            What a run of the study has.
-
-        Returns
-        -------
-        pyarrow.Table
-            With such columns, and the metadata of the file.
-
-        Raises
-        ------
-        InputError
-            If there is no such file, or it is damaged, or that of something else.
-        """
+        """Read the rows of a run."""
         name = self.name("runs", key)
         table = self._table(name, AGAIN)
         metadata = table.schema.metadata
@@ -168,25 +105,7 @@ class Store:
         return table.replace_schema_metadata(metadata)
 
     def frame(self, kind: str, key: str) -> pa.Table:
-        """Read a frame of a run.
-
-        Parameters
-        ----------
-        kind : str
-            Which.
-        key : str
-            Of the run.
-
-        Returns
-        -------
-        pyarrow.Table
-            With the key in front.
-
-        Raises
-        ------
-        InputError
-            If there is no such file, or it is damaged, or that of something else.
-        """
+        """Read a frame of a run."""
         name = self.name(kind, key)
         table = self._table(name, AGAIN).replace_schema_metadata(None)
         self._hold_against(key, name, table)
@@ -198,23 +117,7 @@ class Store:
             raise InputError(f"{self.folder / name}: is another run's; {AGAIN}")
 
     def failure(self, key: str) -> dict[str, str]:
-        """Read what is written about a run that failed.
-
-        Parameters
-        ----------
-        key : str
-            Of the run.
-
-        Returns
-        -------
-        dict of str
-            Its message and its scenario.
-
-        Raises
-        ------
-        InputError
-            If there is no such file, or it is damaged, or that of something else.
-        """
+        """Read what is written about a run that failed."""
         name = self.name("failed", key)
         try:
             found = json.loads(self._content(name, AGAIN)[0])
@@ -228,22 +131,7 @@ class Store:
         return record
 
     def fault(self, key: str, schema: pa.Schema, keep: Sequence[str]) -> str:
-        """Say what a run that is there, or has failed, lacks to be whole.
-
-        Parameters
-        ----------
-        key : str
-            Of the run.
-        schema : pyarrow.Schema
-            What a run of the study has.
-        keep : sequence of str
-            The frames that it has besides.
-
-        Returns
-        -------
-        str
-            A sentence; empty where all is well.
-        """
+        """Say what a run that is there, or has failed, lacks to be whole."""
         try:
             if not self._exists("runs", key) and self._exists("failed", key):
                 self.failure(key)
@@ -260,35 +148,13 @@ class Store:
         return (self.folder / self.name(kind, key)).exists()
 
     def keys(self, kind: str) -> set[str]:
-        """List the runs that have a file.
-
-        Parameters
-        ----------
-        kind : str
-            "runs", "failed" or a frame.
-
-        Returns
-        -------
-        set of str
-            Their keys.
-        """
+        """List the runs that have a file."""
         place = self.folder / kind
         names = os.listdir(place) if place.is_dir() else []  # noqa: PTH208 - a Path for each of thousands is slow
         return {name.partition(".")[0] for name in names if not name.startswith(".")}
 
     def manifest(self) -> dict[str, Any] | None:
-        """Read the manifest.
-
-        Returns
-        -------
-        dict or None
-            None where there is none.
-
-        Raises
-        ------
-        InputError
-            If it cannot be read, or is damaged.
-        """
+        """Read the manifest."""
         name = _FILES[0]
         if not (self.folder / name).is_file():
             return None
@@ -307,18 +173,7 @@ class Store:
         return found
 
     def plan(self) -> pa.Table | None:
-        """Read which runs the study has.
-
-        Returns
-        -------
-        pyarrow.Table or None
-            A row for each, with its labels; None where there is none.
-
-        Raises
-        ------
-        InputError
-            If it cannot be read, or is damaged.
-        """
+        """Read which runs the study has."""
         name = _FILES[2]
         if not (self.folder / name).is_file():
             return None
@@ -326,25 +181,7 @@ class Store:
 
     @contextmanager
     def taken(self, *, overwrite: bool) -> Iterator[None]:
-        """Keep the folder for this process; it is made if there is none.
-
-        Parameters
-        ----------
-        overwrite : bool
-            Whether an earlier study is removed.
-
-        Yields
-        ------
-        None
-            While the folder is ours.
-
-        Raises
-        ------
-        InputError
-            If it is a file, holds what this program did not write, or is in use.
-        OSError
-            If it cannot be written.
-        """
+        """Keep the folder for this process; it is made if there is none."""
         self.check(overwrite=overwrite)
         self.folder.mkdir(parents=True, exist_ok=True)
         with ExitStack() as lock:
@@ -366,18 +203,7 @@ class Store:
                     left.unlink(missing_ok=True)
 
     def check(self, *, overwrite: bool = False) -> None:
-        """Refuse a folder that is none, or somebody else's.
-
-        Parameters
-        ----------
-        overwrite : bool
-            Whether an earlier study is removed, damaged or not.
-
-        Raises
-        ------
-        InputError
-            If it is a file, or holds what this program did not write.
-        """
+        """Refuse a folder that is none, or somebody else's."""
         if self.folder.exists() and not self.folder.is_dir():
             raise InputError.of(
                 "output folder", str(self.folder), "a folder", "it is a file; choose another name"
@@ -413,24 +239,7 @@ class Store:
     def write_study(
         self, study: Study, plan: pa.Table, digests: Mapping[str, Any], versions: Mapping[str, str]
     ) -> None:
-        """Write what the study is, and which runs it has.
-
-        Parameters
-        ----------
-        study : Study
-            The study.
-        plan : pyarrow.Table
-            A row for each run.
-        digests : mapping
-            Of the problems, as from `digests_of`.
-        versions : mapping of str to str
-            Of what made runs that do not say it themselves.
-
-        Raises
-        ------
-        OSError
-            If it cannot be written.
-        """
+        """Write what the study is, and which runs it has."""
         manifest = {
             "runs": len(plan),
             "result_version": RESULT_VERSION,
@@ -447,22 +256,7 @@ class Store:
             (self.folder / name).mkdir(exist_ok=True)
 
     def forget(self, kind: str, key: str) -> None:
-        """Remove a file of a run, or an empty folder in its place.
-
-        Parameters
-        ----------
-        kind : str
-            "runs", "failed" or a frame.
-        key : str
-            Of the run.
-
-        Raises
-        ------
-        InputError
-            If there is a folder in its place that is not empty.
-        OSError
-            If it cannot be removed.
-        """
+        """Remove a file of a run, or an empty folder in its place."""
         path = self.folder / self.name(kind, key)
         if not path.is_dir() or path.is_symlink():
             path.unlink(missing_ok=True)

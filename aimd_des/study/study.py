@@ -18,34 +18,12 @@ __all__ = ["Precision", "Study", "place_of", "shown_labels"]
 
 
 def shown_labels(labels: Mapping[str, Value]) -> str:
-    """Name a point by its axes.
-
-    Parameters
-    ----------
-    labels : mapping
-        The value of each axis by its name.
-
-    Returns
-    -------
-    str
-        Empty where there are no axes.
-    """
+    """Name a point by its axes."""
     return ", ".join(f"{name} = {value}" for name, value in labels.items())
 
 
 def place_of(labels: Mapping[str, Value]) -> str:
-    """Say where a scenario is, to begin a sentence with.
-
-    Parameters
-    ----------
-    labels : mapping
-        The value of each axis by its name.
-
-    Returns
-    -------
-    str
-        At which point.
-    """
+    """Say where a scenario is, to begin a sentence with."""
     return f"at {shown_labels(labels)}" if labels else "scenario"
 
 

@@ -78,20 +78,7 @@ class Outcome:
 
 
 def perform(task: Task, job: Job) -> Outcome:
-    """Carry out a run and write what came out.
-
-    Parameters
-    ----------
-    task : Task
-        What is the same for all.
-    job : Job
-        The run.
-
-    Returns
-    -------
-    Outcome
-        Whatever happens: exceptions become records, since not all of them can be sent to another process.
-    """
+    """Carry out a run and write what came out."""
     store = Store(Path(task.folder))
     try:
         with warnings.catch_warnings():
@@ -131,24 +118,7 @@ def _written(write: Callable[[], None], outcome: Outcome) -> Outcome:
 
 
 def failure(store: Store, job: Job, message: str, trace: str = "") -> None:
-    """Record a run that failed.
-
-    Parameters
-    ----------
-    store : Store
-        The folder.
-    job : Job
-        The run.
-    message : str
-        What went wrong.
-    trace : str
-        Where.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
-    """
+    """Record a run that failed."""
     record = {
         **job.labels,
         "message": message,
@@ -161,20 +131,7 @@ def failure(store: Store, job: Job, message: str, trace: str = "") -> None:
 
 
 def present(folder: str, key: str) -> bool:
-    """Tell whether a worker sees the folder of a study.
-
-    Parameters
-    ----------
-    folder : str
-        Its path.
-    key : str
-        The name of a file in it.
-
-    Returns
-    -------
-    bool
-        Whether the file is there.
-    """
+    """Tell whether a worker sees the folder of a study."""
     return Path(folder, key).is_file()
 
 

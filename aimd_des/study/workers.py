@@ -48,11 +48,6 @@ class Processes:
 
     They are never forked from this process, which would copy the locks of threads that it does not
     copy.  Where the system can, they are forked from a server that has imported what runs need.
-
-    Parameters
-    ----------
-    workers : int
-        How many.
     """
 
     def __init__(self, workers: int) -> None:
@@ -81,28 +76,11 @@ class Processes:
                 os.environ[name] = value
 
     def start(self, workers: int) -> Executor:
-        """Make an executor.
-
-        Parameters
-        ----------
-        workers : int
-            How many processes.
-
-        Returns
-        -------
-        Executor
-            A new one.
-        """
+        """Make an executor."""
         return ProcessPoolExecutor(workers, self._context, initializer=_begin, initargs=(self._ear,))
 
     def stop(self, executor: Executor) -> None:
-        """End the processes of an executor once they have done what they are doing.
-
-        Parameters
-        ----------
-        executor : Executor
-            One that `start` has made.
-        """
+        """End the processes of an executor once they have done what they are doing."""
         executor.shutdown(cancel_futures=True)
 
     def end_at_once(self) -> None:
@@ -138,43 +116,18 @@ def _follow(ear: Connection) -> None:
 
 
 class Given:
-    """An executor that the caller made, and keeps.
-
-    Parameters
-    ----------
-    executor : Executor
-        Any: of threads, of processes, of a cluster.
-    workers : int
-        How many runs it can carry out at a time.
-    """
+    """An executor that the caller made, and keeps."""
 
     def __init__(self, executor: Executor, workers: int) -> None:
         self.workers = workers
         self._executor = executor
 
     def start(self, workers: int) -> Executor:
-        """Give the executor.
-
-        Parameters
-        ----------
-        workers : int
-            Of no consequence.
-
-        Returns
-        -------
-        Executor
-            The one there is.
-        """
+        """Give the executor."""
         return self._executor
 
     def stop(self, executor: Executor) -> None:
-        """Leave it to the caller.
-
-        Parameters
-        ----------
-        executor : Executor
-            The one there is.
-        """
+        """Leave it to the caller."""
 
     def end_at_once(self) -> None:
         """Leave that to the caller, too."""
@@ -182,25 +135,7 @@ class Given:
 
 @contextmanager
 def dask_executor(address: str | None = None, workers: int | None = None) -> Iterator[tuple[Executor, int]]:
-    """Connect to a Dask scheduler, or start a cluster of processes on this machine.
-
-    Parameters
-    ----------
-    address : str, optional
-        Of the scheduler, such as "10.0.0.1:8786".
-    workers : int, optional
-        In place of it: how many processes to start.
-
-    Yields
-    ------
-    Executor, int
-        To be handed to `run_study`, and how many runs it can carry out at a time.
-
-    Raises
-    ------
-    InputError
-        If Dask is not installed, the scheduler does not answer, or it has no workers.
-    """
+    """Connect to a Dask scheduler, or start a cluster of processes on this machine."""
     try:
         distributed: Any = import_module("distributed")
     except ImportError:

@@ -170,29 +170,7 @@ def take_steps(
     watch: Watch,
     scratch: Scratch,
 ) -> None:
-    """Take some steps, one after the other, in compiled code.
-
-    Parameters
-    ----------
-    state : State
-        State of all agents.
-    law : Law
-        Parameters of their rule.
-    table : CostTable
-        The private costs.
-    first, steps : int
-        The first step that is taken, and how many are taken when this is done: K at the end.
-    lag : int
-        1: a signal acts one step after the excess; 0: in the same step.
-    key : tuple of two uint64
-        The key of the response draws.
-    control : Control
-        The control unit.
-    watch : Watch
-        Buffers of the observers.
-    scratch : Scratch
-        Working memory.
-    """
+    """Take some steps, one after the other, in compiled code."""
     coupled = table.weights.shape[0] > 0
     for step in range(first, steps):
         if _look(state, law, step, lag, control, watch):
@@ -219,29 +197,7 @@ def take_custom_steps(
     watch: Watch,
     scratch: Scratch,
 ) -> None:
-    """Take all steps with derivatives from the user's own functions, which kernels cannot call.
-
-    Parameters
-    ----------
-    costs : Costs
-        The private costs.
-    state : State
-        State of all agents.
-    law : Law
-        Parameters of their rule.
-    steps : int
-        K.
-    lag : int
-        1: a signal acts one step after the excess; 0: in the same step.
-    key : tuple of two uint64
-        The key of the response draws.
-    control : Control
-        The control unit.
-    watch : Watch
-        Buffers of the observers.
-    scratch : Scratch
-        Working memory.
-    """
+    """Take all steps with derivatives from the user's own functions, which kernels cannot call."""
     for step in range(steps):
         if _look(state, law, step, lag, control, watch):
             _average_all(state, law, step, scratch)
@@ -252,21 +208,7 @@ def take_custom_steps(
 
 
 def close_books(state: State, law: Law, steps: int, control: Control, watch: Watch) -> None:
-    """Measure and watch x(K), to which the last step has led.
-
-    Parameters
-    ----------
-    state : State
-        State of all agents.
-    law : Law
-        Parameters of their rule.
-    steps : int
-        K.
-    control : Control
-        The control unit.
-    watch : Watch
-        Buffers of the observers.
-    """
+    """Measure and watch x(K), to which the last step has led."""
     control.moment[0] = steps
     totals(state, law, control.moment, DISCRETE, control.total)
     _measure(law, control)

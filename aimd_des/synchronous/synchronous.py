@@ -118,27 +118,7 @@ def run_discrete(
 
 
 def check_steps(field: str, steps: object, problem: Problem) -> int:
-    """Refuse a number of steps that is none, or whose signals have no room.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave it.
-    steps : object
-        K.
-    problem : Problem
-        What is shared.
-
-    Returns
-    -------
-    int
-        At least 1.
-
-    Raises
-    ------
-    InputError
-        If it is no integer of at least 1, or a byte for each step and resource does not fit into memory.
-    """
+    """Refuse a number of steps that is none, or whose signals have no room."""
     clean = validation.integer(field, steps, low=1)
     limits.memory(field, clean, clean * problem.n_resources, "a byte for each step and resource")
     return clean

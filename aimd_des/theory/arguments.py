@@ -50,23 +50,7 @@ _RANGES: dict[str, _Range] = {
 
 
 def arguments(**given: npt.ArrayLike) -> list[FloatArray]:
-    """Check the arguments of a formula.
-
-    Parameters
-    ----------
-    **given
-        Numbers or arrays under the names that the formulas share.
-
-    Returns
-    -------
-    list of ndarray
-        The same, as floats, in the order given; without dimensions where a number was given.
-
-    Raises
-    ------
-    InputError
-        Naming the first that is outside its range, or the shapes if they do not broadcast together.
-    """
+    """Check the arguments of a formula."""
     clean = [_clean(name, value) for name, value in given.items()]
     try:
         np.broadcast_shapes(*(values.shape for values in clean))
@@ -84,16 +68,5 @@ def _clean(name: str, value: npt.ArrayLike) -> FloatArray:
 
 
 def check_dynamics(dynamics: str) -> None:
-    """Refuse a name of dynamics that is not known.
-
-    Parameters
-    ----------
-    dynamics : str
-        As the user gave it.
-
-    Raises
-    ------
-    InputError
-        If it is neither "discrete" nor "continuous".
-    """
+    """Refuse a name of dynamics that is not known."""
     validation.choice("dynamics", dynamics, get_args(Dynamics))

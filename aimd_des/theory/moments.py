@@ -19,18 +19,6 @@ __all__ = ["exact_averages"]
 def exact_averages(increase: FloatArray, keep: FloatArray, hit: FloatArray, found: FloatArray) -> FloatArray:
     """Compute the averages over time of one resource, for any number of agents.
 
-    Parameters
-    ----------
-    increase, keep, hit : ndarray, shape (n,)
-        alpha, 1 - beta, and the probability that a signal arrives and is answered.
-    found : ndarray, shape (n,)
-        E y_i, in units of the resource: in proportion to alpha_i / ((1 - beta_i) q_i).
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In units of the resource.
-
     Notes
     -----
     The covariance C of what signals find obeys C = E M C E M' + J diag(w) J' with J = 1 - a 1' and w_i = Var

@@ -138,39 +138,13 @@ def predict(
 
 
 def walked(setting: Setting, walks: list[Levels]) -> Setting:
-    """Take in where the total was.
-
-    Parameters
-    ----------
-    setting : Setting
-        Of the run.
-    walks : list of Levels
-        One for each resource.
-
-    Returns
-    -------
-    Setting
-        With the means of the walks.
-    """
+    """Take in where the total was."""
     mean, found = np.array([(walk.mean, walk.found) for walk in walks]).T
     return setting._replace(mean=mean, found=found)
 
 
 def follow(setting: Setting, expected: Prediction) -> list[Levels]:
-    """Follow the total alone, with the cuts that the prediction makes of the agents.
-
-    Parameters
-    ----------
-    setting : Setting
-        Of the run.
-    expected : Prediction
-        What is known of it.
-
-    Returns
-    -------
-    list of Levels
-        One for each resource.
-    """
+    """Follow the total alone, with the cuts that the prediction makes of the agents."""
     problem = setting.problem
     _, found = _found(setting, expected.probability)
     law = cuts(problem, found, expected.probability, setting.loss)
@@ -188,20 +162,7 @@ def follow(setting: Setting, expected: Prediction) -> list[Levels]:
 
 
 def check_enough(setting: Setting, signals: FloatArray) -> None:
-    """Refuse what would need more signals than there can be.
-
-    Parameters
-    ----------
-    setting : Setting
-        Of the run.
-    signals : ndarray, shape (m,)
-        As predicted where the total has been followed.
-
-    Raises
-    ------
-    InputError
-        If nearly every look, or the end of nearly every hold-off, has a signal.
-    """
+    """Refuse what would need more signals than there can be."""
     if setting.discrete and not setting.loss.any():
         return  # on the clock nobody grows in a step whose signal arrives, so that there are always enough
     least = 1.0 if setting.discrete else max(setting.period, setting.refractory or 0.0)
@@ -218,25 +179,7 @@ def check_enough(setting: Setting, signals: FloatArray) -> None:
 
 
 def settle(setting: Setting, start: FloatArray | None = None) -> Prediction:
-    """Let signals and use of the capacity settle on each other.
-
-    Parameters
-    ----------
-    setting : Setting
-        Of the run, with what is known of the total.
-    start : ndarray, shape (n, m), optional
-        Averages near those that are sought; the optimum unless given.
-
-    Returns
-    -------
-    Prediction
-        As of `predict`.
-
-    Raises
-    ------
-    SimulationError
-        If they do not settle.
-    """
+    """Let signals and use of the capacity settle on each other."""
     problem = setting.problem
     average = solve_optimum(problem, capacity=problem.limit).allocation if start is None else start
     for _ in range(_MAX_ROUNDS):

@@ -61,23 +61,7 @@ def check_setting(
     loss: npt.ArrayLike,
     refractory: float | None,
 ) -> Setting:
-    """Check the arguments of `predict`.
-
-    Parameters
-    ----------
-    problem, dynamics, latency, period, loss, refractory
-        As there.
-
-    Returns
-    -------
-    Setting
-        The same, clean.
-
-    Raises
-    ------
-    InputError
-        If one is outside its range, or two do not go together.
-    """
+    """Check the arguments of `predict`."""
     validation.instance("problem", problem, Problem, "a Problem")
     check_dynamics(dynamics)
     delay = validation.number("latency", latency, low=0.0)

@@ -80,33 +80,11 @@ class Levels(NamedTuple):
         return float((middle * self.duration).sum() / self.duration.sum())
 
     def time_above(self, level: float) -> float:
-        """Share of time above a level.
-
-        Parameters
-        ----------
-        level : float
-            In units of growth above the threshold.
-
-        Returns
-        -------
-        float
-            Between 0 and 1.
-        """
+        """Share of time above a level."""
         return _time_above(self, level) / float(self.duration.sum())
 
     def level_exceeded(self, share: float) -> float:
-        """Find the level that is exceeded for a given share of the time.
-
-        Parameters
-        ----------
-        share : float
-            Between 0 and 1.
-
-        Returns
-        -------
-        float
-            In units of growth above the threshold.
-        """
+        """Find the level that is exceeded for a given share of the time."""
         wanted, pieces = share * float(self.duration.sum()), self
         low, high = float(self.bottom.min()), float(self.top.max())
         for _ in range(_HALVINGS):
@@ -130,20 +108,6 @@ def _time_above(pieces: Levels, level: float) -> float:
 
 def cuts(problem: Problem, found: FloatArray, probability: FloatArray, loss: FloatArray) -> list[Cuts]:
     """Compute the moments of what a signal takes.
-
-    Parameters
-    ----------
-    problem : Problem
-        The agents' alpha and beta.
-    found, probability : ndarray, shape (n, m)
-        What a signal finds with an agent, in any unit, and the agent's response probability.
-    loss : ndarray, shape (n, 1)
-        Probability that a signal is lost on an agent.
-
-    Returns
-    -------
-    list of Cuts
-        One for each resource.
 
     Notes
     -----
@@ -171,23 +135,6 @@ def walk_by_looks(
     limit: float, law: Cuts, period: float, latency: float, lost: float | None = None
 ) -> Levels:
     """Follow the total under a control unit that looks once a period.
-
-    Parameters
-    ----------
-    limit : float
-        The threshold, in units of growth.
-    law : Cuts
-        What a signal takes.
-    period, latency : float
-        Both in units of time.
-    lost : float, optional
-        For agents on the clock, which do not grow in a step in which they take a signal: the part of the
-        growth that goes on in it, as signals are lost.  None for continuous agents.
-
-    Returns
-    -------
-    Levels
-        In the steady state.
 
     Notes
     -----
@@ -228,23 +175,7 @@ def walk_by_looks(
 
 
 def walk_by_crossings(limit: float, law: Cuts, refractory: float, latency: float) -> Levels:
-    """Follow the total of continuous agents under a control unit that senses crossings.
-
-    Parameters
-    ----------
-    limit : float
-        The threshold, in units of growth.
-    law : Cuts
-        What a signal takes.
-    refractory, latency : float
-        Hold-off and latency, in units of time; where the latency is the longer one, the signals of one
-        excess are on their way together.
-
-    Returns
-    -------
-    Levels
-        In the steady state.
-    """
+    """Follow the total of continuous agents under a control unit that senses crossings."""
     taker = _Taker(law)
     level, time, walks = -taker.rng.random(_WALKS), np.zeros(_WALKS), np.arange(_WALKS)
     free = np.zeros(_WALKS)  # end of the hold-off

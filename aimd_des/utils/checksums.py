@@ -16,59 +16,17 @@ _LINE = re.compile(r"([0-9a-f]{64})  (.+)")
 
 
 def checksum(content: bytes) -> str:
-    """Compute the SHA-256 of what a file holds.
-
-    Parameters
-    ----------
-    content : bytes
-        All of it.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits in lower case.
-    """
+    """Compute the SHA-256 of what a file holds."""
     return sha256(content).hexdigest()
 
 
 def checksums_of(folder: Path, names: Iterable[str]) -> dict[str, str]:
-    """Compute the checksums of files.
-
-    Parameters
-    ----------
-    folder : Path
-        Where the files are.
-    names : iterable of str
-        Of the files, relative to the folder, without line ends.
-
-    Returns
-    -------
-    dict of str to str
-        The SHA-256 of each file by its name.
-
-    Raises
-    ------
-    OSError
-        If a file cannot be read.
-    """
+    """Compute the checksums of files."""
     return {name: checksum((folder / name).read_bytes()) for name in names}
 
 
 def write_checksums(folder: Path, sums: Mapping[str, str]) -> None:
-    """Write the checksums of files beside them, whole or not at all.
-
-    Parameters
-    ----------
-    folder : Path
-        Where the files are.
-    sums : mapping of str to str
-        As from `checksums_of`.
-
-    Raises
-    ------
-    OSError
-        If they cannot be written.
-    """
+    """Write the checksums of files beside them, whole or not at all."""
     temporary = folder / f".{SUMS}.tmp"
     # The line ends are part of the form, also where the system has others.
     temporary.write_bytes("".join(f"{found}  {name}\n" for name, found in sorted(sums.items())).encode())
@@ -76,25 +34,7 @@ def write_checksums(folder: Path, sums: Mapping[str, str]) -> None:
 
 
 def read_checksums(folder: Path, remedy: str) -> dict[str, str] | None:
-    """Read the checksums of the files of a folder.
-
-    Parameters
-    ----------
-    folder : Path
-        With or without them.
-    remedy : str
-        What to do where they are damaged.
-
-    Returns
-    -------
-    dict of str to str, or None
-        The SHA-256 of each file by its name; None where the folder has none.
-
-    Raises
-    ------
-    InputError
-        If they cannot be read, or are damaged.
-    """
+    """Read the checksums of the files of a folder."""
     path = folder / SUMS
     try:
         lines = path.read_bytes().decode().split("\n")
@@ -110,31 +50,7 @@ def read_checksums(folder: Path, remedy: str) -> dict[str, str] | None:
 
 
 def verified(folder: Path, name: str, sums: Mapping[str, str] | None, remedy: str) -> bytes:
-    """Read a file, and hold it against its checksum.
-
-    Parameters
-    ----------
-    folder : Path
-        Where it is.
-    name : str
-        Of the file, relative to the folder.
-    sums : mapping of str to str, or None
-        As `read_checksums` gives them; None to take the file as it is.
-    remedy : str
-        What to do where it is not as it was written.
-
-    Returns
-    -------
-    bytes
-        What it holds.
-
-    Raises
-    ------
-    FileNotFoundError
-        If it is not there.
-    InputError
-        If it cannot be read, has another checksum, or none though other files have theirs.
-    """
+    """Read a file, and hold it against its checksum."""
     path = folder / name
     try:
         content = path.read_bytes()

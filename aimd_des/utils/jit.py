@@ -138,18 +138,7 @@ def _cache_for(function: Callable[..., Any], announced: str) -> Any:
 
 
 def formula(function: _Function) -> _Function:
-    """Mark a function of numbers that kernels compile and processes call as it stands.
-
-    Parameters
-    ----------
-    function : callable
-        Arithmetic on numbers only; the same order of operations in both worlds.
-
-    Returns
-    -------
-    callable
-        The function itself.
-    """
+    """Mark a function of numbers that kernels compile and processes call as it stands."""
     return cast(_Function, register_jitable(error_model="numpy", forceinline=True, _nrt=False)(function))
 
 
@@ -181,18 +170,7 @@ def _interpreted(function: _Function) -> _Function:
 
 
 def instruction(plain: _Function) -> Callable[[Callable[..., Any]], _Function]:
-    """Make an instruction of the machine callable from kernels.
-
-    Parameters
-    ----------
-    plain : callable
-        What does the same in Python, where nothing is compiled.
-
-    Returns
-    -------
-    callable
-        A decorator of a function that Numba's `intrinsic` takes.
-    """
+    """Make an instruction of the machine callable from kernels."""
     return lambda function: cast(_Function, plain if numba.config.DISABLE_JIT else intrinsic(function))
 
 
@@ -200,16 +178,6 @@ def kernel(function: _Function) -> _Function:
     """Compile a function over arrays when it is first called, and keep the result on disk.
 
     Kernels that call it hold a copy of its code.
-
-    Parameters
-    ----------
-    function : callable
-        A function that Numba can compile without Python objects.
-
-    Returns
-    -------
-    callable
-        The compiled function; its source stays reachable as ``.py_func``.
     """
     return _compiled(function, forceinline=True)
 
@@ -218,31 +186,10 @@ def routine(function: _Function) -> _Function:
     """Compile a function as `kernel` does, but into one piece of code that all others call.
 
     For what is large or used in many places, where a copy in each would take long to compile.
-
-    Parameters
-    ----------
-    function : callable
-        A function that Numba can compile without Python objects.
-
-    Returns
-    -------
-    callable
-        The compiled function; its source stays reachable as ``.py_func``.
     """
     return _compiled(function)
 
 
 def announced(what: str) -> Callable[[_Function], _Function]:
-    """Make a routine that takes so long to compile that users are told.
-
-    Parameters
-    ----------
-    what : str
-        What is being compiled, and about how long it takes.
-
-    Returns
-    -------
-    callable
-        A decorator like `routine`.
-    """
+    """Make a routine that takes so long to compile that users are told."""
     return lambda function: _compiled(function, announced=what)

@@ -14,24 +14,7 @@ _NO_LETTER = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 
 
 def memory(field: str, value: object, needed: float, what: str) -> None:
-    """Refuse what cannot fit into the memory of this machine.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave the value.
-    value : object
-        What was given.
-    needed : float
-        Bytes that it certainly needs.
-    what : str
-        What they hold.
-
-    Raises
-    ------
-    InputError
-        If they are more than the machine has.
-    """
+    """Refuse what cannot fit into the memory of this machine."""
     try:
         there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, OSError, ValueError):  # a system that does not tell
@@ -44,27 +27,7 @@ def memory(field: str, value: object, needed: float, what: str) -> None:
 
 
 def text(field: str, value: object, *, empty: bool = False) -> str:
-    """Return a name or a title that fits on one line, or refuse it by name.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave the value.
-    value : object
-        What was given.
-    empty : bool
-        Whether it may be empty.
-
-    Returns
-    -------
-    str
-        Without control characters and ends of lines, and of at most 500 letters.
-
-    Raises
-    ------
-    InputError
-        If it is no such string.
-    """
+    """Return a name or a title that fits on one line, or refuse it by name."""
     if not isinstance(value, str) or not (value or empty):
         raise InputError.of(field, value, "a string" if empty else "a string that is not empty")
     if len(value) > _LONGEST_TEXT:

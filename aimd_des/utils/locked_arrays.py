@@ -10,18 +10,7 @@ _Array = TypeVar("_Array", bound=npt.NDArray[Any])
 
 
 def locked(array: _Array) -> _Array:
-    """Let nobody write into an array but `put`.
-
-    Parameters
-    ----------
-    array : ndarray
-        With memory of its own.
-
-    Returns
-    -------
-    ndarray
-        The same.
-    """
+    """Let nobody write into an array but `put`."""
     array.setflags(write=False)
     return array
 
@@ -31,15 +20,6 @@ def put(array: npt.NDArray[Any], where: Any, value: Any) -> None:
 
     Who holds the array sees the change.  A part that writes there itself would be obeyed by those who look
     and not by those who have copied, and no log would tell of it.
-
-    Parameters
-    ----------
-    array : ndarray
-        Locked before and after.
-    where : index
-        Which elements.
-    value : scalar or array_like
-        What they are from now on.
     """
     array.setflags(write=True)
     array[where] = value

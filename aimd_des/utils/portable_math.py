@@ -77,18 +77,7 @@ def log(x: float) -> float:
 
 @formula
 def log_normal(x: float) -> float:
-    """Return the natural logarithm of a normal number, in a form that compilers can vectorise.
-
-    Parameters
-    ----------
-    x : float
-        From 2**-1022 on, and finite; in plain Python, a NumPy number.
-
-    Returns
-    -------
-    float
-        What `log` returns.
-    """
+    """Return the natural logarithm of a normal number, in a form that compilers can vectorise."""
     bits = np.float64(x).view(np.int64)
     fraction = np.int64((bits & _FRACTION) | _HALF).view(np.float64)
     return _log_of(fraction, float((bits >> 52) - 1022))

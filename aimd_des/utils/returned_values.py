@@ -21,49 +21,14 @@ _Kind = TypeVar("_Kind")
 
 
 def said_by(part: object, method: str = "") -> str:
-    """Name what has handed something back: "Class.method()", or "function()".
-
-    Parameters
-    ----------
-    part : object
-        The user's part, or a class or function of the user's.
-    method : str
-        What of it was called; "" where it was the part itself.
-
-    Returns
-    -------
-    str
-        To be the field of a refusal.
-    """
+    """Name what has handed something back: "Class.method()", or "function()"."""
     name = getattr(part, "__qualname__", None) or type(part).__qualname__
     name = name.rpartition("<locals>.")[2]
     return f"{name}.{method}()" if method else f"{name}()"
 
 
 def flags(field: str, value: object, shape: tuple[int], of: str) -> BoolArray:
-    """Take in booleans, or numbers that are 0 or 1.
-
-    Parameters
-    ----------
-    field : str
-        As from `said_by`.
-    value : object
-        What was handed back.
-    shape : tuple of int
-        The shape wanted.
-    of : str
-        What there is one for each of, such as "agent".
-
-    Returns
-    -------
-    ndarray of bool
-        The same.
-
-    Raises
-    ------
-    InputError
-        If it is anything else.
-    """
+    """Take in booleans, or numbers that are 0 or 1."""
     if not (isinstance(value, np.ndarray) and value.dtype == np.bool_):
         try:
             raw = np.asarray(value)
@@ -78,31 +43,7 @@ def flags(field: str, value: object, shape: tuple[int], of: str) -> BoolArray:
 
 
 def numbers(field: str, value: object, shape: tuple[int], of: str, low: float) -> FloatArray:
-    """Take in numbers from a lower bound on; inf is one.
-
-    Parameters
-    ----------
-    field : str
-        As from `said_by`.
-    value : object
-        What was handed back.
-    shape : tuple of int
-        The shape wanted.
-    of : str
-        What there is one for each of, such as "agent".
-    low : float
-        What each must be at least.
-
-    Returns
-    -------
-    ndarray of float64
-        The same.
-
-    Raises
-    ------
-    InputError
-        If it is anything else, naming the first element that is outside the range.
-    """
+    """Take in numbers from a lower bound on; inf is one."""
     if not (isinstance(value, np.ndarray) and value.dtype == np.float64):
         try:
             raw = np.asarray(value)
@@ -123,70 +64,20 @@ def _fits(field: str, value: npt.NDArray[np.generic], shape: tuple[int], of: str
 
 
 def instance(field: str, value: object, kind: type[_Kind], allowed: str) -> _Kind:
-    """Take in an object of a kind.
-
-    Parameters
-    ----------
-    field : str
-        As from `said_by`.
-    value : object
-        What was handed back.
-    kind : type
-        What it must be.
-    allowed : str
-        The kind in words, to be read after "must be".
-
-    Returns
-    -------
-    object
-        The same.
-
-    Raises
-    ------
-    InputError
-        If it is anything else.
-    """
+    """Take in an object of a kind."""
     if not isinstance(value, kind):
         raise InputError.of(field, value, allowed)
     return value
 
 
 def having(field: str, value: object, methods: Sequence[str]) -> None:
-    """Refuse an object without the methods that will be called.
-
-    Parameters
-    ----------
-    field : str
-        As from `said_by`.
-    value : object
-        What was handed back.
-    methods : sequence of str
-        Their names.
-
-    Raises
-    ------
-    InputError
-        If one is missing.
-    """
+    """Refuse an object without the methods that will be called."""
     if isinstance(value, type) or not all(callable(getattr(value, method, None)) for method in methods):
         raise InputError.of(field, value, f"an object with {' and '.join(f'{name}()' for name in methods)}")
 
 
 def generator(field: str, value: object) -> None:
-    """Refuse what SimPy cannot run as a process.
-
-    Parameters
-    ----------
-    field : str
-        As from `said_by`.
-    value : object
-        What was handed back.
-
-    Raises
-    ------
-    InputError
-        If it is no generator.
-    """
+    """Refuse what SimPy cannot run as a process."""
     if not hasattr(value, "throw"):
         remedy = "if it has no events to wait for, end it with `yield from ()`"
         raise InputError.of(field, value, "a generator, which a function with `yield` gives", remedy)

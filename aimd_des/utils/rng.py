@@ -124,21 +124,7 @@ def _block(c0: np.uint64, c1: np.uint64, c2: np.uint64, c3: np.uint64, key: Key)
 
 @routine
 def uniforms_row(key: Key, resource: int, number: int, lane: int, out: FloatArray) -> None:
-    """Fill `out` with the draws of agents 0, 1, ... for one broadcast.
-
-    Parameters
-    ----------
-    key : tuple of two uint64
-        The key of the purpose.
-    resource : int
-        j, the resource the broadcast is about.
-    number : int
-        b, its number among the broadcasts for that resource.
-    lane : int
-        Which of several numbers for the same agent and broadcast.
-    out : ndarray, shape (n,)
-        Receives uniform numbers on [0, 1).
-    """
+    """Fill `out` with the draws of agents 0, 1, ... for one broadcast."""
     n = out.shape[0]
     whole = n // _FOUR
     row, column, second = np.uint64(resource), np.uint64(number), np.uint64(lane)
@@ -156,22 +142,7 @@ def uniforms_row(key: Key, resource: int, number: int, lane: int, out: FloatArra
 
 @routine
 def uniform_at(key: Key, resource: int, number: int, lane: int, agent: int) -> float:
-    """Draw the uniform number of one agent: what `uniforms_row` puts at its place.
-
-    Parameters
-    ----------
-    key : tuple of two uint64
-        The key of the purpose.
-    resource, number, lane : int
-        The address of the row.
-    agent : int
-        i.
-
-    Returns
-    -------
-    float
-        On [0, 1).
-    """
+    """Draw the uniform number of one agent: what `uniforms_row` puts at its place."""
     words = _block(
         np.uint64(agent // _FOUR + 1), np.uint64(lane), np.uint64(resource), np.uint64(number), key
     )

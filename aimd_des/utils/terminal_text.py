@@ -13,16 +13,6 @@ _STEERING = re.compile(
 def fit(text: str) -> str:
     r"""Show signs that steer a terminal as escapes, such as ``\x1b``.
 
-    Parameters
-    ----------
-    text : str
-        Whatever a file, a name or a message holds.
-
-    Returns
-    -------
-    str
-        It clears no screen, moves no cursor, rings no bell, and is read from left to right.
-
     Examples
     --------
     >>> print(fit("red \x1b[31m alert"))

@@ -74,19 +74,7 @@ def _laid_out(value: object) -> bool:
 
 
 def axes(value: object) -> int:
-    """Count the axes along which NumPy lays out a value.
-
-    Parameters
-    ----------
-    value : object
-        What was given.
-
-    Returns
-    -------
-    int
-        0 of numbers, strings and all that is no array, list, tuple, range, series or the like; 1 of rows of
-        different lengths, which no array can hold.
-    """
+    """Count the axes along which NumPy lays out a value."""
     if not _laid_out(value):
         return 0
     try:
@@ -105,29 +93,7 @@ def number(
     high_open: bool = False,
     remedy: str = "",
 ) -> float:
-    """Return `value` as a float within the range, or refuse it by name.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave the value.
-    value : object
-        What was given.
-    low, high, low_open, high_open
-        The range.
-    remedy : str
-        What to do about it.
-
-    Returns
-    -------
-    float
-        Finite.
-
-    Raises
-    ------
-    InputError
-        If it is no real number, not finite, or outside the range.
-    """
+    """Return `value` as a float within the range, or refuse it by name."""
     allowed = _interval(low, high, low_open, high_open)
     value = _scalar(value)
     if isinstance(value, _NO_NUMBERS) or not isinstance(value, Real):
@@ -144,29 +110,7 @@ def number(
 def integer(
     field: str, value: object, *, low: int | None = None, high: int | None = None, remedy: str = ""
 ) -> int:
-    """Return `value` as an int within the range, or refuse it by name.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave the value.
-    value : object
-        What was given.
-    low, high : int, optional
-        The range.
-    remedy : str
-        What to do about it.
-
-    Returns
-    -------
-    int
-        Of Python.
-
-    Raises
-    ------
-    InputError
-        If it is no integer (2.0 is none) or outside the range.
-    """
+    """Return `value` as an int within the range, or refuse it by name."""
     allowed = "an integer"
     if low is not None:
         allowed += f" of at least {low}"
@@ -192,31 +136,7 @@ def array(
     high_open: bool = False,
     remedy: str = "",
 ) -> FloatArray:
-    """Return `value` as a read-only float array, or refuse it by name and by element.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave the value.
-    value : object
-        Anything that NumPy turns into an array of numbers.
-    shape : sequence of int or str
-        The shape wanted; a string stands for a length that is free and names it in the message.
-    low, high, low_open, high_open
-        The range of each element.
-    remedy : str
-        What to do about it.
-
-    Returns
-    -------
-    ndarray of float64
-        A copy that cannot be written to.
-
-    Raises
-    ------
-    InputError
-        If the shape differs, or an element is not finite or outside the range.
-    """
+    """Return `value` as a read-only float array, or refuse it by name and by element."""
     wanted = f"({', '.join(str(length) for length in shape)}{',' if len(shape) == 1 else ''})"
     try:
         raw = np.asarray(value) if _laid_out(value) or isinstance(value, Real) else None
@@ -249,29 +169,7 @@ def per_agent(
     high_open: bool = False,
     remedy: str = "",
 ) -> float | FloatArray:
-    """Return a scalar for all agents as a float, or one value per agent as a read-only (n,) array.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave the value.
-    value : object
-        A number, or anything that NumPy turns into an array of numbers.
-    low, high, low_open, high_open
-        The range of each value.
-    remedy : str
-        What to do about it.
-
-    Returns
-    -------
-    float or ndarray, shape (n,)
-        Clean.
-
-    Raises
-    ------
-    InputError
-        As `number` and `array` do.
-    """
+    """Return a scalar for all agents as a float, or one value per agent as a read-only (n,) array."""
     bounds: _Bounds = {"low": low, "high": high, "low_open": low_open, "high_open": high_open}
     if axes(value):
         clean = array(field, value, ("n_agents",), **bounds, remedy=remedy)
@@ -282,52 +180,14 @@ def per_agent(
 
 
 def choice(field: str, value: object, words: Sequence[str]) -> str:
-    """Return `value` if it is one of some words, or refuse it by name.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave the value.
-    value : object
-        What was given.
-    words : sequence of str
-        What is allowed.
-
-    Returns
-    -------
-    str
-        The word.
-
-    Raises
-    ------
-    InputError
-        If it is none of them.
-    """
+    """Return `value` if it is one of some words, or refuse it by name."""
     if not isinstance(value, str) or value not in words:
         raise InputError.of(field, value, " or ".join(map(repr, words)))
     return value
 
 
 def flag(field: str, value: object) -> bool:
-    """Return `value` as a bool, or refuse it by name: "no" and 0.0 are no answers.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave the value.
-    value : object
-        What was given.
-
-    Returns
-    -------
-    bool
-        Of Python.
-
-    Raises
-    ------
-    InputError
-        If it is neither True nor False.
-    """
+    """Return `value` as a bool, or refuse it by name: "no" and 0.0 are no answers."""
     value = _scalar(value)
     if not isinstance(value, bool | np.bool_):
         raise InputError.of(field, value, "True or False")
@@ -335,56 +195,14 @@ def flag(field: str, value: object) -> bool:
 
 
 def path(field: str, value: object) -> Path:
-    """Return `value` as a path, or refuse it by name.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave the value.
-    value : object
-        What was given.
-
-    Returns
-    -------
-    Path
-        Whether or not there is anything.
-
-    Raises
-    ------
-    InputError
-        If it is neither a string nor a path.
-    """
+    """Return `value` as a path, or refuse it by name."""
     if not isinstance(value, str | os.PathLike):
         raise InputError.of(field, value, "the name of a file or folder, a string or a Path")
     return Path(value)
 
 
 def instance(field: str, value: _Value, kind: type, allowed: str, remedy: str = "") -> _Value:
-    """Return `value` if it is an object of a kind, or refuse it by name.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave the value.
-    value : object
-        What was given.
-    kind : type
-        A class, or a protocol that can be checked.
-    allowed : str
-        What is allowed, to be read after "must be".
-    remedy : str
-        What to do about it.
-
-    Returns
-    -------
-    object
-        The same.
-
-    Raises
-    ------
-    InputError
-        If it is another kind of thing, or a class: that has the methods, but it is no object.
-    """
+    """Return `value` if it is an object of a kind, or refuse it by name."""
     if isinstance(value, type) and (isinstance(value, kind) or kind in value.__mro__):
         raise InputError.of(field, value, allowed, f"make an object of it: {value.__name__}(...)")
     if not isinstance(value, kind):
@@ -393,27 +211,7 @@ def instance(field: str, value: _Value, kind: type, allowed: str, remedy: str = 
 
 
 def elements(field: str, value: Iterable[_Value], allowed: str) -> list[_Value]:
-    """Return the elements of a list, tuple, series or other ordered collection, or refuse it by name.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave the value.
-    value : object
-        What was given.
-    allowed : str
-        What is allowed, to be read after "must be".
-
-    Returns
-    -------
-    list
-        Whatever they are.
-
-    Raises
-    ------
-    InputError
-        If it is a string, without order, or has no elements at all.
-    """
+    """Return the elements of a list, tuple, series or other ordered collection, or refuse it by name."""
     try:
         if isinstance(value, str | bytes | Mapping | Set):
             raise TypeError
@@ -423,50 +221,13 @@ def elements(field: str, value: Iterable[_Value], allowed: str) -> list[_Value]:
 
 
 def instances(field: str, value: Iterable[_Value], kind: type, allowed: str) -> tuple[_Value, ...]:
-    """Return the elements of a list if all are objects of a kind, or refuse them by name.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave the value.
-    value : object
-        What was given.
-    kind : type
-        A class, or a protocol that can be checked.
-    allowed : str
-        What each may be, to be read after "must be".
-
-    Returns
-    -------
-    tuple
-        The same elements.
-
-    Raises
-    ------
-    InputError
-        As `elements` and `instance` do.
-    """
+    """Return the elements of a list if all are objects of a kind, or refuse them by name."""
     given = elements(field, value, f"a list, each of it {allowed}")
     return tuple(instance(f"{field}[{position}]", each, kind, allowed) for position, each in enumerate(given))
 
 
 def fits(field: str, value: npt.ArrayLike, n_agents: int) -> None:
-    """Refuse an array that has not one value for each agent; scalars fit always.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave the value.
-    value : float or array_like
-        What was given.
-    n_agents : int
-        n.
-
-    Raises
-    ------
-    InputError
-        Naming both lengths.
-    """
+    """Refuse an array that has not one value for each agent; scalars fit always."""
     if np.ndim(value) and np.shape(value) != (n_agents,):
         remedy = "give one number for all agents or one for each"
         raise InputError.of(f"shape of {field}", np.shape(value), f"({n_agents},)", remedy)

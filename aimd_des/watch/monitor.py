@@ -56,19 +56,6 @@ class Look(NamedTuple):
 class Looker:
     """Looks at a run at equal intervals, as a process that observes and does nothing else.
 
-    Parameters
-    ----------
-    show : callable
-        Called with each look.
-    interval : float
-        Between looks, in units of simulated time.
-    speed : float, optional
-        Units of simulated time per second; as fast as it goes unless given.
-    sparing : bool
-        Whether the misallocation may be an older one where measuring it takes long.
-    clock, sleep : callable
-        Real time in seconds, and a way to wait.
-
     Attributes
     ----------
     reached : float
@@ -92,18 +79,7 @@ class Looker:
         self._rests_until = -math.inf
 
     def process(self, system: System) -> ProcessGenerator:
-        """Look on, from the beginning to the end of the run.
-
-        Parameters
-        ----------
-        system : System
-            The run in progress.
-
-        Yields
-        ------
-        simpy.Event
-            The time of the next look.
-        """
+        """Look on, from the beginning to the end of the run."""
         began = self._clock()
         for number in count():
             now = number * self._interval
@@ -148,18 +124,7 @@ def _misallocation(problem: Problem, piece: Piece, average: FloatArray) -> Float
 
 
 def last_look(result: Result) -> Look:
-    """Look at the end of a run.
-
-    Parameters
-    ----------
-    result : Result
-        What came out.
-
-    Returns
-    -------
-    Look
-        At the time `until`.
-    """
+    """Look at the end of a run."""
     piece = result.history[-1]
     average = result.average_at_end[piece.present]
     return Look(

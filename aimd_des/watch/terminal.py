@@ -62,17 +62,7 @@ class View(Protocol):
 
 
 class PlainView:
-    """A line for each look, for files and pipes.
-
-    Parameters
-    ----------
-    problem : Problem
-        What is shared.
-    until : float
-        The end of the run.
-    write : callable
-        Called with each line.
-    """
+    """A line for each look, for files and pipes."""
 
     sparing = False
 
@@ -80,18 +70,7 @@ class PlainView:
         self._problem, self._until, self._write = problem, until, write
 
     def interval(self, speed: float | None) -> float:
-        """Ask for twenty looks over the run.
-
-        Parameters
-        ----------
-        speed : float, optional
-            Units of simulated time per second; does not matter.
-
-        Returns
-        -------
-        float
-            In units of simulated time.
-        """
+        """Ask for twenty looks over the run."""
         return self._until / _LINES
 
     def __enter__(self) -> Self:
@@ -103,13 +82,7 @@ class PlainView:
         return None
 
     def show(self, look: Look) -> None:
-        """Write a line.
-
-        Parameters
-        ----------
-        look : Look
-            What is seen.
-        """
+        """Write a line."""
         parts = [
             f"{resource_label(resource)} {look.demand[j]:.4g} of {look.capacity[j]:.4g},"
             f" {look.signals[j]:,d} signals, used {_percent(look.utilisation[j])},"
@@ -119,32 +92,12 @@ class PlainView:
         self._write(f"time {look.time:,.6g} of {self._until:,.6g}: {'; '.join(parts)}")
 
     def end(self, look: Look) -> None:
-        """Write the last line.
-
-        Parameters
-        ----------
-        look : Look
-            What is seen.
-        """
+        """Write the last line."""
         self.show(look)
 
 
 class LiveView:
-    """A picture that is drawn anew ten times a second.
-
-    Parameters
-    ----------
-    problem : Problem
-        What is shared.
-    until : float
-        The end of the run.
-    title : str
-        What the run is about.
-    console : Console, optional
-        The terminal.
-    clock : callable
-        Real time in seconds.
-    """
+    """A picture that is drawn anew ten times a second."""
 
     sparing = True
 
@@ -163,18 +116,7 @@ class LiveView:
         self._drawn = -np.inf
 
     def interval(self, speed: float | None) -> float:
-        """Ask for a look for each picture, or a thousand where nobody knows how fast it goes.
-
-        Parameters
-        ----------
-        speed : float, optional
-            Units of simulated time per second.
-
-        Returns
-        -------
-        float
-            In units of simulated time.
-        """
+        """Ask for a look for each picture, or a thousand where nobody knows how fast it goes."""
         return self._until / _LOOKS if speed is None else speed * _FRAME
 
     def __enter__(self) -> Self:
@@ -189,25 +131,13 @@ class LiveView:
         self._live.stop()
 
     def show(self, look: Look) -> None:
-        """Take note of a look, and draw if the last picture is old enough.
-
-        Parameters
-        ----------
-        look : Look
-            What is seen.
-        """
+        """Take note of a look, and draw if the last picture is old enough."""
         self._past.append(look)
         if self._clock() - self._drawn >= _FRAME:
             self._draw()
 
     def end(self, look: Look) -> None:
-        """Draw the last look.
-
-        Parameters
-        ----------
-        look : Look
-            What is seen.
-        """
+        """Draw the last look."""
         self._past.append(look)
         self._draw()
 
@@ -278,20 +208,7 @@ def _bar(share: float, width: int, style: str, plain: bool) -> Text:
 
 
 def sparkline(values: Sequence[float], plain: bool = False) -> str:
-    """Draw a curve with one sign for each value, from the least to the greatest of them.
-
-    Parameters
-    ----------
-    values : sequence of float
-        At least one.
-    plain : bool
-        Whether the terminal shows ASCII only.
-
-    Returns
-    -------
-    str
-        As long as there are values.
-    """
+    """Draw a curve with one sign for each value, from the least to the greatest of them."""
     signs = _ASCII_HEIGHTS if plain else _HEIGHTS
     low, span = min(values), max(values) - min(values)
     if span <= 0.0:

@@ -87,27 +87,7 @@ class Parametrised:
 
 
 def draw_latency(latency: Latency, draws: Draws, of: str = "agent") -> FloatArray:
-    """Ask a model of latency that may be the user's own.
-
-    Parameters
-    ----------
-    latency : Latency
-        The model.
-    draws : Draws
-        Of a broadcast.
-    of : str
-        What has a link each.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        At least 0, in units of time; inf where a copy never arrives.
-
-    Raises
-    ------
-    InputError
-        If it says anything else.
-    """
+    """Ask a model of latency that may be the user's own."""
     return returned_values.numbers(
         returned_values.said_by(latency, "draw"), latency.draw(draws), (draws.n_agents,), of, 0.0
     )

@@ -76,24 +76,7 @@ class LatencyTable(NamedTuple):
 def latency_table(
     distribution: Distribution, n_agents: int, *parameters: npt.ArrayLike, values: npt.ArrayLike = ()
 ) -> LatencyTable:
-    """Lay out a model for compiled code.
-
-    Parameters
-    ----------
-    distribution : Distribution
-        How latencies are distributed.
-    n_agents : int
-        n.
-    *parameters : float or array_like, shape (n,)
-        Three at most.
-    values : array_like, shape (v,)
-        Measured latencies.
-
-    Returns
-    -------
-    LatencyTable
-        With copies.
-    """
+    """Lay out a model for compiled code."""
     rows = np.zeros((3, n_agents))
     for row, parameter in zip(rows, parameters, strict=False):
         row[:] = parameter
@@ -110,15 +93,7 @@ def _exponential_row(mean: FloatArray, out: FloatArray) -> None:
 
 @routine
 def quantile_row(table: LatencyTable, out: FloatArray) -> None:
-    """Turn uniform numbers into latencies: the larger the number, the longer the latency.
-
-    Parameters
-    ----------
-    table : LatencyTable
-        Any distribution but that of gamma numbers.
-    out : ndarray, shape (n,)
-        Holds uniform numbers on [0, 1), and receives the latencies.
-    """
+    """Turn uniform numbers into latencies: the larger the number, the longer the latency."""
     distribution, first, second = table.distribution, table.first, table.second
     if distribution == _EXPONENTIAL:
         _exponential_row(first, out)
@@ -175,23 +150,7 @@ def _gamma_row(
 def latency_row(
     table: LatencyTable, key: Key, resource: int, number: int, lane: int, out: FloatArray, spare: FloatArray
 ) -> None:
-    """Draw the latencies of one broadcast.
-
-    Parameters
-    ----------
-    table : LatencyTable
-        The model.
-    key : tuple of two uint64
-        The run's key for latencies.
-    resource, number : int
-        The broadcast.
-    lane : int
-        The first of the lanes of this copy.
-    out : ndarray, shape (n,)
-        Receives the latencies, at least 0 and in units of time.
-    spare : ndarray, shape (n,)
-        Working memory.
-    """
+    """Draw the latencies of one broadcast."""
     if table.distribution == _GAMMA:
         _gamma_row(table, key, resource, number, lane, out, spare)
     else:

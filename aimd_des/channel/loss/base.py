@@ -31,52 +31,14 @@ class Loss(Protocol):
 
 
 def start_loss(loss: Loss, n_links: int) -> LossProcess:
-    """Begin a run with a model of loss that may be the user's own.
-
-    Parameters
-    ----------
-    loss : Loss
-        The model.
-    n_links : int
-        How many links there are.
-
-    Returns
-    -------
-    LossProcess
-        The losses of the run.
-
-    Raises
-    ------
-    InputError
-        If it is anything that does not draw.
-    """
+    """Begin a run with a model of loss that may be the user's own."""
     process = loss.start(n_links)
     returned_values.having(returned_values.said_by(loss, "start"), process, ["draw"])
     return process
 
 
 def draw_loss(loss: LossProcess, draws: Draws, of: str = "agent") -> BoolArray:
-    """Ask a model of loss that may be the user's own.
-
-    Parameters
-    ----------
-    loss : LossProcess
-        The losses of the run.
-    draws : Draws
-        Of a broadcast.
-    of : str
-        What has a link each.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        Whether each link loses the broadcast.
-
-    Raises
-    ------
-    InputError
-        If it says anything else.
-    """
+    """Ask a model of loss that may be the user's own."""
     return returned_values.flags(
         returned_values.said_by(loss, "draw"), loss.draw(draws), (draws.n_agents,), of
     )

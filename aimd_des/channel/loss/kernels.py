@@ -80,26 +80,7 @@ def loss_table(
     record: BoolArray | None = None,
     repeat: bool = False,
 ) -> LossTable:
-    """Lay out a model for compiled code, at the start of a run.
-
-    Parameters
-    ----------
-    cause : Cause
-        What makes copies get lost.
-    n_agents : int
-        n.
-    probability, rate : float or array_like, shape (n,)
-        As in `LossTable`.
-    record : ndarray of bool, shape (r,) or (r, n)
-        Rows for all agents, or for each.
-    repeat : bool
-        Whether it begins anew.
-
-    Returns
-    -------
-    LossTable
-        With one part.
-    """
+    """Lay out a model for compiled code, at the start of a run."""
     rows = np.zeros((0, 1), dtype=np.bool_) if record is None else record.reshape(len(record), -1)
     return LossTable(
         cause=np.array([cause], dtype=np.int64),
@@ -117,18 +98,7 @@ def loss_table(
 
 
 def join(tables: Sequence[LossTable]) -> LossTable:
-    """Put several causes into one table.
-
-    Parameters
-    ----------
-    tables : sequence of LossTable
-        At the start of a run.
-
-    Returns
-    -------
-    LossTable
-        With all their parts.
-    """
+    """Put several causes into one table."""
     columns = zip(*tables, strict=True)
     joined = LossTable(*(np.concatenate(column) for column in columns))
     sizes = joined.rows * joined.width
@@ -160,30 +130,7 @@ def loss_row(
     lost: BoolArray,
     spare: FloatArray,
 ) -> int:
-    """Draw the losses of one broadcast; every part is asked, for what it remembers must be kept up.
-
-    Parameters
-    ----------
-    table : LossTable
-        The model; its memory moves on.
-    key : tuple of two uint64
-        The run's key for losses.
-    resource, number : int
-        The broadcast.
-    time : float
-        When it leaves.
-    lane : int
-        The first lane of the first part.
-    lost : ndarray of bool, shape (n,)
-        Receives whether each copy is lost.
-    spare : ndarray, shape (n,)
-        Working memory.
-
-    Returns
-    -------
-    int
-        0, or what `refuse_loss` has words for.
-    """
+    """Draw the losses of one broadcast; every part is asked, for what it remembers must be kept up."""
     lost[:] = False
     n = lost.shape[0]
     for part in range(table.cause.shape[0]):
@@ -215,24 +162,7 @@ def loss_row(
 
 
 def refuse_loss(table: LossTable, code: int, resource: int, time: float) -> SimulationError:
-    """Say why a broadcast cannot be sent.
-
-    Parameters
-    ----------
-    table : LossTable
-        The model.
-    code : int
-        As `loss_row` has returned it.
-    resource : int
-        j.
-    time : float
-        When the broadcast leaves.
-
-    Returns
-    -------
-    SimulationError
-        To be raised.
-    """
+    """Say why a broadcast cannot be sent."""
     where = f"time {time!r}, resource {resource}"
     if code == _RECORD_ENDED:
         # Parts before the one that has ended have read a row for this broadcast, perhaps their last.
@@ -251,35 +181,13 @@ def refuse_loss(table: LossTable, code: int, resource: int, time: float) -> Simu
 
 
 class TabledLoss:
-    """The losses of one run as compiled code draws them.
-
-    Parameters
-    ----------
-    table : LossTable
-        The model, at the start of the run.
-    """
+    """The losses of one run as compiled code draws them."""
 
     def __init__(self, table: LossTable) -> None:
         self.table = table
 
     def draw(self, draws: Draws) -> BoolArray:
-        """Return whether each agent's copy is lost.
-
-        Parameters
-        ----------
-        draws : Draws
-            The broadcast's random numbers.
-
-        Returns
-        -------
-        ndarray of bool, shape (n,)
-            True where the copy is lost.
-
-        Raises
-        ------
-        SimulationError
-            If a record has ended, or broadcasts are not in the order of time where that matters.
-        """
+        """Return whether each agent's copy is lost."""
         lost, spare = np.empty(draws.n_agents, dtype=np.bool_), np.empty(draws.n_agents)
         key, lane = draws.keys[Purpose.LOSS], draws.lane(0)
         code = loss_row(self.table, key, draws.resource, draws.number, draws.time, lane, lost, spare)

@@ -22,47 +22,14 @@ HIGHEST = {"latency": LONGEST, "loss": 1.0}
 
 
 def near(name: object, known: Iterable[Hashable]) -> str:
-    """Ask whether the name that is most like it was meant.
-
-    Parameters
-    ----------
-    name : object
-        What is not known.
-    known : iterable
-        What is.
-
-    Returns
-    -------
-    str
-        A remedy; empty where nothing is like it.
-    """
+    """Ask whether the name that is most like it was meant."""
     shown = {str(one): one for one in known}
     found = get_close_matches(str(name), shown, n=1)
     return f"did you mean {shown[found[0]]!r}?" if found else ""
 
 
 def simple_graph(field: str, graph: object, remedy: str = "keep one, as networkx.Graph(graph) does") -> Graph:
-    """Refuse what is no graph, or has several edges between the same nodes.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave it.
-    graph : object
-        What was given.
-    remedy : str
-        What to do about parallel edges.
-
-    Returns
-    -------
-    networkx.Graph
-        The same, directed or not.
-
-    Raises
-    ------
-    InputError
-        If a broadcast cannot travel over it; naming the first two nodes with several edges between them.
-    """
+    """Refuse what is no graph, or has several edges between the same nodes."""
     validation.instance(field, graph, nx.Graph, "a networkx.Graph or networkx.DiGraph")
     clean: Graph = graph  # type: ignore[assignment]  # it has been looked at
     if clean.is_multigraph():
@@ -73,22 +40,7 @@ def simple_graph(field: str, graph: object, remedy: str = "keep one, as networkx
 
 
 def known_node(field: str, node: object, graph: Graph) -> None:
-    """Refuse a node that the graph does not have.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave it.
-    node : object
-        What was given.
-    graph : networkx.Graph
-        The graph.
-
-    Raises
-    ------
-    InputError
-        Naming the nearest node, if one has a similar name.
-    """
+    """Refuse a node that the graph does not have."""
     if node not in graph:
         raise InputError.of(field, node, f"one of the {len(graph)} nodes of the graph", near(node, graph))
 
@@ -96,31 +48,7 @@ def known_node(field: str, node: object, graph: Graph) -> None:
 def edge_number(
     place: str, edge: tuple[Any, Any], data: Mapping[str, Any], attribute: str, quantity: str
 ) -> float:
-    """Read the latency or the loss of an edge.
-
-    Parameters
-    ----------
-    place : str
-        Where the graph comes from, to begin a message with.
-    edge : tuple
-        Its two nodes.
-    data : mapping
-        Its attributes.
-    attribute : str
-        The one that is wanted.
-    quantity : str
-        What it holds: "latency" or "loss".
-
-    Returns
-    -------
-    float
-        In units of time, or a probability.
-
-    Raises
-    ------
-    InputError
-        If it is missing (naming the nearest one) or out of range.
-    """
+    """Read the latency or the loss of an edge."""
     try:
         value = data[attribute]
     except KeyError:

@@ -57,13 +57,7 @@ class Routes:
     loss: FloatArray
 
     def table(self) -> NetworkTable:
-        """Lay out the network for compiled code.
-
-        Returns
-        -------
-        NetworkTable
-            With working memory of its own.
-        """
+        """Lay out the network for compiled code."""
         return network_table(self.tail, self.head, self.node)
 
 
@@ -75,30 +69,7 @@ class _Reached(NamedTuple):
 
 
 def find_routes(graph: object, root: Hashable, agents: Sequence[Any] | None, *, only_tree: bool) -> Routes:
-    """Find the arcs that broadcasts can take.
-
-    Parameters
-    ----------
-    graph : networkx.Graph
-        Every edge has attributes `latency` and `loss`.
-    root : node, optional
-        The control unit's node; ``graph.graph["root"]`` unless given.
-    agents : sequence of nodes, optional
-        In the order of the agents' index; all nodes but the root unless given.
-    only_tree : bool
-        Whether only the arcs of the shortest-path tree are wanted.
-
-    Returns
-    -------
-    Routes
-        Without what no broadcast reaches.
-
-    Raises
-    ------
-    InputError
-        If there is no such node, an edge lacks an attribute or has one out of range, or an agent
-        cannot be reached.
-    """
+    """Find the arcs that broadcasts can take."""
     clean = simple_graph("graph", graph)
     names = list(clean)
     position = {name: place for place, name in enumerate(names)}

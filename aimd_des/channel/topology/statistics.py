@@ -26,25 +26,7 @@ __all__ = ["estimated_statistics", "tree_statistics"]
 
 
 def tree_statistics(routes: Routes, latency: object, loss: object) -> pd.DataFrame:
-    """Compute the statistics of a tree.
-
-    Parameters
-    ----------
-    routes : Routes
-        Its arcs.
-    latency, loss : object
-        Models with `mean`, and that of latency with `variance`, for all arcs or for each.
-
-    Returns
-    -------
-    DataFrame
-        As of `TreeChannel.statistics`.
-
-    Raises
-    ------
-    InputError
-        If a model does not say its mean or its variance.
-    """
+    """Compute the statistics of a tree."""
     lost = _of_arcs(routes, "loss", loss, "mean")
     means, variances = (_of_arcs(routes, "latency", latency, name) for name in ("mean", "variance"))
     delivery, mean, variance = np.zeros((3, len(routes.head) + 1))
@@ -69,29 +51,7 @@ def _of_arcs(routes: Routes, field: str, model: object, name: str) -> FloatArray
 def estimated_statistics(
     routes: Routes, begin: Callable[[int, Mapping[Purpose, Key]], Link], broadcasts: int, seed: int
 ) -> pd.DataFrame:
-    """Estimate the statistics of a network from draws.
-
-    Parameters
-    ----------
-    routes : Routes
-        Its arcs.
-    begin : callable
-        Opens the channel.
-    broadcasts : int
-        How many are sent, at least 2.
-    seed : int
-        Of the draws.
-
-    Returns
-    -------
-    DataFrame
-        As of `FloodChannel.statistics`.
-
-    Raises
-    ------
-    InputError
-        If a number is outside its range.
-    """
+    """Estimate the statistics of a network from draws."""
     count = validation.integer("broadcasts", broadcasts, low=2)
     keys = {purpose: rng.key(seed, purpose) for purpose in Purpose}
     arrived, mean, squares = np.zeros((3, len(routes.agents)))

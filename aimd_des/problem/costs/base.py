@@ -57,21 +57,7 @@ class Costs(Protocol):
 
 
 def sample_box(upper: FloatArray, n_points: int) -> FloatArray:
-    """Spread points over the box 0 < x^j <= upper^j, the upper corner first.
-
-    Parameters
-    ----------
-    upper : ndarray, shape (m,)
-        The box's upper corner, in units of the resources.
-    n_points : int
-        How many points.
-
-    Returns
-    -------
-    ndarray, shape (n_points, m)
-        Points of a Sobol sequence, the same at every call; half of them crowd towards zero,
-        where allocations of many agents lie.
-    """
+    """Spread points over the box 0 < x^j <= upper^j, the upper corner first."""
     unit = qmc.Sobol(len(upper), scramble=False).random_base2(int(np.ceil(np.log2(n_points + 1))))
     unit = 1.0 - unit[:n_points]  # (0, 1]: the first point of the sequence becomes the corner
     unit[n_points // 2 :] **= 3
@@ -79,23 +65,7 @@ def sample_box(upper: FloatArray, n_points: int) -> FloatArray:
 
 
 def check_on_box(costs: Costs, upper: FloatArray, n_points: int = 32) -> None:
-    """Check by sampling that every f_i is increasing and convex on the box 0 < x^j <= upper^j.
-
-    Parameters
-    ----------
-    costs : Costs
-        The costs to check.
-    upper : ndarray, shape (m,)
-        The box's upper corner, in units of the resources.
-    n_points : int
-        How many points to look at, the same for every agent.
-
-    Raises
-    ------
-    InputError
-        Naming the first agent, and the point, at which a value or a derivative is not finite,
-        a partial derivative is not positive, or the Hessian has a negative eigenvalue.
-    """
+    """Check by sampling that every f_i is increasing and convex on the box 0 < x^j <= upper^j."""
     for point in sample_box(upper, n_points):
         allocation = np.tile(point, (costs.n_agents, 1))
         where = f"x = {np.array2string(point, precision=6, separator=', ')}"

@@ -42,18 +42,7 @@ class CostTable(NamedTuple):
 
 
 def cost_table(costs: Costs) -> CostTable:
-    """Lay out the costs for compiled code.
-
-    Parameters
-    ----------
-    costs : Costs
-        The private costs of all agents.
-
-    Returns
-    -------
-    CostTable
-        Empty (no agents) if the costs are the user's own functions, which kernels cannot call.
-    """
+    """Lay out the costs for compiled code."""
     none = np.zeros((0, 0))
     if isinstance(costs, CoupledCosts):
         own = cost_table(costs.separable_part)
@@ -92,21 +81,7 @@ def _horner_row(rows: FloatArray, argument: FloatArray, out: FloatArray) -> None
 def gradient_row(
     table: CostTable, averages: FloatArray, resource: int, out: FloatArray, spare: FloatArray
 ) -> None:
-    """Evaluate grad_j f_i of all agents at their averages.
-
-    Parameters
-    ----------
-    table : CostTable
-        The costs.
-    averages : ndarray, shape (m, n)
-        In units of the resources; only row `resource` is read where costs are separable.
-    resource : int
-        j.
-    out : ndarray, shape (n,)
-        Receives the derivatives.
-    spare : ndarray, shape (2, n)
-        Working memory.
-    """
+    """Evaluate grad_j f_i of all agents at their averages."""
     _horner_row(table.slopes[resource], averages[resource], out)
     m = table.quadratic.shape[0] if table.weights.shape[0] > 0 else 0
     if m > 0:
@@ -128,17 +103,7 @@ def gradient_row(
 def horner_step(
     total: FloatArray, argument: FloatArray, coefficient: FloatArray, count: int, first: bool
 ) -> None:
-    """Take one step of Horner's scheme for several polynomials.
-
-    Parameters
-    ----------
-    total, argument, coefficient : ndarray, shape (count,) or longer
-        What has been evaluated so far, where, and the coefficients of the next lower power.
-    count : int
-        How many polynomials.
-    first : bool
-        Whether nothing has been evaluated so far: these are the highest powers.
-    """
+    """Take one step of Horner's scheme for several polynomials."""
     for row in range(count):
         total[row] = coefficient[row] if first else total[row] * argument[row] + coefficient[row]
 
@@ -155,22 +120,7 @@ def _horner_at(rows: FloatArray, agent: int, argument: float) -> float:
 
 @formula
 def gradient_at(table: CostTable, averages: FloatArray, resource: int, agent: int) -> float:
-    """Evaluate grad_j f_i of one agent at its averages: the bits that `gradient_row` has for it.
-
-    Parameters
-    ----------
-    table : CostTable
-        The costs.
-    averages : ndarray, shape (m,)
-        The agent's, in units of the resources; only that of `resource` is read where costs are separable.
-    resource, agent : int
-        j and i.
-
-    Returns
-    -------
-    float
-        In units of cost per unit of the resource.
-    """
+    """Evaluate grad_j f_i of one agent at its averages: the bits that `gradient_row` has for it."""
     total = _horner_at(table.slopes[resource], agent, averages[resource])
     m = table.quadratic.shape[0] if table.weights.shape[0] > 0 else 0
     if m > 0:
@@ -196,20 +146,7 @@ def _without_leading_zeros(coefficients: FloatArray) -> list[float]:
 
 
 def marginal_cost(costs: Costs, agent: int) -> Callable[[Sequence[float], int], float]:
-    """Return one agent's partial derivative in plain Python, bit for bit what the kernels compute.
-
-    Parameters
-    ----------
-    costs : Costs
-        The private costs of all agents.
-    agent : int
-        i.
-
-    Returns
-    -------
-    callable
-        ``marginal(averages, resource) -> float`` with the agent's averages of all m resources.
-    """
+    """Return one agent's partial derivative in plain Python, bit for bit what the kernels compute."""
     if isinstance(costs, PolynomialCosts):
         return _polynomial_marginal_cost(costs, agent)
     if isinstance(costs, CoupledCosts):

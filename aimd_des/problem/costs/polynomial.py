@@ -15,21 +15,7 @@ _MAX_EXPONENT = 64
 
 
 def dense_slopes(exponents: Sequence[int], coefficients: FloatArray) -> FloatArray:
-    """Turn sum_p c_p x**p into the coefficients of its derivative, lowest power first.
-
-    Parameters
-    ----------
-    exponents : sequence of int
-        The powers p >= 1.
-    coefficients : ndarray, shape (..., len(exponents))
-        One coefficient per power.
-
-    Returns
-    -------
-    ndarray, shape (max(exponents), ...)
-        Row d holds (d + 1) * c_(d+1), the factor of x**d in the derivative; ready for Horner's
-        scheme, which needs no powers and so gives the same bits everywhere.
-    """
+    """Turn sum_p c_p x**p into the coefficients of its derivative, lowest power first."""
     slopes = np.zeros((max(exponents), *coefficients.shape[:-1]))
     for position, exponent in enumerate(exponents):
         slopes[exponent - 1] += exponent * coefficients[..., position]
@@ -37,20 +23,7 @@ def dense_slopes(exponents: Sequence[int], coefficients: FloatArray) -> FloatArr
 
 
 def horner(rows: FloatArray, x: FloatArray) -> FloatArray:
-    """Evaluate polynomials elementwise by Horner's scheme.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (D, ...)
-        Coefficients, lowest power first.
-    x : ndarray, shape (...)
-        The arguments.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        The values.
-    """
+    """Evaluate polynomials elementwise by Horner's scheme."""
     total = np.zeros_like(x)
     for row in rows[::-1]:
         total = total * x + row
@@ -58,25 +31,7 @@ def horner(rows: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def checked_powers(field: str, exponents: object) -> tuple[int, ...]:
-    """Return the powers of a polynomial, or refuse them.
-
-    Parameters
-    ----------
-    field : str
-        The name under which the user gave them.
-    exponents : object
-        What was given.
-
-    Returns
-    -------
-    tuple of int
-        At least one, each once.
-
-    Raises
-    ------
-    InputError
-        If they are no integers from 1 to 64, or one stands there twice.
-    """
+    """Return the powers of a polynomial, or refuse them."""
     given = list(exponents) if validation.axes(exponents) else []  # type: ignore[call-overload]  # it has elements
     powers = tuple(
         validation.integer(f"{field}[{position}]", power, low=1, high=_MAX_EXPONENT)

@@ -19,23 +19,6 @@ __all__ = ["selected_costs"]
 def selected_costs(costs: Costs, chosen: npt.ArrayLike) -> Costs:
     """Take out the costs of some agents.
 
-    Parameters
-    ----------
-    costs : PolynomialCosts, CoupledCosts or CustomCosts
-        The costs f_i of all agents.
-    chosen : array_like of bool, shape (n,)
-        Whose costs are wanted, at least one.
-
-    Returns
-    -------
-    Costs
-        Of these agents, in the same order.
-
-    Raises
-    ------
-    InputError
-        If the costs are of a family that is not known here.
-
     Examples
     --------
     >>> costs = PolynomialCosts([2], [[[1.0]], [[2.0]], [[3.0]]])

@@ -20,27 +20,6 @@ __all__ = ["weighted_costs"]
 def weighted_costs(costs: Costs, weights: npt.ArrayLike) -> Costs:
     """Scale the costs of each agent.
 
-    Parameters
-    ----------
-    costs : PolynomialCosts, CoupledCosts or CustomCosts
-        The costs f_i of all agents.
-    weights : array_like, shape (n,) or (n, m)
-        w_i > 0, a pure number; or one for each part of a cost that is a sum over the resources:
-        sum_j w_ij f_ij(x^j).
-
-    Returns
-    -------
-    Costs
-        w_i f_i, of the same family.
-
-    Raises
-    ------
-    InputError
-        If the weights have another shape or are not positive; if they differ from resource to
-        resource and the costs are not `PolynomialCosts` (no function has derivatives w_ij grad_j f_i
-        where f_i couples resources, and functions of the user cannot be taken apart); or if the costs
-        are of a family that is not known here.
-
     Examples
     --------
     >>> costs = PolynomialCosts([2], [[[1.0]], [[1.0]]])

@@ -33,19 +33,7 @@ _SMALLEST_TAU = 1e-22
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A point on the way to the optimum.
-
-    Parameters
-    ----------
-    shares : ndarray, shape (n, m)
-        y > 0, multiples of the equal share.
-    multipliers : ndarray, shape (m,)
-        nu, the multipliers of the capacities, in units of cost.
-    bound_multipliers : ndarray, shape (n, m)
-        z > 0, the multipliers of the bounds, in units of cost.
-    gradient : ndarray, shape (n, m)
-        The derivatives of the costs by the shares, in units of cost.
-    """
+    """A point on the way to the optimum."""
 
     shares: FloatArray
     multipliers: FloatArray
@@ -71,20 +59,7 @@ class _Direction:
 
 
 def kkt_residual(shares: FloatArray, gradient: FloatArray, multipliers: FloatArray) -> float:
-    """Evaluate the residual that `solve_optimum` defines.
-
-    Parameters
-    ----------
-    shares, gradient : ndarray, shape (n, m)
-        Multiples of the equal share, and the derivatives of the costs by them.
-    multipliers : ndarray, shape (m,)
-        nu, in units of cost.
-
-    Returns
-    -------
-    float
-        Infinite where a multiplier is not positive or a derivative is not finite.
-    """
+    """Evaluate the residual that `solve_optimum` defines."""
     if not ((multipliers > 0).all() and np.isfinite(gradient).all()):
         return float(np.inf)
     reduced = gradient / multipliers - 1
@@ -95,24 +70,7 @@ def kkt_residual(shares: FloatArray, gradient: FloatArray, multipliers: FloatArr
 
 
 def follow_central_path(scaled: ScaledCosts, tolerance: float, max_iterations: int) -> tuple[Point, int]:
-    """Take Newton steps until the residual is within the tolerance.
-
-    Parameters
-    ----------
-    scaled : ScaledCosts
-        The costs of shares.
-    tolerance : float
-        The KKT residual to reach.
-    max_iterations : int
-        Newton steps after which to stop.
-
-    Returns
-    -------
-    point : Point
-        The last point, whether its residual is small enough or not.
-    iterations : int
-        Newton steps taken; fewer than the maximum also where none leads on.
-    """
+    """Take Newton steps until the residual is within the tolerance."""
     point = _start(scaled)
     for iteration in range(max_iterations):
         if kkt_residual(point.shares, point.gradient, point.multipliers) <= tolerance:

@@ -83,27 +83,6 @@ def in_f_delta(
 ) -> npt.NDArray[np.bool_]:
     """Tell which costs satisfy eq. (def_F_delta) over a box instead of all of R_+.
 
-    Parameters
-    ----------
-    costs : Costs
-        The costs of all agents.
-    delta : array_like, shape (m,)
-        delta_j > 0, in units of the resource squared per unit of cost.
-    upper, lower
-        The box, as for `normalization_factors`.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        True for each agent with 0 < delta_j grad_j f_i(x) < x^j for all j and a positive
-        semidefinite Hessian.  As exact as `normalization_factors`; positivity and the Hessian are
-        looked at in samples unless the costs are proven.
-
-    Raises
-    ------
-    InputError
-        If `delta` or a corner has another shape or is not positive, or `lower` is not below `upper`.
-
     Examples
     --------
     >>> from aimd_des import PolynomialCosts

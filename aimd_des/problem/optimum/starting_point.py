@@ -16,47 +16,17 @@ _SMALLEST_SHARE = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class ScaledCosts:
-    """Costs as functions of shares, multiples of C / n: units and the number of agents drop out.
-
-    Parameters
-    ----------
-    costs : Costs
-        The costs of all agents.
-    equal_share : ndarray, shape (m,)
-        C / n, in units of the resources.
-    """
+    """Costs as functions of shares, multiples of C / n: units and the number of agents drop out."""
 
     costs: Costs
     equal_share: FloatArray
 
     def gradient(self, shares: FloatArray) -> FloatArray:
-        """Evaluate the derivatives by the shares.
-
-        Parameters
-        ----------
-        shares : ndarray, shape (n, m)
-            Multiples of the equal share.
-
-        Returns
-        -------
-        ndarray, shape (n, m)
-            In units of cost.
-        """
+        """Evaluate the derivatives by the shares."""
         return self.costs.gradient(shares * self.equal_share) * self.equal_share
 
     def hessian(self, shares: FloatArray) -> FloatArray:
-        """Evaluate the second derivatives by the shares.
-
-        Parameters
-        ----------
-        shares : ndarray, shape (n, m)
-            Multiples of the equal share.
-
-        Returns
-        -------
-        ndarray, shape (n, m, m)
-            In units of cost.
-        """
+        """Evaluate the second derivatives by the shares."""
         return self.costs.hessian(shares * self.equal_share) * np.outer(self.equal_share, self.equal_share)
 
 
@@ -65,18 +35,6 @@ def power_law_start(scaled: ScaledCosts) -> tuple[FloatArray, FloatArray, FloatA
 
     From equal shares alone Newton's method would need very many steps where derivatives differ by
     many orders of magnitude: on y**p it only gains a factor (p - 2) / (p - 1) each time.
-
-    Parameters
-    ----------
-    scaled : ScaledCosts
-        The costs of shares.
-
-    Returns
-    -------
-    shares, gradient : ndarray, shape (n, m)
-        Positive shares with mean 1, and the derivatives of the costs by them.
-    multipliers : ndarray, shape (m,)
-        The derivative that all agents would have in common if the power laws held.
     """
     tiny = np.finfo(float).tiny
     shares = np.ones((scaled.costs.n_agents, scaled.costs.n_resources))

@@ -46,25 +46,7 @@ class Interval:
 
 
 def quantile(confidence: float, degrees: npt.ArrayLike) -> FloatArray:
-    """Compute how many standard errors an interval reaches to either side.
-
-    Parameters
-    ----------
-    confidence : float
-        Between 0 and 1.
-    degrees : array_like
-        Degrees of freedom; the answer is infinite where there are none.
-
-    Returns
-    -------
-    ndarray
-        Quantile of Student's t.
-
-    Raises
-    ------
-    InputError
-        If the confidence is not between 0 and 1.
-    """
+    """Compute how many standard errors an interval reaches to either side."""
     level = validation.number("confidence", confidence, low=0.0, high=1.0, low_open=True, high_open=True)
     free = np.asarray(degrees, dtype=np.float64)
     known = np.where(free > 0.0, free, 1.0)
