@@ -62,7 +62,7 @@ def test_a_figure_that_fails_is_a_warning_and_no_reason_to_lose_a_run(
     def fail(*args: Any) -> Any:
         raise ZeroDivisionError("no picture")
 
-    monkeypatch.setattr("aimd_des.plots.paper_figures.sum_of_averages", fail)
+    monkeypatch.setattr("aimd_des.plots.paper.sum_of_averages", fail)
     sentence = r"^out/figure4.png: is missing \(ZeroDivisionError: no picture\); all numbers are written$"
     with pytest.warns(RuntimeWarning, match=sentence):
         outcome = invoke("run", str(write()), "--out", "out")

@@ -34,6 +34,7 @@ from aimd_des.channel import Broadcast, Copies, Draws
 from aimd_des.engine.delivery import ProcessGenerator, Signal
 from aimd_des.engine.environment import Kind
 from aimd_des.engine.system import System
+from aimd_des.fleet.compiled_agents import CompiledAgents
 from models import smart_cameras
 from tests.conftest import problems, quadratic_problem, quietly, random_problem
 from tests.disturbances import disturbances, networks
@@ -414,7 +415,7 @@ def test_memory_is_bounded_by_what_is_in_flight() -> None:
     def watch(until: float) -> Any:
         def look(system: System) -> ProcessGenerator:
             yield system.env.at(until - 0.5, Kind.OBSERVE)
-            assert isinstance(system.collective, Fleet)
+            assert isinstance(system.collective, CompiledAgents)
             rooms[until] = system.collective.crowd.room
 
         return look

@@ -400,7 +400,7 @@ def broken(*names: str) -> Any:
 def test_a_figure_that_fails_is_told_and_takes_nothing_along(
     scenario: Scenario, result: Result, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("aimd_des.plots.paper_figures.figure_makers", broken("figure2"))
+    monkeypatch.setattr("aimd_des.plots.paper.figure_makers", broken("figure2"))
     with pytest.warns(
         RuntimeWarning, match=r"(?s)^out/figure2\.png: is missing \(ValueError: .*; all numbers"
     ):
@@ -420,7 +420,7 @@ def test_no_figure_goes_into_another_runs_folder(
         earlier_results(Path("out"))
         return {"figure1": Figure}
 
-    monkeypatch.setattr("aimd_des.plots.paper_figures.figure_makers", taken)
+    monkeypatch.setattr("aimd_des.plots.paper.figure_makers", taken)
     with pytest.warns(RuntimeWarning, match="the folder is no longer that of this run"):
         write_run(checked("out"), scenario, result)
     assert sorted(everything(Path("out"))) == ["old.csv", PROVENANCE]

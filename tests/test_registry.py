@@ -172,7 +172,7 @@ def test_a_model_that_returns_something_else_is_refused() -> None:
     ],
 )
 def test_the_decorator_is_known_by_all_its_names(imported: str, mark: str) -> None:
-    marks = frozenset({"aimd_des.model", "aimd_des.scenario.models.model"})
+    marks = frozenset({"aimd_des.model", "aimd_des.registry.model", "aimd_des.scenario.models.model"})
     source = f"{imported}\nif True:\n    @{mark}\n    def mine():\n        ...\n"
     assert decorated(source, marks) == ["mine"]
     assert decorated(source.replace("aimd_des", "other"), marks) == []
@@ -194,7 +194,7 @@ def test_folders_are_shown_and_reported_without_their_model(monkeypatch: pytest.
     def looked_for(name: str) -> None:
         raise AssertionError(name)
 
-    monkeypatch.setattr("aimd_des.registry._called", looked_for)
+    monkeypatch.setattr("aimd_des.scenario.models._called", looked_for)
     for folder in ("run", "study"):
         assert invoke("show", folder).exit_code == 0
         assert invoke("compare", folder, folder).exit_code == 0

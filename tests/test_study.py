@@ -354,7 +354,7 @@ def test_a_key_depends_on_all_that_results_depend_on(monkeypatch: pytest.MonkeyP
     assert len(first) == 32
     assert key(title="other") == key(agents="process") == first
     others = {key(until=61.0), key(channel={"loss": 0.1}), key(recording={"events": True})}
-    monkeypatch.setattr(aimd_des, "RESULT_VERSION", 2)
+    monkeypatch.setattr("aimd_des.study.points.RESULT_VERSION", 2)
     assert len({first, *others, key()}) == 5
 
 

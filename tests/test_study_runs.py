@@ -669,7 +669,7 @@ def test_another_study_in_the_same_folder_is_refused(
 def test_results_of_another_version_are_refused(
     reference: StudyResults, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(aimd_des, "RESULT_VERSION", 2)
+    monkeypatch.setattr("aimd_des.study.plan.RESULT_VERSION", 2)
     with pytest.raises(InputError, match="result version of"):
         in_a_thread(design(), reference.folder)
 

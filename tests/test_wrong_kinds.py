@@ -165,7 +165,7 @@ REFUSALS: dict[str, tuple[Any, str]] = {
     "the same where nothing is event-driven": (
         lambda: run_discrete(PROBLEM, steps=5, averaging=averaging.Window, seed=1),
         (
-            "averaging = <class 'aimd_des.averaging.Window'>: must be an averaging, such as "
+            "averaging = <class 'aimd_des.dynamics.averaging.Window'>: must be an averaging, such as "
             "averaging.Window(100.0); make an object of it: Window(...)"
         ),
     ),

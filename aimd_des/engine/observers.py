@@ -266,7 +266,9 @@ class Observer:
             self.meter.close_stretch()
             stretches = tuple(self.meter.stretches)
             overshoot = overshoot_of(stretches)
-            second_half = (load_of(stretches) - self.half_load) / (0.5 * self.system.until)
+            half = 0.5 * self.system.until
+            if half > 0.0:  # half of the smallest number that there is is 0
+                second_half = (load_of(stretches) - self.half_load) / half
         return Observations(
             self.demand_times,
             self.total_demand,

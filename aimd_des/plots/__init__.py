@@ -11,7 +11,7 @@ from aimd_des.plots.convergence import averages_against_optimum, consensus, erro
 from aimd_des.plots.errors import absolute_error, cost_ratio, error_histogram, relative_error
 from aimd_des.plots.maps import heat_map
 from aimd_des.plots.network import network_map
-from aimd_des.plots.paper_figures import paper_figures
+from aimd_des.plots.paper import paper_figures
 from aimd_des.plots.signals import demand_and_signals, signal_raster
 from aimd_des.plots.style import colour, shared_legend
 from aimd_des.plots.tracking import tracking_error, tracking_level

@@ -235,7 +235,7 @@ def write_run(place: Place, scenario: Scenario, result: Result, *, figures: bool
         sums = checksums_of(folder, [path.name for path in folder.iterdir()])
         write_checksums(folder, sums)
     if figures:
-        from aimd_des.plots.paper_figures import figure_makers
+        from aimd_des.plots.paper import figure_makers
 
         _add_figures(place, figure_makers(result), sums)
 
