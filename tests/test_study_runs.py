@@ -556,7 +556,7 @@ def sweep():
     child = os.fork()
     if child == 0:
         # It runs, but is no child of this process, which therefore cannot ask for it.
-        forkserver._forkserver.ensure_running = lambda: None
+        forkserver.ensure_running = forkserver._forkserver.ensure_running = lambda: None
         run_study(study, "out", workers=2)
         os._exit(0)
     return child

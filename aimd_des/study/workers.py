@@ -11,6 +11,7 @@ from multiprocessing import forkserver, get_all_start_methods, get_context, pare
 from multiprocessing.connection import Connection, wait
 from typing import Any, Protocol
 
+from aimd_des.study import worker_task
 from aimd_des.utils.errors import InputError
 
 __all__ = ["Given", "Pool", "Processes", "dask_executor"]
@@ -55,7 +56,7 @@ class Processes:
         method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
         self._context: Any = get_context(method)
         if method == "forkserver":
-            self._context.set_forkserver_preload(["aimd_des.study.worker"])
+            self._context.set_forkserver_preload([worker_task.__name__])
             with _deaf():
                 forkserver.ensure_running()
         # Nothing is ever sent: workers see when this end of it is gone.
