@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from aimd_des.scenario import load_scenario
     from aimd_des.scenario.models import model
     from aimd_des.study import Study, load_study, run_study
-    from aimd_des.synchronous import run_discrete
+    from aimd_des.synchronous import run_synchronous
     from aimd_des.utils.errors import InputError, SimulationError
 
 # Where each public name lives.
@@ -49,8 +49,8 @@ _HOME = {
     "load_study": "study",
     "model": "scenario.models",
     "normalization_factors": "problem.optimum",
-    "run_discrete": "synchronous",
     "run_study": "study",
+    "run_synchronous": "synchronous",
     "solve_optimum": "problem.optimum",
 }
 # Modules that are public as a whole.
@@ -86,8 +86,8 @@ __all__ = [
     "lowlevel",
     "model",
     "normalization_factors",
-    "run_discrete",
     "run_study",
+    "run_synchronous",
     "solve_optimum",
     "theory",
     "topology",
@@ -100,6 +100,8 @@ def __getattr__(name: str) -> Any:
         return getattr(import_module(f"aimd_des.{_HOME[name]}"), name)
     if name in _MODULES:
         return import_module(f"aimd_des.{name}")
+    if (new := _deprecated.new_name(name)) is not None:
+        return __getattr__(new)
     raise AttributeError(f"module 'aimd_des' has no attribute {name!r}")
 
 

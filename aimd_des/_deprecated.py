@@ -1,4 +1,4 @@
-"""Paths of modules that have moved: they can be imported for two minor releases more, with a warning.
+"""Names and paths that have changed: the old ones go on for two minor releases more, with a warning.
 
 Each old path becomes a module that looks its names up in the new ones, so that old and new names are the
 same objects.
@@ -13,7 +13,12 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
 
-__all__ = ["MOVED", "install"]
+__all__ = ["MOVED", "NAMES", "install", "new_name"]
+
+#: Old names at the top of the package, each with the new one and the version that has brought it.
+NAMES: dict[str, tuple[str, str]] = {
+    "run_discrete": ("run_synchronous", "0.1"),
+}
 
 #: Old paths, each with the modules in which its names are now; the first is the one to import instead.
 MOVED: dict[str, tuple[str, ...]] = {
@@ -40,6 +45,16 @@ MOVED: dict[str, tuple[str, ...]] = {
     "aimd_des.transport": ("aimd_des.lowlevel", "aimd_des.engine.delivery"),
 }
 _REMOVED_IN = "0.3"
+
+
+def new_name(old: str) -> str | None:
+    """Say what an old name is called now, with a warning; nothing is returned for what is none."""
+    if old not in NAMES:
+        return None
+    new, since = NAMES[old]
+    message = f"aimd_des.{old} is called {new} since {since}; the old name ends with {_REMOVED_IN}"
+    warnings.warn(message, DeprecationWarning, stacklevel=3)  # where the name was asked for
+    return new
 
 
 class _OldPaths(MetaPathFinder, Loader):

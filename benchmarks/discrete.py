@@ -1,4 +1,4 @@
-"""`run_discrete` beside four programs that do the same: C twice, NumPy and SimPy.
+"""`run_synchronous` beside four programs that do the same: C twice, NumPy and SimPy.
 
 Run it from the root of the checkout: ``python -m benchmarks.discrete``.
 """
@@ -84,15 +84,15 @@ def _task(cameras: int, steps: int) -> Task:
 
 def _prepare_ours(task: Task) -> Run:
     try:
-        from aimd_des import run_discrete
+        from aimd_des import run_synchronous
     except ImportError as reason:
         raise Unavailable(f"cannot be imported: {reason}") from None
 
     def run(seed: int) -> Outcome:
-        result = run_discrete(task.problem, steps=task.steps, seed=seed)
+        result = run_synchronous(task.problem, steps=task.steps, seed=seed)
         return Outcome(result.signals_sent.counts(task.problem.n_resources), result.average_at_end)
 
-    run_discrete(task.problem, steps=1, seed=0)  # compiles, or loads what an earlier run compiled
+    run_synchronous(task.problem, steps=1, seed=0)  # compiles, or loads what an earlier run compiled
     return run
 
 
@@ -147,7 +147,7 @@ def _prepare_simd(task: Task) -> Run:
 
 def _contestants(task: Task) -> list[Contestant[Outcome]]:
     return [
-        Contestant("run_discrete (ours)", partial(_prepare_ours, task)),
+        Contestant("run_synchronous (ours)", partial(_prepare_ours, task)),
         Contestant("C loop", partial(_prepare_c, task)),
         Contestant("C across agents", partial(_prepare_simd, task)),
         Contestant("NumPy loop", partial(_prepare_numpy, task)),
@@ -199,7 +199,7 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
 
 def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.discrete", description="run_discrete beside C, NumPy and SimPy"
+        prog="python -m benchmarks.discrete", description="run_synchronous beside C, NumPy and SimPy"
     )
     parser.add_argument(
         "--cameras", type=positive, nargs="+", default=[60, 600], help="sizes (default: 60 600)"

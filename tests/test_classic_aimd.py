@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aimd_des import InputError, Recording, Result, run_discrete, theory
+from aimd_des import InputError, Recording, Result, run_synchronous, theory
 from aimd_des.scenario.models import model_parameters, named_model
 from models import classic_aimd
 
@@ -13,7 +13,7 @@ STEPS = 20_000
 @pytest.fixture(scope="module")
 def run() -> Result:
     """No seed matters where every response is certain; growth over a step is 0.7 % of the capacity."""
-    return run_discrete(classic_aimd(), steps=STEPS, seed=0, lag=0, recording=Recording(allocations=1.0))
+    return run_synchronous(classic_aimd(), steps=STEPS, seed=0, lag=0, recording=Recording(allocations=1.0))
 
 
 def at_signals(run: Result) -> np.ndarray:
@@ -56,7 +56,7 @@ def test_period_and_utilisation(run: Result) -> None:
 
 
 def test_a_late_signal_makes_everybody_respond_twice() -> None:
-    late = run_discrete(classic_aimd(), steps=STEPS, seed=0, lag=1, recording=Recording(allocations=1.0))
+    late = run_synchronous(classic_aimd(), steps=STEPS, seed=0, lag=1, recording=Recording(allocations=1.0))
     assert (late.account.responses == len(late.signals)).all()
     times = late.signals_sent.time
     assert (times[1::2] - times[::2] == 1).all()
@@ -68,7 +68,7 @@ def test_a_late_signal_makes_everybody_respond_twice() -> None:
 
 
 def test_agents_that_are_alike_stay_alike() -> None:
-    run = run_discrete(classic_aimd([0.01] * 5, 0.5, capacity=5.0), steps=5000, seed=3, lag=0)
+    run = run_synchronous(classic_aimd([0.01] * 5, 0.5, capacity=5.0), steps=5000, seed=3, lag=0)
     assert len(set(run.demand_at_end[:, 0])) == 1
     assert run.average_at_end.sum() / 5.0 == pytest.approx(0.75, abs=0.01)
 

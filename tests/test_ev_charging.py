@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from scipy.optimize import brentq
 
-from aimd_des import InputError, run_discrete, solve_optimum, theory
+from aimd_des import InputError, run_synchronous, solve_optimum, theory
 from aimd_des.scenario.models import model_parameters, named_model
 from models import ev_charging
 from models.ev_charging import EVENING_PEAK, Vehicles, capacity_left, daily_base_load, vehicle_schedule
@@ -104,7 +104,7 @@ def test_averages_settle_at_the_optimum() -> None:
     # derivative times 1 + h / x.  These factors lie between 1 and 1 + h / min x, and so what vehicles get
     # differs by no more: derivatives grow at least in proportion to x.
     problem = ev_charging(0, 40, houses_per_vehicle=1.5, minute=960.0)
-    results = [run_discrete(problem, steps=STEPS, seed=seed) for seed in range(REPLICATIONS)]
+    results = [run_synchronous(problem, steps=STEPS, seed=seed) for seed in range(REPLICATIONS)]
     assert sum(int(result.account.saturated.sum()) for result in results) == 0
     averages = np.array([result.average_at_end[:, 0] for result in results])
     mean = averages.mean(axis=0)

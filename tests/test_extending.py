@@ -23,7 +23,7 @@ from aimd_des import (
     Result,
     Sampled,
     Simulation,
-    run_discrete,
+    run_synchronous,
 )
 from aimd_des.channel import Copies
 from aimd_des.engine.delivery import ProcessGenerator, Signal
@@ -326,7 +326,7 @@ def test_a_channel_of_ones_own_can_be_the_ordinary_one(page: Names) -> None:
     problem = random_problem(2, 5, 2)
     mine = Simulation(problem, channel=Late(), seed=1).run(until=200)
     assert_same_run(mine, Simulation(problem, channel=BroadcastChannel(1.0), seed=1).run(until=200))
-    assert mine.digest == run_discrete(problem, steps=200, seed=1).digest
+    assert mine.digest == run_synchronous(problem, steps=200, seed=1).digest
 
 
 def test_far_agents_hear_late(page: Names) -> None:

@@ -28,7 +28,7 @@ from aimd_des import (
     compensation,
     latency,
     loss,
-    run_discrete,
+    run_synchronous,
 )
 from aimd_des.channel import Broadcast, Copies, Draws
 from aimd_des.engine.delivery import ProcessGenerator, Signal
@@ -222,9 +222,9 @@ def test_the_papers_system_over_thousands_of_signals(way: str, until: float) -> 
 def test_in_phase_a_fleet_is_the_synchronous_algorithm() -> None:
     problem = smart_cameras(seed=3)
     simulation = Simulation(problem, agents=Fleet, channel=BroadcastChannel(latency=0.5), seed=4)
-    assert simulation.run(2000.0).digest == run_discrete(problem, steps=2000, seed=4).digest
+    assert simulation.run(2000.0).digest == run_synchronous(problem, steps=2000, seed=4).digest
     at_once = Simulation(problem, agents=Fleet, seed=4)
-    assert at_once.run(2000.0).digest == run_discrete(problem, steps=2000, seed=4, lag=0).digest
+    assert at_once.run(2000.0).digest == run_synchronous(problem, steps=2000, seed=4, lag=0).digest
 
 
 # -- company ---------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from aimd_des import (
     Sampled,
     Simulation,
     averaging,
-    run_discrete,
+    run_synchronous,
 )
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import Kind
@@ -555,7 +555,7 @@ def test_functions_refuse_what_cannot_be() -> None:
 )
 def test_in_phase_each_average_is_that_of_the_synchronous_algorithm(way: Any) -> None:
     problem = random_problem(5, 6, 3, "coupled")
-    synchronous = quietly(run_discrete, problem, steps=300, seed=2, averaging=way)
+    synchronous = quietly(run_synchronous, problem, steps=300, seed=2, averaging=way)
     for agents in (Camera, Fleet):
         parts: dict[str, Any] = {"channel": BroadcastChannel(latency=0.5), "agents": agents, "seed": 2}
         assert run(problem, 300.0, dynamics="discrete", averaging=way, **parts).digest == synchronous.digest

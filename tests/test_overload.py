@@ -17,7 +17,7 @@ from aimd_des import (
     Recording,
     Sampled,
     Simulation,
-    run_discrete,
+    run_synchronous,
 )
 from aimd_des.cli import main
 from aimd_des.problem.costs import PolynomialCosts
@@ -98,7 +98,7 @@ def test_the_second_half_is_measured_alike_by_all(lag: int) -> None:
     problem = Problem([resource(capacity=1.0, increase=1.0, normalization=0.05)], costs)
     ways: list[Any] = [Camera, Fleet]
     with pytest.warns(OverloadWarning, match="memory"):
-        plain = run_discrete(problem, steps=301, seed=0, lag=lag)
+        plain = run_synchronous(problem, steps=301, seed=0, lag=lag)
     assert plain.run_away.all()
     demand = run_discrete_totals(problem, lag)
     # x(k) is held over (k - 1, k]: half of x(151), and all to the end.
@@ -114,7 +114,7 @@ def test_the_second_half_is_measured_alike_by_all(lag: int) -> None:
 def run_discrete_totals(problem: Problem, lag: int) -> Any:
     """Total demand at every step."""
     with pytest.warns(OverloadWarning):
-        run = run_discrete(problem, steps=301, seed=0, lag=lag, recording=Recording(demand=1.0))
+        run = run_synchronous(problem, steps=301, seed=0, lag=lag, recording=Recording(demand=1.0))
     return run.observations.total_demand[:, 0]
 
 

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 from matplotlib.image import imread
 
-from aimd_des import InputError, load_scenario, run_discrete, solve_optimum
+from aimd_des import InputError, load_scenario, run_synchronous, solve_optimum
 from aimd_des.scenario.run_folder import check_folder
 from models.smart_cameras import smart_cameras
 from scenarios import paper
@@ -189,7 +189,7 @@ def test_scenarios_are_listed_with_their_first_lines() -> None:
 
 def test_the_scenario_file_is_the_first_run_of_the_study() -> None:
     scenario = load_scenario(ROOT / "scenarios" / "paper.toml", until=200.0, seed=3)
-    assert scenario.run().digest == run_discrete(smart_cameras(3), steps=200, seed=3).digest
+    assert scenario.run().digest == run_synchronous(smart_cameras(3), steps=200, seed=3).digest
 
 
 def case(study: paper.PaperStudy, increase: str, lag: int) -> pd.DataFrame:

@@ -18,7 +18,7 @@ from aimd_des import (
     Simulation,
     averaging,
     compensation,
-    run_discrete,
+    run_synchronous,
 )
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import Kind
@@ -239,4 +239,4 @@ def test_an_agents_own_parameters_cannot_be_written() -> None:
 def test_the_synchronous_algorithm_is_as_it_was() -> None:
     problem = random_problem(3, 5, 2)
     parts: dict[str, Any] = {"dynamics": "discrete", "channel": BroadcastChannel(latency=0.5)}
-    assert run(problem, 80.0, **parts).digest == quietly(run_discrete, problem, steps=80, seed=1).digest
+    assert run(problem, 80.0, **parts).digest == quietly(run_synchronous, problem, steps=80, seed=1).digest

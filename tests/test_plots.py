@@ -14,7 +14,7 @@ from aimd_des import (
     Recording,
     Resource,
     Result,
-    run_discrete,
+    run_synchronous,
     solve_optimum,
 )
 from aimd_des.plots import (
@@ -66,7 +66,7 @@ def problem(n: int, m: int, spread: float = 1.0, units: tuple[str, ...] = UNITS)
 
 def drawn(n: int, m: int, steps: int, recording: Recording = FULL, **kind: object) -> tuple[Result, Optimum]:
     shared = problem(n, m, **kind)  # type: ignore[arg-type]
-    return run_discrete(shared, steps=steps, seed=1, recording=recording), solve_optimum(shared)
+    return run_synchronous(shared, steps=steps, seed=1, recording=recording), solve_optimum(shared)
 
 
 def empty_axes() -> Axes:
@@ -167,7 +167,7 @@ def test_totals_end_at_those_of_the_run_beside_the_capacities(run: tuple[Result,
 
 def test_capacity_events_are_counted_for_every_run(run: tuple[Result, Optimum]) -> None:
     result, _ = run
-    other = run_discrete(result.problem, steps=2000, seed=2)
+    other = run_synchronous(result.problem, steps=2000, seed=2)
     axes = capacity_events(empty_axes(), [result, other])
     for j in range(3):
         last = sorted(float(curve[-1, 1]) for curve in curves(axes, colour(j)))

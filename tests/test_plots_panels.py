@@ -27,7 +27,7 @@ from aimd_des import (
     interventions,
     latency,
     loss,
-    run_discrete,
+    run_synchronous,
     solve_optimum,
     topology,
 )
@@ -132,7 +132,7 @@ def test_signals_stand_on_the_threshold_of_the_capacity_in_force(moved: Result) 
 
 
 def test_discrete_demand_is_drawn_in_steps() -> None:
-    result = run_discrete(problem(6, 1), steps=60, seed=1)
+    result = run_synchronous(problem(6, 1), steps=60, seed=1)
     (curve,) = [
         line for line in demand_and_signals(empty_axes(), result).get_lines() if line.get_ls() == "-"
     ][:1]
@@ -246,7 +246,7 @@ def test_consensus_shows_quantiles_in_multiples_of_the_multiplier(run: Result) -
 
 
 def test_error_decay_is_the_mean_of_the_runs_beside_the_slope() -> None:
-    runs = [run_discrete(problem(8, 2), steps=400, seed=seed, recording=FULL) for seed in (1, 2)]
+    runs = [run_synchronous(problem(8, 2), steps=400, seed=seed, recording=FULL) for seed in (1, 2)]
     axes = error_decay(empty_axes(), runs, slope=-0.5)
     for j in range(2):
         expected = np.mean([run.summary()["misallocation"].iloc[j] for run in runs])

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import aimd_des
+from aimd_des._deprecated import MOVED, NAMES
 
 ROOT = Path(__file__).resolve().parents[1]
 MODULES = ["averaging", "compensation", "interventions", "latency", "loss", "theory", "topology"]
@@ -50,3 +51,33 @@ def test_dir_shows_the_public_names_and_no_others() -> None:
 def test_the_package_tells_type_checkers_that_it_is_typed() -> None:
     """Without the mark they ignore its annotations, though the classifier promises them (PEP 561)."""
     assert Path(aimd_des.__file__).with_name("py.typed").is_file()
+
+
+@pytest.mark.parametrize("old", NAMES)
+def test_an_old_name_is_the_new_object_with_a_warning_at_the_line_that_asks(old: str) -> None:
+    new, since = NAMES[old]
+    with pytest.warns(DeprecationWarning, match=f"aimd_des.{old} is called {new} since {since}") as heard:
+        found = getattr(aimd_des, old)
+    assert found is getattr(aimd_des, new)
+    assert [one.filename for one in heard] == [__file__]
+    assert old not in dir(aimd_des)
+    assert new in dir(aimd_des)
+
+
+@pytest.mark.parametrize("old", MOVED)
+def test_an_old_path_can_be_imported_with_a_warning(old: str) -> None:
+    """In the order of the table; each has a name at least that is found in each of its new places."""
+    sys.modules.pop(old, None)
+    with pytest.warns(DeprecationWarning, match=f"{old} has moved: import from {MOVED[old][0]}"):
+        module = import_module(old)
+    for new in MOVED[old]:
+        names = import_module(new).__all__
+        assert any(getattr(module, name) is getattr(import_module(new), name) for name in names)
+    with pytest.raises(AttributeError, match=f"module '{old}' has no attribute 'nothing'"):
+        _ = module.nothing
+
+
+def test_an_old_name_at_an_old_path() -> None:
+    with pytest.warns(DeprecationWarning):
+        from aimd_des.discrete import run_discrete  # type: ignore[import-not-found]
+    assert run_discrete is aimd_des.run_synchronous

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from aimd_des import CoupledCosts, InputError, PolynomialCosts, Problem, run_discrete, solve_optimum, theory
+from aimd_des import CoupledCosts, InputError, PolynomialCosts, Problem, run_synchronous, solve_optimum, theory
 from aimd_des.scenario.models import model_parameters, named_model
 from models import random_convex
 from models.random_convex import random_optimum
@@ -141,7 +141,7 @@ def test_averages_settle_at_the_optimum(coupled: bool, m: int) -> None:
     # settles to a common value is the derivative times 1 + h / x.  These factors lie between 1 and
     # 1 + h / min x, and the inverse of the elasticities takes their logarithms to those of the averages.
     problem = random_convex(5, 20, m, coupled)
-    results = [run_discrete(problem, steps=STEPS, seed=seed) for seed in range(REPLICATIONS)]
+    results = [run_synchronous(problem, steps=STEPS, seed=seed) for seed in range(REPLICATIONS)]
     assert sum(int(result.account.saturated.sum()) for result in results) == 0
     averages = np.array([result.average_at_end for result in results])
     mean = averages.mean(axis=0)

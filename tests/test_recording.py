@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aimd_des import InputError, Recording, run_discrete
+from aimd_des import InputError, Recording, run_synchronous
 from aimd_des.results.run_data import Signals
 from tests.conftest import quadratic_problem
 
@@ -133,7 +133,7 @@ def test_times_that_the_run_does_not_have_are_refused(
 def test_what_is_recorded_does_not_change_the_run() -> None:
     problem = quadratic_problem([1.0, 2.0, 3.0], capacity=1.0)
     options = [{}, {"demand": "end"}, {"demand": 1.0, "allocations": 1.0}, {"tail": 20}, {"demand": [3.0]}]
-    runs = [run_discrete(problem, steps=100, seed=0, recording=Recording(**each)) for each in options]
+    runs = [run_synchronous(problem, steps=100, seed=0, recording=Recording(**each)) for each in options]
     assert len({run.digest for run in runs}) == 1
     assert [len(run.observations.demand_times) for run in runs] == [101, 1, 101, 101, 2]
     assert [len(run.observations.allocation_times) for run in runs] == [1, 1, 101, 21, 1]

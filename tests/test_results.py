@@ -12,7 +12,7 @@ from aimd_des import (
     Problem,
     Recording,
     Result,
-    run_discrete,
+    run_synchronous,
     solve_optimum,
 )
 from aimd_des.engine.simulation import Simulation
@@ -34,7 +34,7 @@ def problem() -> Problem:
 
 def run(problem: Problem, **options: Any) -> Result:
     options.setdefault("recording", Recording(demand=2.0, allocations=20.0))
-    return run_discrete(problem, **{"steps": STEPS, "seed": 1, **options})
+    return run_synchronous(problem, **{"steps": STEPS, "seed": 1, **options})
 
 
 @pytest.fixture(scope="module")
@@ -214,7 +214,7 @@ def test_a_run_in_which_nobody_holds_anything_can_be_summed_up(problem: Problem)
 
 
 def test_arrays_at_the_end_have_a_row_for_each_agent() -> None:
-    result = quietly(run_discrete, random_problem(3, 5, 3), steps=20, seed=0)
+    result = quietly(run_synchronous, random_problem(3, 5, 3), steps=20, seed=0)
     assert result.demand_at_end.shape == result.average_at_end.shape == (5, 3)
     assert np.array_equal(result.demand_at_end.T, result.observations.demand[-1])
     assert result.account.responses.shape == (3, 5)

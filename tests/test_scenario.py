@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from aimd_des import InputError, Recording, run_discrete
+from aimd_des import InputError, Recording, run_synchronous
 from aimd_des.channel import BroadcastChannel
 from aimd_des.engine.simulation import Simulation
 from aimd_des.scenario import Scenario, load_scenario
@@ -224,7 +224,7 @@ def test_a_file_is_run_as_its_parts_say() -> None:
 def test_the_synchronous_algorithm_is_run_as_the_file_says(lag: int) -> None:
     scenario = load(synchronous(f"lag = {lag}"))
     recording = Recording("auto", "auto", 100)
-    expected = quietly(run_discrete, scenario.problem(), steps=60, seed=4, lag=lag, recording=recording)
+    expected = quietly(run_synchronous, scenario.problem(), steps=60, seed=4, lag=lag, recording=recording)
     result = quietly(scenario.run)
     assert result.digest == expected.digest
     assert result.demand.equals(expected.demand)

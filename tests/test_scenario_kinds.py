@@ -24,7 +24,7 @@ from aimd_des import (
     interventions,
     latency,
     loss,
-    run_discrete,
+    run_synchronous,
     topology,
 )
 from aimd_des.scenario import Scenario
@@ -151,7 +151,7 @@ def differences() -> dict[str, tuple[Any, Any]]:
             file = "required" if one.default is one.empty else one.default
             if file != own[name]:  # several kinds have keys of one name
                 pairs[f"{kind.group}.{name}"] = file, own[name]
-    for function in (Simulation, run_discrete):
+    for function in (Simulation, run_synchronous):
         for name, python in defaults(function).items():
             if name in Scenario.model_fields:
                 pairs[name] = in_file(Scenario, name), python

@@ -22,7 +22,7 @@ from aimd_des import (
     interventions,
     latency,
     loss,
-    run_discrete,
+    run_synchronous,
     topology,
 )
 from aimd_des.scenario import Scenario, load_scenario, validate_scenario
@@ -170,7 +170,7 @@ def test_prices_are_drawn_by_the_model_as_the_page_says() -> None:
 def test_the_synchronous_algorithm_averages_as_the_file_says() -> None:
     scenario = load(EXAMPLES["synchronous"])
     how = averaging.Forgetting(20)
-    expected = quietly(run_discrete, scenario.problem(), steps=60, seed=4, lag=0, averaging=how)
+    expected = quietly(run_synchronous, scenario.problem(), steps=60, seed=4, lag=0, averaging=how)
     result = quietly(scenario.run)
     assert result.digest == expected.digest
     plain = load(EXAMPLES["synchronous"].partition("[averaging]")[0])

@@ -13,7 +13,7 @@ import simpy
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from aimd_des import InputError, Problem, Recording, Result, run_discrete
+from aimd_des import InputError, Problem, Recording, Result, run_synchronous
 from aimd_des.channel import BroadcastChannel
 from aimd_des.dynamics.clocks import Clock, Clocks
 from aimd_des.engine.agent_process import Camera
@@ -59,7 +59,7 @@ def test_behind_a_latency_of_up_to_a_period_it_is_the_synchronous_algorithm(
 ) -> None:
     problem = smart_cameras(seed=seed)
     recording = Recording(allocations=500.0, tail=100)
-    reference = run_discrete(problem, steps=30_000, seed=seed, recording=recording)
+    reference = run_synchronous(problem, steps=30_000, seed=seed, recording=recording)
     assert len(reference.signals) > 25_000
     run = simulate(problem, 30_000, seed, latency=latency, agents=agents, recording=recording)
     assert_same_run(run, reference)
@@ -72,7 +72,7 @@ def test_without_latency_a_signal_acts_in_the_very_step(agents: Any, seed: int) 
     problem = smart_cameras(seed=seed)
     recording = Recording(allocations=500.0, tail=100)
     at_once, printed = (
-        run_discrete(problem, steps=30_000, seed=seed, lag=lag, recording=recording) for lag in (0, 1)
+        run_synchronous(problem, steps=30_000, seed=seed, lag=lag, recording=recording) for lag in (0, 1)
     )
     run = simulate(problem, 30_000, seed, latency=0.0, agents=agents, recording=recording)
     assert_same_run(run, at_once)
@@ -87,7 +87,7 @@ def test_random_problems_run_as_the_synchronous_algorithm(
     problem: Problem, steps: int, seed: int, latency: float
 ) -> None:
     lag = 1 if latency else 0
-    reference = quietly(run_discrete, problem, steps=steps, seed=seed, lag=lag, recording=EVERY_STEP)
+    reference = quietly(run_synchronous, problem, steps=steps, seed=seed, lag=lag, recording=EVERY_STEP)
     assert_same_run(simulate(problem, steps, seed, latency=latency, recording=EVERY_STEP), reference)
 
 
@@ -97,7 +97,7 @@ def test_agents_may_have_different_latencies_within_a_period(
 ) -> None:
     size = problem.n_agents
     latency = data.draw(st.lists(st.floats(1e-9, 1.0), min_size=size, max_size=size))
-    reference = quietly(run_discrete, problem, steps=steps, seed=seed, recording=EVERY_STEP)
+    reference = quietly(run_synchronous, problem, steps=steps, seed=seed, recording=EVERY_STEP)
     assert_same_run(simulate(problem, steps, seed, latency=latency, recording=EVERY_STEP), reference)
 
 
@@ -119,7 +119,7 @@ _ABSORBED = pytest.mark.xfail(strict=True, reason="q * 0.1 + 0.1 is not always (
 def test_the_unit_of_time_does_not_matter(period: float, latency: float) -> None:
     # Ticks and looks at q * period coincide exactly, also where adding periods would drift apart.
     problem = random_problem(3, 5, 2)
-    reference = run_discrete(problem, steps=400, seed=1)
+    reference = run_synchronous(problem, steps=400, seed=1)
     clocks = {"clocks": Clocks(period), "control_unit": Sampled(period)}
     run = simulate(problem, 400 * period, 1, latency=latency, **clocks)
     assert len(reference.signals) > 50
@@ -132,7 +132,7 @@ def test_the_unit_of_time_does_not_matter(period: float, latency: float) -> None
 
 def test_a_latency_beyond_a_period_is_another_system() -> None:
     problem = random_problem(3, 5, 2)
-    reference = run_discrete(problem, steps=100, seed=1)
+    reference = run_synchronous(problem, steps=100, seed=1)
     assert simulate(problem, 100, 1, latency=1.0).digest == reference.digest
     assert simulate(problem, 100, 1, latency=1.0 + 1e-9).digest != reference.digest
 
@@ -404,18 +404,18 @@ def test_another_seed_is_another_run() -> None:
 
 def test_another_process_gives_the_same_run() -> None:
     program = """
-from aimd_des import run_discrete
+from aimd_des import run_synchronous
 from aimd_des.channel import BroadcastChannel
 from aimd_des.engine.simulation import Simulation
 from models import smart_cameras
 problem = smart_cameras(seed=3, n_cameras=7)
 print(Simulation(problem, channel=BroadcastChannel(latency=1.5, loss=0.2), seed=8).run(600).digest)
-print(run_discrete(problem, steps=600, seed=8).digest)
+print(run_synchronous(problem, steps=600, seed=8).digest)
 """
     outcome = python("-c", program, PYTHONHASHSEED="123")
     assert outcome.returncode == 0, outcome.stderr
     problem = smart_cameras(seed=3, n_cameras=7)
-    here = simulate(problem, 600, 8, latency=1.5, loss=0.2), run_discrete(problem, steps=600, seed=8)
+    here = simulate(problem, 600, 8, latency=1.5, loss=0.2), run_synchronous(problem, steps=600, seed=8)
     assert outcome.stdout.split() == [result.digest for result in here]
     assert all(len(result.signals) > 100 for result in here)
 

@@ -378,7 +378,7 @@ def test_what_is_recorded_and_how_agents_are_made_changes_no_result() -> None:
 
 
 def test_measures_and_frames_are_those_of_a_result() -> None:
-    result = quietly(aimd_des.run_discrete, quadratic_problem([1.0, 2.0]), steps=5, seed=0)
+    result = quietly(aimd_des.run_synchronous, quadratic_problem([1.0, 2.0]), steps=5, seed=0)
     kinds = {
         name: "integer" if column.dtype.kind == "i" else "number" for name, column in result.summary().items()
     }

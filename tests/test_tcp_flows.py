@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from aimd_des import InputError, Result, run_discrete, solve_optimum, theory
+from aimd_des import InputError, Result, run_synchronous, solve_optimum, theory
 from aimd_des.scenario.models import model_parameters, named_model
 from aimd_des.utils.validation import FloatArray
 from models import tcp_flows
@@ -32,7 +32,7 @@ def proportionally_fair(weights: FloatArray, capacity: float) -> FloatArray:
 
 def runs(law: str) -> list[Result]:
     problem = tcp_flows(law=law)  # type: ignore[arg-type]
-    return [run_discrete(problem, steps=STEPS, seed=seed, lag=0) for seed in range(REPLICATIONS)]
+    return [run_synchronous(problem, steps=STEPS, seed=seed, lag=0) for seed in range(REPLICATIONS)]
 
 
 def test_the_fair_point_is_in_proportion_to_the_weights() -> None:

@@ -1,7 +1,7 @@
 """Closed forms against simulations that know nothing of them.
 
 The simulations of continuous agents, of lossy channels and of single flows are written here in plain NumPy,
-one resource each; the discrete clock without loss is `run_discrete`.  Wherever chance plays, replications
+one resource each; the discrete clock without loss is `run_synchronous`.  Wherever chance plays, replications
 have seeds 0, 1, ..., and a mean is held to within 4 of its standard errors (one in 16,000 by chance), besides
 what a formula openly neglects.
 """
@@ -21,7 +21,7 @@ from aimd_des import (
     Sampled,
     Simulation,
     SimulationError,
-    run_discrete,
+    run_synchronous,
     solve_optimum,
     theory,
 )
@@ -217,7 +217,7 @@ def test_a_control_unit_that_samples_sees_peaks_up_to_a_period_later() -> None:
 def test_peaks_on_the_clock_are_higher_by_one_growth_for_each_step_of_lag(lag: int) -> None:
     # One cut exceeds one growth here, so nothing comes higher; 20,000 steps come next to the bound.
     problem = smart_cameras(seed=0)
-    peak = run_discrete(problem, steps=20_000, seed=0, lag=lag).observations.overshoot.peak
+    peak = run_synchronous(problem, steps=20_000, seed=0, lag=lag).observations.overshoot.peak
     growth = theory.peak_lift(60, problem.increase[0], lag, period=1.0) / problem.capacity
     assert (peak <= 1 + growth * (1 + 1e-9)).all()
     assert (peak > 1 + 0.95 * growth).all()
@@ -265,7 +265,7 @@ def test_clock_offset_by_hand() -> None:
 def test_prediction_of_the_papers_system(lag: int) -> None:
     # 4 replications of 30,000 steps; the problem is all that the prediction knows.
     problem = smart_cameras(seed=0)
-    runs = [run_discrete(problem, steps=30_000, seed=seed, lag=lag) for seed in range(4)]
+    runs = [run_synchronous(problem, steps=30_000, seed=seed, lag=lag) for seed in range(4)]
     shares = np.array([run.signals_sent.counts(3) / 30_000 for run in runs])
     used = np.array([run.average_at_end.sum(axis=0) / problem.capacity for run in runs])
     expected = theory.predict(problem, latency=lag)
@@ -281,7 +281,7 @@ def test_first_order_alone_misses_the_papers_system() -> None:
     # With the derivatives that the run itself came to: bandwidth has 5 % too many signals, and without the
     # overshoot of the clock the disk is used 2 points better than the formula for continuous agents says.
     problem = smart_cameras(seed=0)
-    run = run_discrete(problem, steps=30_000, seed=0, lag=0)
+    run = run_synchronous(problem, steps=30_000, seed=0, lag=0)
     average = run.average_at_end
     multiplier = problem.costs.gradient(average).mean(axis=0)
     parameters = problem.increase[0], problem.decrease[0], problem.normalization, multiplier
@@ -307,7 +307,7 @@ def test_the_bias_of_the_averages_knows_gamma_and_no_alpha() -> None:
     def biases(increase: float, normalization: float, steps: int) -> FloatArray:
         changes = {"capacity": 120.0, "increase": increase, "decrease": 0.5, "normalization": normalization}
         problem = Problem([resource(**changes)], PolynomialCosts([2], factors[:, None, None]))
-        runs = [run_discrete(problem, steps=steps, seed=seed, lag=0) for seed in range(16)]
+        runs = [run_synchronous(problem, steps=steps, seed=seed, lag=0) for seed in range(16)]
         return np.array([kept_from_the_small(run.average_at_end[:, 0], 1 / factors) for run in runs])
 
     def expected(normalization: float) -> float:
@@ -459,7 +459,7 @@ def test_prediction_where_alpha_and_beta_differ() -> None:
     problem = mixed_problem(
         probability=0.15, increase=rng.uniform(0.02, 0.1, 40), decrease=rng.uniform(0.3, 0.8, 40)
     )
-    runs = [run_discrete(problem, steps=30_000, seed=seed, lag=0) for seed in range(3)]
+    runs = [run_synchronous(problem, steps=30_000, seed=seed, lag=0) for seed in range(3)]
     expected = theory.predict(problem)
     average = np.mean([run.average_at_end[:, 0] for run in runs], axis=0)
     assert misallocation(average, expected) < 0.02

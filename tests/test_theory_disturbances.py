@@ -1,7 +1,7 @@
 """Closed forms for what disturbs a run, against simulations that know nothing of them.
 
 Steps of the capacity and averages that forget, thresholds that make up for a latency, partitions.  The
-simulations are written here in plain NumPy, but for `run_discrete` and the event-driven fleet.
+simulations are written here in plain NumPy, but for `run_synchronous` and the event-driven fleet.
 Replications have seeds 0, 1, ..., and a mean is held to within 4 of its standard errors (one in 16,000
 by chance), besides what a formula openly neglects.
 """
@@ -22,7 +22,7 @@ from aimd_des import (
     Problem,
     Sampled,
     Simulation,
-    run_discrete,
+    run_synchronous,
     solve_optimum,
     theory,
 )
@@ -450,14 +450,14 @@ def test_safe_thresholds_keep_the_clock_below_the_capacity(lag: int) -> None:
     problem = smart_cameras(seed=0)
     threshold = theory.safe_threshold(problem, latency=lag)
     careful = with_thresholds(problem, threshold)
-    tables = [run_discrete(careful, steps=20_000, seed=seed, lag=lag).summary() for seed in range(3)]
+    tables = [run_synchronous(careful, steps=20_000, seed=seed, lag=lag).summary() for seed in range(3)]
     above = np.array([table["overshoot_time"] for table in tables])
     assert (np.mean(above, axis=0) + 4 * standard_error(above) < EXCEEDANCE).all()
     assert (np.mean(above, axis=0) > 0.5 * EXCEEDANCE).all()
     used = np.array([table["utilisation"] for table in tables])
     expected = theory.predict(careful, latency=lag).utilisation
     assert (np.abs(used.mean(axis=0) - expected) + 4 * standard_error(used) < 0.02).all()
-    bold = run_discrete(with_thresholds(problem, threshold + 0.01), steps=20_000, seed=0, lag=lag)
+    bold = run_synchronous(with_thresholds(problem, threshold + 0.01), steps=20_000, seed=0, lag=lag)
     assert (bold.observations.overshoot.time > EXCEEDANCE).all()
 
 

@@ -26,7 +26,7 @@ from aimd_des import (
     interventions,
     latency,
     loss,
-    run_discrete,
+    run_synchronous,
 )
 from tests.wrong_kinds import CALLS, PROBLEM, TAKEN, WRONG
 
@@ -163,7 +163,7 @@ REFUSALS: dict[str, tuple[Any, str]] = {
         "averaging = 'window': must be an averaging, such as averaging.Window(100.0)",
     ),
     "the same where nothing is event-driven": (
-        lambda: run_discrete(PROBLEM, steps=5, averaging=averaging.Window, seed=1),
+        lambda: run_synchronous(PROBLEM, steps=5, averaging=averaging.Window, seed=1),
         (
             "averaging = <class 'aimd_des.dynamics.averaging.Window'>: must be an averaging, such as "
             "averaging.Window(100.0); make an object of it: Window(...)"

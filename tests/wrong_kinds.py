@@ -28,7 +28,7 @@ from aimd_des import (
     latency,
     loss,
     normalization_factors,
-    run_discrete,
+    run_synchronous,
     solve_optimum,
     theory,
     topology,
@@ -190,8 +190,8 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         {"problem": PROBLEM, "capacity": [1.0], "tolerance": 1e-6, "max_iterations": 50},
     ),
     "normalization_factors": (normalization_factors, {"costs": COSTS, "upper": [1.0], "lower": 0.0}),
-    "run_discrete": (
-        run_discrete,
+    "run_synchronous": (
+        run_synchronous,
         {
             "problem": PROBLEM,
             "steps": 5,
@@ -300,7 +300,7 @@ TAKEN: dict[str, dict[str, set[str]]] = {
     "topology.flood": {"root": {"nothing"}, "agents": {"nothing"}},
     "topology.from_edges": {"directed": {"truth"}},
     "solve_optimum": {"capacity": {"nothing"}},
-    "run_discrete": {"averaging": {"another part", "nothing"}, "recording": {"nothing"}},
+    "run_synchronous": {"averaging": {"another part", "nothing"}, "recording": {"nothing"}},
     "Simulation": {
         "control_unit": {"nothing"},
         "channel": {"nothing"},

@@ -111,7 +111,7 @@ class Simulation:
     Notes
     -----
     With discrete agents, clocks in phase, no loss and latency in (0, period] a run equals
-    `run_discrete` to the last bit; with latency 0 it equals ``run_discrete(lag=0)``.
+    `run_synchronous` to the last bit; with latency 0 it equals ``run_synchronous(lag=0)``.
     """
 
     def __init__(

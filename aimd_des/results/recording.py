@@ -38,7 +38,7 @@ class Recording:
     overshoot : bool
         Whether to integrate total demand exactly: peak, time above capacity, mean excess, and whether it has
         run away from the capacity, which nobody tells otherwise.
-        `run_discrete` always does; it costs nothing there.
+        `run_synchronous` always does; it costs nothing there.
     events : bool
         Whether to keep the event log; event-driven runs only.
 

@@ -31,7 +31,7 @@ from aimd_des.scenario.tables import (
     ResourceChange,
     ResourceTable,
 )
-from aimd_des.synchronous.synchronous import run_discrete
+from aimd_des.synchronous.synchronous import run_synchronous
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 
@@ -302,7 +302,7 @@ class Scenario(Table):
             if processes:
                 allowed = "'discrete' or 'continuous' for processes such as one that watches the run"
                 raise InputError.of("dynamics", self.dynamics, allowed)
-            return run_discrete(
+            return run_synchronous(
                 problem,
                 steps=int(self.until),
                 seed=self.seed,

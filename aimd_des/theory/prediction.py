@@ -82,7 +82,7 @@ def predict(
         Agents that act at ticks of one common clock of period 1, or agents that grow all the time.
     latency : float
         d >= 0, common to all agents.  On the clock it counts in whole steps, rounded up: 0 is ``lag=0`` of
-        `run_discrete`, anything up to 1 its ``lag=1``.
+        `run_synchronous`, anything up to 1 its ``lag=1``.
     period : float
         Time between two looks of a control unit that samples, for continuous agents; 0 for one that
         senses the exact crossing, whose hold-off must then be at least `latency` unless it is given.

@@ -21,7 +21,7 @@ from aimd_des import (
     Result,
     Sampled,
     Simulation,
-    run_discrete,
+    run_synchronous,
     solve_optimum,
 )
 from aimd_des.engine.delivery import ProcessGenerator
@@ -173,7 +173,7 @@ def _run(run: Run, seed: int, peaks: _Peaks) -> Result:
     plain = discrete and not apart and not np.any(run.loss) and run.control_unit == Sampled()
     if plain and run.latency <= 1.0:  # the same run to the last bit, in a fraction of the time
         lag = int(run.latency > 0.0)
-        return run_discrete(run.problem, steps=int(run.until), seed=seed, lag=lag, recording=recording)
+        return run_synchronous(run.problem, steps=int(run.until), seed=seed, lag=lag, recording=recording)
     channel = BroadcastChannel(latency=Constant(run.latency), loss=Bernoulli(run.loss))
     simulation = Simulation(
         run.problem,

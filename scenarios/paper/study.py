@@ -15,7 +15,7 @@ from aimd_des import (
     Recording,
     Result,
     Simulation,
-    run_discrete,
+    run_synchronous,
     solve_optimum,
 )
 from aimd_des.plots import paper_figures
@@ -75,7 +75,7 @@ def _draw(steps: int, first: int, seed: int) -> tuple[pd.DataFrame, Result, Opti
         problem = smart_cameras(seed, increase=increase)  # its optimum does not depend on the increase
         kept = seed == first and (increase, lag) == _CASES[0]
         recording = Recording(shown, shown, tail=100) if kept else Recording("end", "end")
-        result = run_discrete(problem, steps=steps, seed=seed, lag=lag, recording=recording)
+        result = run_synchronous(problem, steps=steps, seed=seed, lag=lag, recording=recording)
         measured = _measure(result, optimum, lag)
         measures.append(measured.assign(increase=increase, lag=lag, draw=seed - first))
         results.append(result)
@@ -103,7 +103,7 @@ def _event_driven_agrees(problem: Problem, steps: int, seed: int) -> bool:
     """Compare the event-driven simulation with the algorithm, bit by bit, for both lags."""
     return all(
         Simulation(problem, channel=BroadcastChannel(latency=latency), seed=seed).run(steps).digest
-        == run_discrete(problem, steps=steps, seed=seed, lag=lag).digest
+        == run_synchronous(problem, steps=steps, seed=seed, lag=lag).digest
         for latency, lag in ((0.5, 1), (0.0, 0))
     )
 
