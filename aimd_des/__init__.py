@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     from aimd_des import averaging, compensation, interventions, latency, loss, lowlevel, theory, topology
     from aimd_des.channel import BroadcastChannel
     from aimd_des.dynamics.clocks import Clocks
-    from aimd_des.engine.agent_process import Camera
+    from aimd_des.engine.agent_process import AgentProcess
+    from aimd_des.engine.agent_process import Camera as Camera
     from aimd_des.engine.control_unit import Crossing, Sampled
     from aimd_des.engine.simulation import Simulation
     from aimd_des.fleet import Fleet
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 # Where each public name lives.
 _HOME = {
     "BroadcastChannel": "channel",
-    "Camera": "engine.agent_process",
+    "AgentProcess": "engine.agent_process",
     "Clocks": "dynamics.clocks",
     "CoupledCosts": "problem.costs",
     "Crossing": "engine.control_unit",
@@ -53,13 +54,15 @@ _HOME = {
     "run_synchronous": "synchronous",
     "solve_optimum": "problem.optimum",
 }
+# Other names of the same things: they are not shown.
+_ALIASES = {"Camera": "AgentProcess"}
 # Modules that are public as a whole.
 _MODULES = {"averaging", "compensation", "interventions", "latency", "loss", "lowlevel", "theory", "topology"}
 
 __all__ = [
     "RESULT_VERSION",
+    "AgentProcess",
     "BroadcastChannel",
-    "Camera",
     "Clocks",
     "CoupledCosts",
     "Crossing",
@@ -100,7 +103,7 @@ def __getattr__(name: str) -> Any:
         return getattr(import_module(f"aimd_des.{_HOME[name]}"), name)
     if name in _MODULES:
         return import_module(f"aimd_des.{name}")
-    if (new := _deprecated.new_name(name)) is not None:
+    if (new := _ALIASES.get(name) or _deprecated.new_name(name)) is not None:
         return __getattr__(new)
     raise AttributeError(f"module 'aimd_des' has no attribute {name!r}")
 

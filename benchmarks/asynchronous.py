@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from aimd_des import Camera, Fleet, PolynomialCosts, Problem, Recording, Simulation
+from aimd_des import AgentProcess, Fleet, PolynomialCosts, Problem, Recording, Simulation
 from aimd_des.channel import BroadcastChannel, latency
 from aimd_des.engine.control_unit import Crossing
 from benchmarks import asynchronous_simpy
@@ -161,13 +161,13 @@ def _contestants(task: Task) -> list[tuple[Contestant[Outcome], float]]:
     end_only, slow = Recording("end", overshoot=False), task
     if task.problem.n_agents >= SLOW_FROM:
         slow = task._replace(until=max(SLOW_SHARE * task.until, min(SHORTEST, task.until)))
-    once = {"repeats": 1}
+    once, processes = {"repeats": 1}, partial(_prepare_ours, slow, AgentProcess)
     return [
         (Contestant("fleet (ours)", partial(_prepare_ours, task, Fleet, Recording())), task.until),
         (Contestant("fleet, end only", partial(_prepare_ours, task, Fleet, end_only)), task.until),
         (Contestant(QUEUE, partial(_prepare_queue, task)), task.until),
-        (Contestant("cameras (ours)", partial(_prepare_ours, slow, Camera, Recording()), **once), slow.until),
-        (Contestant("cameras, end only", partial(_prepare_ours, slow, Camera, end_only), **once), slow.until),
+        (Contestant("cameras (ours)", partial(processes, Recording()), **once), slow.until),
+        (Contestant("cameras, end only", partial(processes, end_only), **once), slow.until),
         (Contestant(STRAIGHT, partial(_prepare_simpy, slow), **once), slow.until),
     ]
 

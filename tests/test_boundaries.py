@@ -6,7 +6,16 @@ from itertools import accumulate
 import numpy as np
 import pytest
 
-from aimd_des import Camera, Clocks, InputError, Result, Sampled, Simulation, SimulationError, solve_optimum
+from aimd_des import (
+    AgentProcess,
+    Clocks,
+    InputError,
+    Result,
+    Sampled,
+    Simulation,
+    SimulationError,
+    solve_optimum,
+)
 from aimd_des.channel.latency.kernels import quantile_row
 from aimd_des.engine.conditions import growth_of
 from aimd_des.latency import Uniform
@@ -64,7 +73,7 @@ def test_a_probability_of_exactly_one_is_not_above_one(dynamics: str) -> None:
     def run(normalization: float) -> Result:
         problem = quadratic_problem([1.0, 1.0], capacity=1.0, increase=0.25, normalization=normalization)
         simulation = Simulation(
-            problem, dynamics=dynamics, control_unit=Sampled(1.0, 0.5), agents=Camera, seed=1
+            problem, dynamics=dynamics, control_unit=Sampled(1.0, 0.5), agents=AgentProcess, seed=1
         )
         return quietly(simulation.run, 20.0)
 

@@ -11,8 +11,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
-    Camera,
     Clocks,
     CoupledCosts,
     Crossing,
@@ -488,7 +488,7 @@ def test_averages_are_taken_before_any_answer() -> None:
     costs = CoupledCosts(own, weights=[[1.0, 1.0]], sum_coefficients=[[0.5]])
     asked: list[tuple[list[float], int]] = []
 
-    class Asked(Camera):
+    class Asked(AgentProcess):
         def __init__(self, agent: int, system: System) -> None:
             super().__init__(agent, system)
             derivative = self.marginal_cost

@@ -14,8 +14,8 @@ import pytest
 from scipy import stats
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
-    Camera,
     Crossing,
     Problem,
     Recording,
@@ -96,7 +96,7 @@ def test_the_variance_of_a_difference_is_at_most_half_with_a_common_seed(
 # -- why: draws have addresses ---------------------------------------------------------------------------
 
 
-class Watched(Camera):
+class Watched(AgentProcess):
     """A camera that keeps every draw it is given, by address."""
 
     def __init__(self, agent: int, system: System, draws: dict[tuple[int, ...], float]) -> None:

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
-    Camera,
     Crossing,
     Fleet,
     InputError,
@@ -225,7 +225,7 @@ def test_a_fleet_makes_good_as_processes_do(dynamics: Any, way: Compensation) ->
     assert quietly(Simulation(problem, **parts).run, 80.0).digest != runs[0].digest
 
 
-@pytest.mark.parametrize("agents", [Camera, Fleet])
+@pytest.mark.parametrize("agents", [AgentProcess, Fleet])
 @pytest.mark.parametrize("dynamics", ["continuous", "discrete"])
 @pytest.mark.parametrize("anew", [True, False])
 def test_who_comes_back_counts_its_answers_and_the_numbers_it_hears_anew(
@@ -255,7 +255,7 @@ def test_who_comes_back_counts_its_answers_and_the_numbers_it_hears_anew(
         assert after == (0 if anew else before[0], 0)
 
 
-@pytest.mark.parametrize("agents", [Camera, Fleet])
+@pytest.mark.parametrize("agents", [AgentProcess, Fleet])
 def test_numbers_of_an_absence_are_not_taken_for_losses(agents: Any) -> None:
     """Nothing is lost: an agent that estimates its loss does as one that does not."""
     parts: dict[str, Any] = {

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from aimd_des import Camera, Crossing, Fleet, Recording, Result, Simulation
+from aimd_des import AgentProcess, Crossing, Fleet, Recording, Result, Simulation
 from tests.conftest import quadratic_problem
 
 
-@pytest.mark.parametrize("agents", [Camera, Fleet])
+@pytest.mark.parametrize("agents", [AgentProcess, Fleet])
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda result: pickle.loads(pickle.dumps(result))])
 def test_a_result_with_its_event_log_is_copied_whole(agents: Any, copied: Callable[[Result], Result]) -> None:
     """Only the log of a fleet is led by it, and the fleet holds a run that cannot be sent."""

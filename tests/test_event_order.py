@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
-    Camera,
     Clocks,
     Crossing,
     Problem,
@@ -67,7 +67,7 @@ def totals(result: Result) -> dict[float, float]:
 # -- 1. INTERVENE < DELIVER < SENSE < OBSERVE < ACT ------------------------------------------------------
 
 
-class Told(Camera):
+class Told(AgentProcess):
     """A camera that tells what it does."""
 
     def __init__(self, agent: int, system: System, log: Log) -> None:
@@ -260,7 +260,7 @@ def test_rule_1_a_signal_sent_after_a_tick_of_plain_growth_is_answered_at_the_ne
 
 
 def test_rule_1_who_has_ticked_does_not_tick_again_for_a_signal_sent_by_the_next_to_tick() -> None:
-    class Caller(Camera):
+    class Caller(AgentProcess):
         """An agent that at its tick at 4 calls all others to order."""
 
         def process(self) -> ProcessGenerator:
@@ -273,7 +273,7 @@ def test_rule_1_who_has_ticked_does_not_tick_again_for_a_signal_sent_by_the_next
         7.0,
         send_at(4.0, 0),
         problem=stage(3),
-        agents=lambda i, system: Caller(i, system) if i == 1 else Camera(i, system),
+        agents=lambda i, system: Caller(i, system) if i == 1 else AgentProcess(i, system),
     )
     assert [line for line in story(result) if "respond" in line] == [
         "4 agent 0 respond 0",
@@ -493,7 +493,7 @@ def wired(
     """Put a system together by hand: cameras made and processes started in any order."""
     log, n = EventLog(), problem.n_agents
     system = System(problem, parts["channel"], parts.get("clocks"), seed, until, log)
-    cameras = {agent: Camera(agent, system) for agent in made}
+    cameras = {agent: AgentProcess(agent, system) for agent in made}
     system.agents.update(cameras)
     lives = [*(cameras[agent].process for agent in range(n)), lambda: parts["control_unit"].process(system)]
     for life in started:
@@ -599,7 +599,7 @@ class Schedule:
         """The same, by the program."""
         log: Log = []
 
-        class Listed(Camera):
+        class Listed(AgentProcess):
             def receive(self, signal: Signal) -> None:
                 log.append((self.system.env.now, Kind.DELIVER, self.agent))
                 super().receive(signal)

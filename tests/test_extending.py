@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
-    Camera,
     Clocks,
     Crossing,
     CustomCosts,
@@ -177,7 +177,7 @@ def test_the_selfish_agent_takes_all_and_the_rest_is_pushed_back(page: Names) ->
     assert (before_a_signal < 0.85 * page.calm.average_at_end[1:, 0]).all()
     recording = Recording(demand="end", allocations=1.0)
     parts = {"dynamics": "continuous", "control_unit": Crossing(refractory=1.0), "recording": recording}
-    agents = {"agents": lambda i, system: page.Selfish(i, system) if i == 0 else Camera(i, system)}
+    agents = {"agents": lambda i, system: page.Selfish(i, system) if i == 0 else AgentProcess(i, system)}
     held = Simulation(page.problem, seed=1, **parts, **agents).run(until=2200).observations.demand
     mean = held[300:2200, 0, 1:].mean(axis=0)
     # Its deviation is 0.4 of that at most, and it forgets a share of 0.3 lambda from look to look: 1900 looks
@@ -464,7 +464,7 @@ def test_parts_are_put_together_freely(page: Names) -> None:
     """Own agents, own control unit, own latency and own process in one run, on clocks of their own."""
 
     def make(i: int, system: System) -> Any:
-        return page.Selfish(i, system) if i == 0 else Camera(i, system)
+        return page.Selfish(i, system) if i == 0 else AgentProcess(i, system)
 
     simulation = Simulation(
         page.exponential,

@@ -1,4 +1,4 @@
-"""A fleet is held against camera processes: the same events, to the last bit, in any combination."""
+"""A fleet is held against agent processes: the same events, to the last bit, in any combination."""
 
 from dataclasses import replace
 from typing import Any
@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
-    Camera,
     Clocks,
     Crossing,
     CustomCosts,
@@ -47,7 +47,7 @@ def both(problem: Problem, until: float, **parts: Any) -> tuple[Result, Result]:
     for name, made in parts.items():
         if callable(made):  # what depends on the number of agents
             parts[name] = made(problem)
-    processes = quietly(Simulation(problem, agents=Camera, **parts).run, until)
+    processes = quietly(Simulation(problem, agents=AgentProcess, **parts).run, until)
     return processes, quietly(Simulation(problem, agents=Fleet, **parts).run, until)
 
 
@@ -249,7 +249,7 @@ def test_processes_and_a_fleet_in_one_simulation(
     problem: Problem, parts: dict[str, Any], seed: int, data: st.DataObject
 ) -> None:
     agents = st.integers(0, problem.n_agents - 1)
-    special = data.draw(st.dictionaries(agents, st.sampled_from([Deaf, Camera]), min_size=1))
+    special = data.draw(st.dictionaries(agents, st.sampled_from([Deaf, AgentProcess]), min_size=1))
     assert_same(*both(problem, 12.0, seed=seed, special=special, **parts))
 
 
@@ -365,7 +365,9 @@ def test_compiled_gradients_of_the_user(dynamics: str, separable: bool) -> None:
 
 def test_gradients_in_plain_python_are_refused_with_the_remedy() -> None:
     problem = own_problem(own_costs(compiled=False, separable=True))
-    with pytest.raises(InputError, match=r"decorate the gradient with numba\.njit, or choose agents=Camera"):
+    with pytest.raises(
+        InputError, match=r"decorate the gradient with numba\.njit, or choose agents=AgentProcess"
+    ):
         Simulation(problem, agents=Fleet, seed=0).run(10.0)
 
 
@@ -384,7 +386,7 @@ def test_time_that_stands_still_is_an_error() -> None:
         "control_unit": Crossing(0.0),
         "channel": BroadcastChannel(loss=1.0),
     }
-    found = {message(agents, quadratic_problem([1.0, 2.0]), **parts) for agents in (Camera, Fleet)}
+    found = {message(agents, quadratic_problem([1.0, 2.0]), **parts) for agents in (AgentProcess, Fleet)}
     assert len(found) == 1
     assert "set refractory greater than 0" in found.pop()
 
@@ -392,13 +394,13 @@ def test_time_that_stands_still_is_an_error() -> None:
 def test_a_trace_that_ends_is_the_same_error() -> None:
     parts: dict[str, Any] = {"channel": BroadcastChannel(loss=loss.Trace([0, 1], repeat=False))}
     problem = smart_cameras(seed=0)
-    found = {message(agents, problem, **parts) for agents in (Camera, Fleet)}
+    found = {message(agents, problem, **parts) for agents in (AgentProcess, Fleet)}
     assert len(found) == 1
     assert "no row in a trace of 2" in found.pop()
 
 
 @pytest.mark.parametrize(
-    ("special", "words"), [({7: Camera}, "index in special = 7"), ({0: Fleet}, "special[0]")]
+    ("special", "words"), [({7: AgentProcess}, "index in special = 7"), ({0: Fleet}, "special[0]")]
 )
 def test_special_agents_are_checked(special: Any, words: str) -> None:
     with pytest.raises(InputError) as caught:

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
-    Camera,
     Crossing,
     InputError,
     Result,
@@ -138,7 +138,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
         {"special": {2: lambda i, system: None}},
         "<lambda>() = None: must be an object with receive() and process()",
     ),
-    ({"special": {2: lambda i, system: Camera}}, "<lambda>() = <class"),
+    ({"special": {2: lambda i, system: AgentProcess}}, "<lambda>() = <class"),
     (
         {"agents": lambda i, system: Answers("process", None, receive=print)},
         "Answers.process() = None: must be a generator",

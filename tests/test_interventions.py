@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
-    Camera,
     Crossing,
     Fleet,
     InputError,
@@ -44,7 +44,7 @@ from aimd_des.problem.costs import CoupledCosts, weighted_costs
 from tests.conftest import quadratic_problem, quietly, random_problem
 
 EVENTS = Recording(demand="end", events=True)
-BOTH = pytest.mark.parametrize("agents", [Camera, Fleet])
+BOTH = pytest.mark.parametrize("agents", [AgentProcess, Fleet])
 
 
 def growing(n: int = 3, **changes: Any) -> Problem:
@@ -556,7 +556,7 @@ def test_functions_refuse_what_cannot_be() -> None:
 def test_in_phase_each_average_is_that_of_the_synchronous_algorithm(way: Any) -> None:
     problem = random_problem(5, 6, 3, "coupled")
     synchronous = quietly(run_synchronous, problem, steps=300, seed=2, averaging=way)
-    for agents in (Camera, Fleet):
+    for agents in (AgentProcess, Fleet):
         parts: dict[str, Any] = {"channel": BroadcastChannel(latency=0.5), "agents": agents, "seed": 2}
         assert run(problem, 300.0, dynamics="discrete", averaging=way, **parts).digest == synchronous.digest
 

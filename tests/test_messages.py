@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
-    Camera,
     Clocks,
     CoupledCosts,
     Crossing,
@@ -75,7 +75,7 @@ def test_a_message_is_a_bit_and_the_address_of_a_draw(way: str) -> None:
     problem, tapped = random_problem(2, 5, 2), Tapped(**BUSY)
     received: list[tuple[float, int, Any]] = []
 
-    class Listening(Camera):
+    class Listening(AgentProcess):
         def receive(self, *message: Any) -> None:
             assert len(message) == 1
             received.append((self.system.env.now, self.agent, message[0]))
@@ -113,8 +113,8 @@ def test_where_draws_are_constant_numbers_mean_nothing(way: str) -> None:
     """Signals are renumbered, and duplicates taken for first copies, on their way to the agents."""
     problem = random_problem(2, 5, 2)
 
-    def agents(renumber: Callable[[Signal], Signal]) -> Callable[[int, System], Camera]:
-        class Renumbered(Camera):
+    def agents(renumber: Callable[[Signal], Signal]) -> Callable[[int, System], AgentProcess]:
+        class Renumbered(AgentProcess):
             def __init__(self, agent: int, system: System) -> None:
                 super().__init__(agent, system)
                 system.response_draws = lambda signal: [0.02, 0.1, 0.08, 0.05, 0.04]  # type: ignore[assignment]
@@ -182,7 +182,7 @@ def test_an_agent_that_hears_the_same_bits_does_the_same_alone(way: str, family:
     """No total, no capacity, no other agent: with its draws and its clock, the bits are all it needs."""
     problem, heard = random_problem(2, 5, 2, family, per_agent=True), []
 
-    class Listening(Camera):
+    class Listening(AgentProcess):
         def receive(self, signal: Signal) -> None:
             heard.append(
                 (self.agent, self.system.env.now, signal, self.system.response_draws(signal)[self.agent])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
-    Camera,
     Crossing,
     Fleet,
     InputError,
@@ -31,7 +31,7 @@ from aimd_des.utils.rng import Purpose
 from tests.conftest import quadratic_problem, quietly, random_problem
 
 EVENTS = Recording(demand="end", events=True)
-BOTH = pytest.mark.parametrize("agents", [Camera, Fleet])
+BOTH = pytest.mark.parametrize("agents", [AgentProcess, Fleet])
 
 
 def growing(n: int = 2, **changes: Any) -> Problem:

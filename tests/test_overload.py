@@ -9,8 +9,8 @@ import pytest
 from click.testing import CliRunner
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
-    Camera,
     Crossing,
     Fleet,
     Problem,
@@ -96,7 +96,7 @@ def test_the_second_half_is_measured_alike_by_all(lag: int) -> None:
     # All agents together grow by six times the capacity in a step: n alpha = 6 C.  An odd number of steps.
     costs = PolynomialCosts([2], np.ones((6, 1, 1)))
     problem = Problem([resource(capacity=1.0, increase=1.0, normalization=0.05)], costs)
-    ways: list[Any] = [Camera, Fleet]
+    ways: list[Any] = [AgentProcess, Fleet]
     with pytest.warns(OverloadWarning, match="memory"):
         plain = run_synchronous(problem, steps=301, seed=0, lag=lag)
     assert plain.run_away.all()
@@ -118,7 +118,7 @@ def run_discrete_totals(problem: Problem, lag: int) -> Any:
     return run.observations.total_demand[:, 0]
 
 
-@pytest.mark.parametrize("agents", [Camera, Fleet])
+@pytest.mark.parametrize("agents", [AgentProcess, Fleet])
 def test_the_second_half_of_a_line(agents: Any) -> None:
     # Nobody answers: demand is 0.2 t, its mean over [10, 20) is 3 over the capacity of 1.
     problem = Problem([resource(capacity=1.0, increase=0.1)], PolynomialCosts([2], np.ones((2, 1, 1))))

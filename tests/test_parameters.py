@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
-    Camera,
     Crossing,
     Fleet,
     InputError,
@@ -34,7 +34,7 @@ from aimd_des.interventions import (
 )
 from tests.conftest import quadratic_problem, quietly, random_problem
 
-BOTH = pytest.mark.parametrize("agents", [Camera, Fleet])
+BOTH = pytest.mark.parametrize("agents", [AgentProcess, Fleet])
 EVENTS = Recording(demand="end", events=True)
 
 
@@ -65,7 +65,7 @@ def test_a_normalization_that_changes_is_obeyed_alike() -> None:
         [1.0, 2.0, 3.0, 1.5], capacity=2.0, increase=0.05, decrease=0.7, normalization=0.05
     )
     change = at(50.0, lambda system: set_normalization(system, "memory", 0.1))
-    runs = [run(problem, 200.0, change, agents=agents, recording=EVENTS) for agents in (Camera, Fleet)]
+    runs = [run(problem, 200.0, change, agents=agents, recording=EVENTS) for agents in (AgentProcess, Fleet)]
     assert runs[0].digest == runs[1].digest
     assert [int(each.account.responses.sum()) for each in runs] == [231, 231]
     assert int(run(problem, 200.0).account.responses.sum()) != 231
@@ -102,7 +102,7 @@ def test_processes_and_a_fleet_obey_alike(way: Any, dynamics: str) -> None:
         for recording in (EVENTS, Recording(demand=1.0)):
             one, other = (
                 run(problem, 25.0, meddle, agents=agents, control_unit=unit, recording=recording, **parts)
-                for agents in (Camera, Fleet)
+                for agents in (AgentProcess, Fleet)
             )
             assert one.digest == other.digest
             assert len(one.signals) > 5
@@ -227,7 +227,7 @@ def test_what_is_handed_out_cannot_be_written(agents: Any) -> None:
 def test_an_agents_own_parameters_cannot_be_written() -> None:
     """They are read by agents of one's own; an assignment would be obeyed by nobody else."""
 
-    class Meddling(Camera):
+    class Meddling(AgentProcess):
         def __init__(self, agent: int, system: System) -> None:
             super().__init__(agent, system)
             self.normalization[0] *= 2.0  # type: ignore[index]

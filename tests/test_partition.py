@@ -1,7 +1,7 @@
 """After a partition, the run-away is at most n alpha times (its duration + latency).
 
 The hold-off or the period of the looks is added where the first signal after the fault may have to wait for
-it. Everything here is exact but for rounding: nothing is averaged, and Camera and Fleet are held to the same.
+it. Everything here is exact but for rounding: nothing is averaged, and processes and fleet are held to the same.
 A fault that begins just as a threshold is crossed meets the bound.
 """
 
@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
-    Camera,
     Crossing,
     Fleet,
     Problem,
@@ -113,10 +113,10 @@ def test_the_runaway_is_at_most_the_growth_over_duration_and_latency(
         fault = Fault(kind, duration, latency, SETTLED + step * seed, dynamics)
         rise = runaway(fault, Fleet, seed)
         assert rise <= fault.bound() + ROUNDING
-    assert rise == runaway(fault, Camera, seed)
+    assert rise == runaway(fault, AgentProcess, seed)
 
 
-@pytest.mark.parametrize("agents", [Camera, Fleet])
+@pytest.mark.parametrize("agents", [AgentProcess, Fleet])
 @pytest.mark.parametrize("dynamics", BOTH)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("latency", LATENCIES)

@@ -78,6 +78,13 @@ def test_an_old_path_can_be_imported_with_a_warning(old: str) -> None:
 
 
 def test_an_old_name_at_an_old_path() -> None:
-    with pytest.warns(DeprecationWarning):
+    with pytest.warns(DeprecationWarning, match=r"aimd_des\.run_discrete is called run_synchronous"):
         from aimd_des.discrete import run_discrete  # type: ignore[import-not-found]
     assert run_discrete is aimd_des.run_synchronous
+
+
+def test_the_name_of_the_paper_goes_on_without_a_warning() -> None:
+    from aimd_des.engine.agent_process import Camera
+
+    assert aimd_des.Camera is Camera is aimd_des.AgentProcess
+    assert "Camera" not in dir(aimd_des)

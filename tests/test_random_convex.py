@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from aimd_des import CoupledCosts, InputError, PolynomialCosts, Problem, run_synchronous, solve_optimum, theory
+from aimd_des import (
+    CoupledCosts,
+    InputError,
+    PolynomialCosts,
+    Problem,
+    run_synchronous,
+    solve_optimum,
+    theory,
+)
 from aimd_des.scenario.models import model_parameters, named_model
 from models import random_convex
 from models.random_convex import random_optimum

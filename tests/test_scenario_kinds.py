@@ -10,8 +10,8 @@ import pytest
 from pydantic import BaseModel
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
-    Camera,
     Clocks,
     InputError,
     PolynomialCosts,
@@ -159,7 +159,7 @@ def differences() -> dict[str, tuple[Any, Any]]:
     simulation = Simulation(Problem([MEMORY], PolynomialCosts([2], [[[1.0]]])), seed=0)
     for name in ("control_unit", "channel", "clocks", "averaging"):
         pairs[name] = repr(in_file(Scenario, name).build()), repr(getattr(simulation, name))
-    pairs["agents"] = {"process": Camera}[in_file(Scenario, "agents")], simulation.agents
+    pairs["agents"] = {"process": AgentProcess}[in_file(Scenario, "agents")], simulation.agents
     pairs["interventions"] = tuple(in_file(Scenario, "interventions")), simulation.interventions
     built = BroadcastChannel()
     for name in ("latency", "loss"):

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from aimd_des import InputError, Problem, Recording, Result, run_synchronous
 from aimd_des.channel import BroadcastChannel
 from aimd_des.dynamics.clocks import Clock, Clocks
-from aimd_des.engine.agent_process import Camera
+from aimd_des.engine.agent_process import AgentProcess
 from aimd_des.engine.control_unit import Crossing, Sampled
 from aimd_des.engine.environment import Kind
 from aimd_des.engine.simulation import Simulation
@@ -47,7 +47,7 @@ def simulate(problem: Problem, until: float, seed: int = 0, **parts: Any) -> Res
 
 
 # Processes take some twenty seconds for it, and give what a fleet gives (see test_fleet): one seed for them.
-SEEDS = [(Camera, 0), *((Fleet, seed) for seed in range(5))]
+SEEDS = [(AgentProcess, 0), *((Fleet, seed) for seed in range(5))]
 
 
 @pytest.mark.slow
@@ -364,7 +364,7 @@ class Late:
         self.waiting[index] = self
         if len(self.waiting) == len(self.order):
             for agent in self.order:
-                self.waiting[agent].camera = Camera(agent, system)
+                self.waiting[agent].camera = AgentProcess(agent, system)
             self.waiting.clear()
 
     def receive(self, signal: Any) -> None:
@@ -386,7 +386,7 @@ def test_the_order_in_which_agents_are_made_and_started_does_not_matter(
     late = type("Late", (Late,), {"order": order, "waiting": {}})
     one, other = (
         simulate(problem, 30, 1, latency=latency, loss=0.1, agents=agents, recording=EVERY_STEP)
-        for agents in (Camera, late)
+        for agents in (AgentProcess, late)
     )
     assert_same_run(one, other)
 
@@ -426,7 +426,9 @@ print(run_synchronous(problem, steps=600, seed=8).digest)
 def test_defaults_are_a_perfect_channel_and_clocks_in_phase() -> None:
     problem = random_problem(1, 4, 2)
     bare = quietly(Simulation(problem, seed=2).run, 50)
-    spelled = simulate(problem, 50, 2, control_unit=Sampled(1.0, 0.0), clocks=Clocks(1.0, 0.0), agents=Camera)
+    spelled = simulate(
+        problem, 50, 2, control_unit=Sampled(1.0, 0.0), clocks=Clocks(1.0, 0.0), agents=AgentProcess
+    )
     assert_same_run(bare, spelled)
 
 
@@ -435,7 +437,7 @@ def test_defaults_are_a_perfect_channel_and_clocks_in_phase() -> None:
 def test_the_shortest_of_runs_end(parts: dict[str, Any], until: float) -> None:
     """A fleet never returned where a part of the run was no time at all."""
     problem = random_problem(1, 3, 2)
-    runs = [simulate(problem, until, agents=agents, **parts) for agents in (Camera, Fleet)]
+    runs = [simulate(problem, until, agents=agents, **parts) for agents in (AgentProcess, Fleet)]
     assert runs[0].digest == runs[1].digest
     assert not len(runs[0].signals)
 
@@ -452,8 +454,8 @@ def test_an_end_that_is_none_is_refused(until: Any) -> None:
         ({"seed": -1}, "seed = -1: must be an integer of at least 0"),
         ({"seed": 1.5}, "seed = 1.5: must be an integer of at least 0"),
         (
-            {"seed": 0, "agents": "Camera"},
-            "agents = 'Camera': must be a class or function that makes an agent",
+            {"seed": 0, "agents": "AgentProcess"},
+            "agents = 'AgentProcess': must be a class or function that makes an agent",
         ),
     ],
 )

@@ -6,8 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des import BroadcastChannel, Clocks, Crossing, Fleet, InputError, Recording, Result, Simulation
-from aimd_des import run_synchronous
+from aimd_des import (
+    BroadcastChannel,
+    Clocks,
+    Crossing,
+    Fleet,
+    InputError,
+    Recording,
+    Result,
+    Simulation,
+    run_synchronous,
+)
 from aimd_des.dynamics.averaging import Forgetting, Window
 from aimd_des.interventions import Absence, CapacityStep
 from aimd_des.results.event_log import Entry

@@ -21,8 +21,8 @@ from hypothesis import strategies as st
 from networkx.readwrite.graphml import GraphML
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
-    Camera,
     Crossing,
     Fleet,
     InputError,
@@ -445,7 +445,7 @@ def test_processes_and_a_fleet_are_the_same(make: Any, models: str, dynamics: st
     for recording in (Recording(), Recording(events=True)):
         one, two = (
             quietly(Simulation(problem, agents=agents, recording=recording, **parts).run, 60.0)
-            for agents in (Camera, Fleet)
+            for agents in (AgentProcess, Fleet)
         )
         assert_same_run(one, two)
         assert one.account.lost.sum() > 20

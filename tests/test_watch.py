@@ -11,8 +11,8 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
-    Camera,
     Crossing,
     Fleet,
     InputError,
@@ -50,7 +50,7 @@ def looks(interval: float, **changes: Any) -> tuple[list[Look], Result]:
 
 
 @pytest.mark.parametrize("dynamics", [{}, CONTINUOUS], ids=["discrete", "continuous"])
-@pytest.mark.parametrize("agents", [Camera, Fleet])
+@pytest.mark.parametrize("agents", [AgentProcess, Fleet])
 def test_watching_changes_no_bit(dynamics: dict[str, Any], agents: Any) -> None:
     seen, watched = looks(0.31, agents=agents, **dynamics)
     assert len(seen) == 130

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
-    Camera,
     Clocks,
     CoupledCosts,
     Crossing,
@@ -208,8 +208,8 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
             "dynamics": "discrete",
             "control_unit": Sampled(),
             "channel": BroadcastChannel(),
-            "agents": Camera,
-            "special": {0: Camera},
+            "agents": AgentProcess,
+            "special": {0: AgentProcess},
             "clocks": Clocks(),
             "averaging": averaging.Cumulative(),
             "compensation": compensation.KnownLoss(0.1),

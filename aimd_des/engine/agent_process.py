@@ -29,18 +29,18 @@ from aimd_des.problem.costs.kernels import marginal_cost
 from aimd_des.results.event_log import Entry
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Camera"]
+__all__ = ["AgentProcess"]
 
 # Views of the rows of demand, accumulated, anchor and origin for one resource; alpha, beta and Gamma.
 _Row = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float, float, float]
 
 
-class Camera:
+class AgentProcess:
     """An agent that works on its own column of the system's state.
 
     A discrete agent has a one-bit latch for each resource, which the first signal to arrive sets;
     it answers at its next tick.  A tick without a latch set is plain growth and needs no event.
-    A continuous agent answers a signal when it arrives.
+    A continuous agent answers a signal when it arrives.  `Camera`, as the paper calls it, is the same class.
 
     Parameters
     ----------
@@ -226,3 +226,7 @@ class Camera:
     def _reprice(self, costs: Costs) -> None:
         """Take in new private costs."""
         self.marginal_cost = marginal_cost(costs, self.agent)
+
+
+#: The name that the paper gives it.
+Camera = AgentProcess

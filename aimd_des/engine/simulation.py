@@ -9,7 +9,7 @@ from aimd_des.dynamics.clocks import Clocks
 from aimd_des.dynamics.loss_compensation import Compensation
 from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
 from aimd_des.dynamics.state import law_of
-from aimd_des.engine.agent_process import Camera
+from aimd_des.engine.agent_process import AgentProcess
 from aimd_des.engine.control_unit import ControlUnit, Crossing, Sampled
 from aimd_des.engine.declared import Intervention, check_absences, check_end
 from aimd_des.engine.delivery import Agent, ProcessGenerator
@@ -66,7 +66,7 @@ def _refuse_strangers(**parts: object) -> None:
 def _check_maker(field: str, maker: object) -> None:
     """Refuse what makes no agents; what a function returns is seen when it is called."""
     if not callable(maker) or (isinstance(maker, type) and not hasattr(maker, "receive")):
-        raise InputError.of(field, maker, "a class or function that makes an agent, such as Camera")
+        raise InputError.of(field, maker, "a class or function that makes an agent, such as AgentProcess")
 
 
 class Simulation:
@@ -84,7 +84,7 @@ class Simulation:
     channel : Channel, optional
         A perfect `BroadcastChannel` (no latency, no loss) unless given.
     agents : callable or Fleet
-        Makes an agent from (index, system), `Camera` unless given; or `Fleet`: all agents in compiled
+        Makes an agent from (index, system), `AgentProcess` unless given; or `Fleet`: all agents in compiled
         code, with the same events.
     special : mapping of int to callable
         Agents that are not as the others: makes those with these indices from (index, system).
@@ -121,7 +121,7 @@ class Simulation:
         dynamics: Dynamics = "discrete",
         control_unit: ControlUnit | None = None,
         channel: Channel | None = None,
-        agents: Maker | Population = Camera,
+        agents: Maker | Population = AgentProcess,
         special: Mapping[int, Maker] | None = None,
         clocks: Clocks | None = None,
         averaging: Averaging | None = None,

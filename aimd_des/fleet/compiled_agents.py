@@ -42,7 +42,7 @@ _NOBODY, _RESPONSES, _ALL = 0, 1, 2
 
 
 class CompiledAgents:
-    """The standard agents of a run in compiled code: what `Camera` processes do, event for event.
+    """The standard agents of a run in compiled code: what an `AgentProcess` each would do, event for event.
 
     Copies that have arrived are answered when somebody looks, each agent's in the order of time.
 
@@ -245,8 +245,8 @@ def _compiled_gradient(costs: Any) -> Any:
         raise InputError.of(
             "agents",
             "Fleet",
-            "Camera with costs whose gradient is plain Python",
-            "decorate the gradient with numba.njit, or choose agents=Camera",
+            "AgentProcess with costs whose gradient is plain Python",
+            "decorate the gradient with numba.njit, or choose agents=AgentProcess",
         )
     return _callback(costs.agent_gradient, costs.n_resources)
 

@@ -13,7 +13,7 @@ __all__ = ["Fleet"]
 
 
 class Fleet:
-    """The standard agents of a run in compiled code: what `Camera` processes do, event for event.
+    """The standard agents of a run in compiled code: what an `AgentProcess` each would do, event for event.
 
     Give the class itself: ``Simulation(..., agents=Fleet)``.
     """

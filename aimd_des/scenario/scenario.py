@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from aimd_des.dynamics.averaging import Averaging
 from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
-from aimd_des.engine.agent_process import Camera
+from aimd_des.engine.agent_process import AgentProcess
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.simulation import Simulation
 from aimd_des.engine.system import System
@@ -315,7 +315,7 @@ class Scenario(Table):
             dynamics=self.dynamics,
             control_unit=self.control_unit.build(),
             channel=self.channel.build(),
-            agents=Fleet if self.agents == "fleet" else Camera,
+            agents=Fleet if self.agents == "fleet" else AgentProcess,
             clocks=self.clocks.build() if self.dynamics == "discrete" else None,
             averaging=self.averaging.build(),
             compensation=None if self.compensation is None else self.compensation.build(),

@@ -1,6 +1,6 @@
 """How compiled code is made: one decorator for kernels, one for formulas that serve both worlds.
 
-A *formula* is a small function of numbers.  The camera processes call it as plain Python; kernels
+A *formula* is a small function of numbers.  Agent processes call it as plain Python; kernels
 compile the same source.  No fast-math and no contraction to fused operations, so both give the
 same bits.  Compiled code counts no references, so nothing can be allocated in it: what tries is
 refused when it is compiled.  Kernels are cached on disk.  Numba keys that cache by the file a kernel
