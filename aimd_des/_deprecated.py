@@ -6,20 +6,28 @@ same objects.
 
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import wraps
 from importlib import import_module
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
-__all__ = ["MOVED", "NAMES", "install", "new_name"]
+from aimd_des.utils.errors import InputError
+
+__all__ = ["KEYWORDS", "MOVED", "NAMES", "install", "keywords", "new_name", "refuse_both", "renamed"]
+
+_Made = TypeVar("_Made", bound=Callable[..., Any])
+
+_SINCE, _REMOVED_IN = "0.1", "0.3"
 
 #: Old names at the top of the package, each with the new one and the version that has brought it.
 NAMES: dict[str, tuple[str, str]] = {
-    "run_discrete": ("run_synchronous", "0.1"),
+    "run_discrete": ("run_synchronous", _SINCE),
 }
-
+#: Old keywords of functions, which are keys of files too, each with the new one.
+KEYWORDS: dict[str, str] = {"refractory": "hold_off", "longest": "longest_hold_off"}
 #: Old paths, each with the modules in which its names are now; the first is the one to import instead.
 MOVED: dict[str, tuple[str, ...]] = {
     "aimd_des.agents": ("aimd_des", "aimd_des.fleet", "aimd_des.engine.agent_process"),
@@ -44,7 +52,6 @@ MOVED: dict[str, tuple[str, ...]] = {
     "aimd_des.tracking": ("aimd_des.results.tracking",),
     "aimd_des.transport": ("aimd_des.lowlevel", "aimd_des.engine.delivery"),
 }
-_REMOVED_IN = "0.3"
 
 
 def new_name(old: str) -> str | None:
@@ -52,9 +59,51 @@ def new_name(old: str) -> str | None:
     if old not in NAMES:
         return None
     new, since = NAMES[old]
-    message = f"aimd_des.{old} is called {new} since {since}; the old name ends with {_REMOVED_IN}"
-    warnings.warn(message, DeprecationWarning, stacklevel=3)  # where the name was asked for
+    # Told where the name was asked for.
+    warnings.warn(renamed(f"aimd_des.{old}", new, since), DeprecationWarning, stacklevel=3)
     return new
+
+
+def renamed(old: str, new: str, since: str = _SINCE) -> str:
+    """Say that something has another name now."""
+    return f"{old} is called {new} since {since}; the old name ends with {_REMOVED_IN}"
+
+
+def refuse_both(old: str, value: object, new: str, *, given: bool) -> None:
+    """Refuse an old name beside the new one."""
+    if given:
+        raise InputError.of(old, value, f"left out beside {new}, its new name")
+
+
+def keywords(*old: str) -> Callable[[_Made], _Made]:
+    """Let a function, or a class and its instances, be asked by old keywords too."""
+
+    def decorate(made: _Made) -> _Made:
+        call: Callable[..., Any] = vars(made)["__init__"] if isinstance(made, type) else made
+
+        @wraps(call)
+        def taking_old_ones(*arguments: Any, **given: Any) -> Any:
+            for name in given.keys() & set(old):
+                new = KEYWORDS[name]
+                refuse_both(name, given[name], new, given=new in given)
+                warnings.warn(renamed(name, new), DeprecationWarning, stacklevel=2)
+                given[new] = given.pop(name)
+            return call(*arguments, **given)
+
+        if not isinstance(made, type):
+            return taking_old_ones  # type: ignore[return-value]  # which takes more than it did
+
+        def attribute(self: Any, name: str) -> Any:
+            if name not in old:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            warnings.warn(renamed(name, KEYWORDS[name]), DeprecationWarning, stacklevel=2)
+            return getattr(self, KEYWORDS[name])
+
+        type.__setattr__(made, "__init__", taking_old_ones)
+        type.__setattr__(made, "__getattr__", attribute)
+        return made
+
+    return decorate
 
 
 class _OldPaths(MetaPathFinder, Loader):

@@ -113,7 +113,7 @@ def _prepare_ours(task: Task, agents: Any, recording: Recording) -> Run:
         simulation = Simulation(
             task.problem,
             dynamics="continuous",
-            control_unit=Crossing(refractory=HOLD_OFF),
+            control_unit=Crossing(hold_off=HOLD_OFF),
             channel=channel,
             agents=agents,
             seed=seed,

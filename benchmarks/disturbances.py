@@ -71,7 +71,7 @@ def _ways(problem: Problem, until: float) -> dict[str, dict[str, Any]]:
         "forgetting over 500": {"averaging": averaging.Forgetting(500.0)},
         "known loss": {"compensation": compensation.KnownLoss(0.1)},
         "estimated loss": {"compensation": compensation.EstimatedLoss()},
-        "adaptive hold-off": {"control_unit": Crossing(0.25, longest=1.25)},
+        "adaptive hold-off": {"control_unit": Crossing(0.25, longest_hold_off=1.25)},
         "tree over a grid": {"channel": networks["tree"]},
         "flood over a grid": {"channel": networks["flood"]},
         "interventions": {"interventions": _changes(problem, until)},

@@ -77,7 +77,7 @@ _OTHERS = {
     "sampled": inline("", "[control_unit]\nperiod = 0.5\nphase = 0.25\nsensing_delay = 0.1"),
     "crossing": inline(
         _CONTINUOUS,
-        '[control_unit]\nkind = "crossing"\nrefractory = 0.5\nlongest = 4\n[channel]\nlatency = 2.0',
+        '[control_unit]\nkind = "crossing"\nhold_off = 0.5\nlongest_hold_off = 4\n[channel]\nlatency = 2.0',
     ),
     "numbers": inline(
         "", "[channel]\nlatency = [0, 0.5, 1, 1.5, 2]\nloss = 0.1\nduplication = 0.1\nfifo = true"

@@ -62,7 +62,7 @@ BOTH = pytest.mark.parametrize("agents", [{}, {"agents": Fleet}], ids=["processe
 
 @BOTH
 def test_while_nobody_answers_the_hold_off_doubles_up_to_the_longest(agents: dict[str, Any]) -> None:
-    unit = Crossing(0.5, longest=3.0)
+    unit = Crossing(0.5, longest_hold_off=3.0)
     found = times(run(two(), 20.0, unit, BroadcastChannel(loss=1.0), **agents))
     # Held off for 0.5, then 1, 2, and 3 from there on.
     assert found == [8.0, 8.5, 9.5, 11.5, 14.5, 17.5]
@@ -72,7 +72,7 @@ def test_while_nobody_answers_the_hold_off_doubles_up_to_the_longest(agents: dic
 def test_answers_that_do_not_suffice_halve_it_down_to_the_shortest(agents: dict[str, Any]) -> None:
     # Nobody hears the first four, so that the hold-off grows to 4; demand is 15.5 at 15.5. From then on each
     # signal takes a tenth at once, and leaves more than 8: the hold-off is 4, 2, 1, 0.5, and stays there.
-    unit = Crossing(0.5, longest=4.0)
+    unit = Crossing(0.5, longest_hold_off=4.0)
     heard = [15.5, 19.5, 21.5, 22.5, 23.0, 23.5]
     channel = Script(*[NEVER] * 4, *[[time, time] for time in heard])
     found = times(run(two(0.9), 23.75, unit, channel, **agents))
@@ -83,7 +83,7 @@ def test_answers_that_do_not_suffice_halve_it_down_to_the_shortest(agents: dict[
 def test_it_is_kept_from_one_crossing_to_the_next(agents: dict[str, Any]) -> None:
     # Lost at 8 and 8.5; heard at 9.5: the total falls from 9.5 to 4.75, and is back at 8 at 12.75. What is
     # sent there is lost, and the hold-off is 2, as it was.
-    unit = Crossing(0.5, longest=8.0)
+    unit = Crossing(0.5, longest_hold_off=8.0)
     channel = Script(NEVER, NEVER, [9.5, 9.5], *[NEVER] * 9)
     found = times(run(two(), 15.0, unit, channel, **agents))
     assert found == [8.0, 8.5, 9.5, 12.75, 14.75]
@@ -91,7 +91,7 @@ def test_it_is_kept_from_one_crossing_to_the_next(agents: dict[str, Any]) -> Non
 
 @BOTH
 def test_an_agent_that_comes_or_goes_is_no_answer(agents: dict[str, Any]) -> None:
-    lost, unit = BroadcastChannel(loss=1.0), Crossing(0.5, longest=8.0)
+    lost, unit = BroadcastChannel(loss=1.0), Crossing(0.5, longest_hold_off=8.0)
     # The total is t, and from 8.25 on it grows by 1.5: at 8.5 it is less than if it had always done so.
     joined = quadratic_problem([1.0] * 3, capacity=8.0, increase=0.5)
     found = times(run(joined, 14.0, unit, lost, interventions=[Join(2, 8.25)], **agents))
@@ -109,7 +109,7 @@ def test_without_room_to_adapt_it_is_the_plain_one(value: float, problem: Proble
     channel = BroadcastChannel(latency=0.5, loss=0.3)
     plain, bounded = (
         run(problem, 20.0, unit, channel, seed=seed)
-        for unit in (Crossing(value), Crossing(value, longest=value))
+        for unit in (Crossing(value), Crossing(value, longest_hold_off=value))
     )
     assert_same_run(plain, bounded)
 
@@ -123,9 +123,9 @@ def test_the_plain_one_does_not_adapt() -> None:
         10.0,
         10.5,
     ]
-    assert Crossing(0.5).longest is None
+    assert Crossing(0.5).longest_hold_off is None
     assert Crossing(0.5).bounds == (0.5, 0.5)
-    assert Crossing(0.5, longest=4.0).bounds == (0.5, 4.0)
+    assert Crossing(0.5, longest_hold_off=4.0).bounds == (0.5, 4.0)
 
 
 @settings(max_examples=25)
@@ -138,7 +138,7 @@ def test_the_plain_one_does_not_adapt() -> None:
 def test_signals_keep_the_bounds_and_a_fleet_does_what_processes_do(
     problem: Problem, seed: int, late: Any, lost: float
 ) -> None:
-    channel, unit = BroadcastChannel(latency=late, loss=lost), Crossing(0.3, longest=2.0)
+    channel, unit = BroadcastChannel(latency=late, loss=lost), Crossing(0.3, longest_hold_off=2.0)
     processes, fleet = (
         run(problem, 25.0, unit, channel, seed=seed, **agents) for agents in ({}, {"agents": Fleet})
     )
@@ -153,10 +153,10 @@ def test_signals_keep_the_bounds_and_a_fleet_does_what_processes_do(
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Crossing(0.0, longest=1.0), r"refractory = 0\.0.*greater than 0.*cannot be doubled"),
-        (lambda: Crossing(1.0, longest=0.5), r"longest = 0\.5.*at least 1"),
-        (lambda: Crossing(1.0, longest=math.inf), "longest = inf"),
-        (lambda: Crossing(1.0, longest=True), "longest = True"),
+        (lambda: Crossing(0.0, longest_hold_off=1.0), r"hold_off = 0\.0.*greater than 0.*cannot be doubled"),
+        (lambda: Crossing(1.0, longest_hold_off=0.5), r"longest_hold_off = 0\.5.*at least 1"),
+        (lambda: Crossing(1.0, longest_hold_off=math.inf), "longest_hold_off = inf"),
+        (lambda: Crossing(1.0, longest_hold_off=True), "longest_hold_off = True"),
     ],
 )
 def test_bounds_that_make_no_sense_are_refused(make: Any, words: str) -> None:

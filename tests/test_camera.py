@@ -150,7 +150,7 @@ class Literal:
             self.margin = min(self.margin, abs(crossing - due[0]) if crossing != due[0] else math.inf)
             if (crossing, "B look") < due[:2]:
                 self.pass_to(crossing)
-                self.held_off[j] = crossing + self.control_unit.refractory  # type: ignore[union-attr]
+                self.held_off[j] = crossing + self.control_unit.hold_off  # type: ignore[union-attr]
                 self.broadcast(j)
             else:
                 time, kind, what = heappop(self.heap)

@@ -359,14 +359,14 @@ def test_a_run_that_cannot_go_on_ends_with_one_sentence_and_exit_code_1(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def stand_still(*args: Any, **kwargs: Any) -> Any:
-        raise SimulationError("time 5.0, resource memory: time cannot advance; set refractory greater than 0")
+        raise SimulationError("time 5.0, resource memory: time cannot advance; set hold_off greater than 0")
 
     monkeypatch.setattr(Scenario, "run", stand_still)
     outcome = run(str(write()), "--out", "out")
     assert outcome.exit_code == 1
     assert (
         outcome.stderr
-        == "Error: time 5.0, resource memory: time cannot advance; set refractory greater than 0\n"
+        == "Error: time 5.0, resource memory: time cannot advance; set hold_off greater than 0\n"
     )
     assert everything() == {"five.toml"}
 

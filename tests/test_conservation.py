@@ -76,7 +76,7 @@ CONTROL_UNITS: dict[str, Sampled | Crossing] = {
     "sampled often": Sampled(0.5, 0.25, sensing_delay=0.3),
     "crossing": Crossing(1.0),
     "crossing, delayed": Crossing(0.4, sensing_delay=0.3),
-    "crossing, adaptive": Crossing(0.25, longest=4.0),
+    "crossing, adaptive": Crossing(0.25, longest_hold_off=4.0),
 }
 
 

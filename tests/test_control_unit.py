@@ -58,10 +58,10 @@ def arrivals_of(result: Result, agent: str = "0") -> list[float]:
 
 @given(problems(("polynomial", "coupled")), st.integers(0, 2**32), st.sampled_from([0.0, 0.3, 1.0]))
 def test_the_first_signal_is_at_the_limit_over_the_slope(
-    problem: Problem, seed: int, refractory: float
+    problem: Problem, seed: int, hold_off: float
 ) -> None:
     first = problem.limit / problem.increase.sum(axis=0)
-    result = run(problem, 1.01 * float(first.max()), Crossing(refractory), seed=seed)
+    result = run(problem, 1.01 * float(first.max()), Crossing(hold_off), seed=seed)
     for j, time in enumerate(first):
         assert times_of(result, j)[0] == pytest.approx(time, rel=1e-12)
 
@@ -209,12 +209,12 @@ def test_a_demand_that_is_raised_after_the_look_is_found_at_the_same_instant() -
     st.sampled_from([0.0, 0.4, 1.0]),
 )
 def test_no_two_signals_of_a_resource_are_closer_than_the_hold_off(
-    problem: Problem, seed: int, refractory: float, late: Any, lost: float
+    problem: Problem, seed: int, hold_off: float, late: Any, lost: float
 ) -> None:
     channel = {"latency": late, "loss": lost}
-    result = run(problem, 20.0, Crossing(refractory), channel, seed=seed)
+    result = run(problem, 20.0, Crossing(hold_off), channel, seed=seed)
     for j in range(problem.n_resources):
-        assert all(one + refractory <= other for one, other in pairwise(times_of(result, j)))
+        assert all(one + hold_off <= other for one, other in pairwise(times_of(result, j)))
 
 
 def test_it_signals_again_at_once_at_the_end_of_the_hold_off_while_demand_is_above() -> None:
@@ -227,7 +227,7 @@ def test_it_signals_again_at_once_at_the_end_of_the_hold_off_while_demand_is_abo
 
 
 @pytest.mark.parametrize(
-    ("refractory", "expected"),
+    ("hold_off", "expected"),
     [
         # At 9 the signal arrives before the control unit looks, and the total falls from 9 to 4.5.
         (0.25, [8.0, 8.25, 8.5, 8.75, 12.5]),
@@ -239,13 +239,13 @@ def test_it_signals_again_at_once_at_the_end_of_the_hold_off_while_demand_is_abo
     ],
 )
 def test_at_the_end_of_the_hold_off_demand_is_above_or_the_next_crossing_is_awaited(
-    refractory: float, expected: list[float]
+    hold_off: float, expected: list[float]
 ) -> None:
     # What is sent at 8 arrives at 9, all else never; after 9 the total is back at its limit of 8 at 12.5.
     problem = quadratic_problem([1.0, 1.0], capacity=8.0, increase=0.5, **CERTAIN)
     channel = Script([9.0, 9.0], *[[math.inf, math.inf]] * 9)
     parts = {"dynamics": "continuous", "channel": channel, "seed": 0}
-    result = Simulation(problem, control_unit=Crossing(refractory), **parts).run(13.125)
+    result = Simulation(problem, control_unit=Crossing(hold_off), **parts).run(13.125)
     assert times_of(result)[: len(expected)] == expected
 
 
@@ -342,7 +342,7 @@ def test_a_state_in_which_time_cannot_advance_is_an_error(
     problem = quadratic_problem([1.0, 1.0], capacity=8.0, increase=0.5, **CERTAIN)
     assert standstill(problem, control_unit, channel) == (
         "time 8.0, resource memory: after 10000 signals at this instant total demand is still at its "
-        f"threshold, and time cannot advance since refractory = {control_unit.refractory!r}; set refractory "
+        f"threshold, and time cannot advance since hold_off = {control_unit.hold_off!r}; set hold_off "
         "greater than 0, or let signals arrive at once and reach somebody who can respond"
     )
 
@@ -381,14 +381,14 @@ def test_time_that_stands_still_is_told_from_time_that_goes_on() -> None:
         (
             {"dynamics": "discrete", "control_unit": Crossing(1.0)},
             (
-                "control_unit = Crossing(refractory=1.0, sensing_delay=0.0, longest=None): must be a "
+                "control_unit = Crossing(hold_off=1.0, sensing_delay=0.0, longest_hold_off=None): must be a "
                 "Sampled with discrete agents: their demand jumps at ticks and crosses nothing; "
                 "or choose continuous dynamics"
             ),
         ),
         (
             {"control_unit": Crossing(0.0)},  # discrete is the default
-            "control_unit = Crossing(refractory=0.0, sensing_delay=0.0, longest=None): must be a Samp",
+            "control_unit = Crossing(hold_off=0.0, sensing_delay=0.0, longest_hold_off=None): must be a Samp",
         ),
         (
             {"dynamics": "continuous", "clocks": Clocks()},
@@ -419,10 +419,10 @@ def test_all_other_combinations_run(dynamics: str) -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Crossing(-1.0), "refractory = -1.0: must be a finite number at least 0"),
-        (lambda: Crossing(math.nan), "refractory = nan: must be a finite number at least 0"),
-        (lambda: Crossing(math.inf), "refractory = inf: must be a finite number at least 0"),
-        (lambda: Crossing("1"), "refractory = '1': must be a finite number at least 0"),  # type: ignore[arg-type]
+        (lambda: Crossing(-1.0), "hold_off = -1.0: must be a finite number at least 0"),
+        (lambda: Crossing(math.nan), "hold_off = nan: must be a finite number at least 0"),
+        (lambda: Crossing(math.inf), "hold_off = inf: must be a finite number at least 0"),
+        (lambda: Crossing("1"), "hold_off = '1': must be a finite number at least 0"),  # type: ignore[arg-type]
         (lambda: Crossing(1.0, -0.5), "sensing_delay = -0.5: must be a finite number at least 0"),
         (lambda: Sampled(sensing_delay=-0.5), "sensing_delay = -0.5: must be a finite number at least 0"),
         (lambda: Sampled(sensing_delay=math.nan), "sensing_delay = nan: must be a finite number at least 0"),

@@ -116,14 +116,14 @@ def test_an_intervention_of_ones_own_changes_the_optimum_with_it(page: Names) ->
 
 
 def test_a_process_that_looks_leaves_no_trace(page: Names) -> None:
-    parts = {"dynamics": "continuous", "control_unit": Crossing(refractory=1.0), "seed": 1}
+    parts = {"dynamics": "continuous", "control_unit": Crossing(hold_off=1.0), "seed": 1}
     alone = Simulation(page.problem, **parts).run(until=300)
     assert_same_run(page.calm, alone)
 
 
 def test_the_watcher_sees_what_a_recording_sees(page: Names) -> None:
     recording = Recording(demand=0.25)
-    parts = {"dynamics": "continuous", "control_unit": Crossing(refractory=1.0), "seed": 1}
+    parts = {"dynamics": "continuous", "control_unit": Crossing(hold_off=1.0), "seed": 1}
     seen = Simulation(page.problem, recording=recording, **parts).run(until=300).demand
     crowded = seen["time"][(seen["total"] > 0.99 * 4.0) & (seen["time"] < 300.0)]
     assert page.crowded == crowded.tolist()
@@ -150,7 +150,7 @@ def test_a_demand_that_is_set_stands_in_the_log(page: Names) -> None:
     assert changes["agent"].tolist() == ["0"]
     assert changes["value"].iloc[0] < -0.02  # it held something, which is gone
     recording = Recording(demand="end", allocations=[math.nextafter(200.0, 0.0), 200.0, 200.5])
-    parts = {"dynamics": "continuous", "control_unit": Crossing(refractory=1.0), "seed": 1}
+    parts = {"dynamics": "continuous", "control_unit": Crossing(hold_off=1.0), "seed": 1}
     again = Simulation(page.problem, processes=[page.jam, page.restart], recording=recording, **parts)
     held = again.run(until=201.0).observations.demand[:3, 0, 0].tolist()
     assert held[0] + changes["value"].iloc[0] == pytest.approx(0.0, abs=1e-9)
@@ -176,7 +176,7 @@ def test_the_selfish_agent_takes_all_and_the_rest_is_pushed_back(page: Names) ->
     before_a_signal = 0.02 / (0.3 * probability)
     assert (before_a_signal < 0.85 * page.calm.average_at_end[1:, 0]).all()
     recording = Recording(demand="end", allocations=1.0)
-    parts = {"dynamics": "continuous", "control_unit": Crossing(refractory=1.0), "recording": recording}
+    parts = {"dynamics": "continuous", "control_unit": Crossing(hold_off=1.0), "recording": recording}
     agents = {"agents": lambda i, system: page.Selfish(i, system) if i == 0 else AgentProcess(i, system)}
     held = Simulation(page.problem, seed=1, **parts, **agents).run(until=2200).observations.demand
     mean = held[300:2200, 0, 1:].mean(axis=0)

@@ -136,9 +136,9 @@ samplers = st.builds(
 )
 crossers = st.builds(
     Crossing,
-    refractory=st.sampled_from([1.0, 0.5]) | st.floats(0.1, 3.0),
+    hold_off=st.sampled_from([1.0, 0.5]) | st.floats(0.1, 3.0),
     sensing_delay=st.sampled_from([0.0, 0.5]),
-    longest=st.sampled_from([None, None, 3.0, 8.0]),
+    longest_hold_off=st.sampled_from([None, None, 3.0, 8.0]),
 )
 
 
@@ -388,7 +388,7 @@ def test_time_that_stands_still_is_an_error() -> None:
     }
     found = {message(agents, quadratic_problem([1.0, 2.0]), **parts) for agents in (AgentProcess, Fleet)}
     assert len(found) == 1
-    assert "set refractory greater than 0" in found.pop()
+    assert "set hold_off greater than 0" in found.pop()
 
 
 def test_a_trace_that_ends_is_the_same_error() -> None:

@@ -20,7 +20,7 @@ from tests.scenario_examples import EXAMPLES, inline, write_files
 STORED = Path(__file__).parent / "data" / "golden_digests.json"
 
 _CONTINUOUS = 'dynamics = "continuous"'
-_CROSSING = '[control_unit]\nkind = "crossing"\nrefractory = 0.5'
+_CROSSING = '[control_unit]\nkind = "crossing"\nhold_off = 0.5'
 _CHANNEL = '[channel]\nlatency = { kind = "exponential", mean = 0.7 }\nloss = 0.2\nduplication = 0.3'
 
 # Beside the catalogue of parts: parts that meet.

@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ORDER = [
     "_version",
     "utils",
+    "_deprecated",
     "channel",
     "latency",
     "loss",
@@ -34,7 +35,6 @@ ORDER = [
     "report",
     "cli",
     "__main__",
-    "_deprecated",
 ]
 
 # Whom the files of a folder may import, among the folders of this project.

@@ -272,7 +272,7 @@ def test_a_hold_off_that_has_adapted_is_forgotten_by_the_unit_that_takes_over(
     fault: Failover, agents: Any
 ) -> None:
     """Nobody answers: hold-offs of 1, 2, 4 after 2, and from 12 on again; one of 8 would end at 17."""
-    unit = Crossing(1.0, longest=8.0)
+    unit = Crossing(1.0, longest_hold_off=8.0)
     result = run(growing(1, capacity=2.0), 20.0, fault, control_unit=unit, agents=agents)
     before = [time for time in (2.0, 3.0, 5.0, 9.0) if time < fault.at]
     assert result.signals["time"].tolist() == [*before, 12.0, 13.0, 15.0, 19.0]

@@ -1,7 +1,7 @@
 """After a partition, the run-away is at most n alpha times (its duration + latency).
 
 The hold-off or the period of the looks is added where the first signal after the fault may have to wait for
-it. Everything here is exact but for rounding: nothing is averaged, and processes and fleet are held to the same.
+it. Everything here is exact but for rounding: nothing is averaged, and processes and a fleet are held alike.
 A fault that begins just as a threshold is crossed meets the bound.
 """
 
@@ -59,7 +59,7 @@ class Fault(NamedTuple):
     def bound(self, *, latency: bool = True) -> float:
         """With latencies in whole steps on the clock, rounded up."""
         late = (math.ceil(self.latency) if self.dynamics == "discrete" else self.latency) if latency else 0.0
-        waits = "period" if self.dynamics == "discrete" else "refractory"
+        waits = "period" if self.dynamics == "discrete" else "hold_off"
         return float(theory.partition_runaway(system(), self.duration, late, **{waits: self.wait})[0])
 
 

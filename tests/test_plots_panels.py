@@ -54,7 +54,7 @@ N, UNTIL = 12, 200.0
 def simulated(**changes: object) -> Result:
     setting: dict[str, object] = {
         "dynamics": "continuous",
-        "control_unit": Crossing(refractory=0.5),
+        "control_unit": Crossing(hold_off=0.5),
         "channel": BroadcastChannel(latency=latency.Exponential(0.2), loss=loss.Bernoulli(0.2)),
         "agents": Fleet,
         "recording": Recording(demand=0.1, allocations="auto", events=True),

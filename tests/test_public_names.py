@@ -1,14 +1,19 @@
 """The public names of the package: where they are imported from, and that type checkers may see them."""
 
+import inspect
+import pickle
 import subprocess
 import sys
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import aimd_des
-from aimd_des._deprecated import MOVED, NAMES
+from aimd_des import Crossing, InputError, PolynomialCosts, Problem, Resource, theory
+from aimd_des._deprecated import KEYWORDS, MOVED, NAMES
 
 ROOT = Path(__file__).resolve().parents[1]
 MODULES = ["averaging", "compensation", "interventions", "latency", "loss", "theory", "topology"]
@@ -88,3 +93,44 @@ def test_the_name_of_the_paper_goes_on_without_a_warning() -> None:
 
     assert aimd_des.Camera is Camera is aimd_des.AgentProcess
     assert "Camera" not in dir(aimd_des)
+
+
+MEMORY = Problem([Resource("memory", 20.0, 0.02, 0.5, 0.1)], PolynomialCosts([2], [[[1.0]]] * 20))
+RENAMED: list[tuple[Callable[..., Any], dict[str, Any], dict[str, float]]] = [
+    (Crossing, {}, {"refractory": 0.5}),
+    (Crossing, {"sensing_delay": 0.1}, {"refractory": 0.5, "longest": 2.0}),
+    (theory.critical_loss, {"rate": 0.3}, {"refractory": 0.5}),
+    (theory.partition_runaway, {"problem": MEMORY, "duration": 2.0}, {"refractory": 0.5}),
+    (theory.predict, {"problem": MEMORY, "dynamics": "continuous"}, {"refractory": 0.5}),
+    (theory.safe_threshold, {"problem": MEMORY, "dynamics": "continuous"}, {"refractory": 0.5}),
+    (
+        theory.runaway_multiplier,
+        {"increase": 0.1, "decrease": 0.5, "normalization": 0.1, "loss": 0.5},
+        {"refractory": 0.5},
+    ),
+]
+
+
+@pytest.mark.parametrize(("called", "given", "old"), RENAMED)
+def test_old_keywords_mean_the_new_ones_with_a_warning(
+    called: Callable[..., Any], given: dict[str, Any], old: dict[str, float]
+) -> None:
+    new = {KEYWORDS[name]: value for name, value in old.items()}
+    with pytest.warns(DeprecationWarning, match="is called .*hold_off since 0.1") as heard:
+        found = called(**given, **old)
+    assert [one.filename for one in heard] == [__file__] * len(old)
+    assert str(found) == str(called(**given, **new))
+    for name, value in old.items():
+        words = f"{name} = {value}: must be left out beside {KEYWORDS[name]}, its new name"
+        with pytest.raises(InputError, match=words):
+            called(**given, **new, **{name: value})
+    assert not KEYWORDS.keys() & inspect.signature(called).parameters.keys()
+
+
+def test_a_crossing_is_asked_by_old_names_too() -> None:
+    unit = Crossing(0.5, longest_hold_off=2.0)
+    assert pickle.loads(pickle.dumps(unit)) == unit
+    with pytest.warns(DeprecationWarning, match="longest is called longest_hold_off since 0.1"):
+        assert unit.longest == 2.0  # type: ignore[attr-defined]
+    with pytest.raises(AttributeError, match="'Crossing' object has no attribute 'nothing'"):
+        _ = unit.nothing  # type: ignore[attr-defined]

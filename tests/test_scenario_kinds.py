@@ -102,7 +102,7 @@ def test_without_a_package_of_models_there_are_the_other_kinds(monkeypatch: pyte
 def test_defaults_are_those_of_the_scenario() -> None:
     crossing = kinds_of("control_unit")[1]
     assert [(one.name, one.required, one.default) for one in crossing.parameters] == [
-        ("refractory", False, "1.0"), ("sensing_delay", False, "0.0"), ("longest", False, "")
+        ("hold_off", False, "1.0"), ("sensing_delay", False, "0.0"), ("longest_hold_off", False, "")
     ]  # fmt: skip
     grid = next(kind for kind in KINDS if kind.name == "grid")
     assert {one.name: one.default for one in grid.parameters}["root"] == "[0, 0]"

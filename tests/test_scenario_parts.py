@@ -84,7 +84,7 @@ BY_HAND: dict[str, Callable[[], dict[str, Any]]] = {
     "inline": dict,
     "crossing": lambda: {
         "dynamics": "continuous",
-        "control_unit": Crossing(0.5, longest=4),
+        "control_unit": Crossing(0.5, longest_hold_off=4),
         "channel": BroadcastChannel(2.0),
     },
     "window": lambda: {"averaging": averaging.Window(40)},
@@ -304,8 +304,8 @@ VAST = "[channel.network]" + EXAMPLES["network random_geometric"].partition("[ch
             "compensation.loss = 'much': must be a valid number or a valid list",
         ),
         (
-            "[control_unit]\nrefractory = 1",
-            "control_unit.refractory: unknown key 'refractory'; known are kind, period, phase, sensing_dela",
+            "[control_unit]\nhold_off = 1",
+            "control_unit.hold_off: unknown key 'hold_off'; known are kind, period, phase, sensing_dela",
         ),
         (
             '[control_unit]\nkind = "crossing"',

@@ -51,13 +51,13 @@ def measured(unit: Crossing, until: float = 800.0, **channel: Any) -> tuple[Any,
 @pytest.mark.slow
 def test_a_hold_off_that_adapts_saves_signals_under_latency_if_it_is_bounded() -> None:
     (short, its_bits), (error, _) = measured(Crossing(0.25), latency=8.0)
-    (bounded, bits), (own, bits_error) = measured(Crossing(0.25, longest=1.25), latency=8.0)
+    (bounded, bits), (own, bits_error) = measured(Crossing(0.25, longest_hold_off=1.25), latency=8.0)
     assert 1.25 < 1 / rate(MEMORY) < 2.0
     assert bits + Z * bits_error < 0.65 * its_bits
     assert abs(bounded - 1.0) + Z * own < 0.1
     assert short + Z * error < 0.9
     # Negative control: one that may grow beyond 1 / rho saves more, and does not hold the capacity.
-    (loose, fewer), (loose_error, _) = measured(Crossing(0.25, longest=8.0), latency=8.0)
+    (loose, fewer), (loose_error, _) = measured(Crossing(0.25, longest_hold_off=8.0), latency=8.0)
     assert fewer < 0.5 * bits
     assert loose - Z * loose_error > 1.5
 
@@ -66,7 +66,7 @@ def test_a_hold_off_that_adapts_saves_signals_under_latency_if_it_is_bounded() -
 def test_a_hold_off_that_adapts_survives_as_much_loss_as_a_short_one() -> None:
     assert critical(MEMORY, 1.0) < 0.7 < critical(MEMORY, 0.25)
     for longest in (1.25, 8.0):
-        (held, _), (error, _) = measured(Crossing(0.25, longest=longest), loss=0.7)
+        (held, _), (error, _) = measured(Crossing(0.25, longest_hold_off=longest), loss=0.7)
         assert held + Z * error < 1.0
     (away, _), (error, _) = measured(Crossing(1.0), loss=0.7)
     assert away - Z * error > 1.3

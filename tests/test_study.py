@@ -80,13 +80,13 @@ def test_axes_of_one_group_vary_together() -> None:
 def test_cases_set_several_keys_and_are_called_by_their_name() -> None:
     cases = {
         "ticks": {"dynamics": "discrete", "clocks.jitter": 0.5},
-        "flow": {"dynamics": "continuous", "control_unit": {"kind": "crossing", "refractory": 0.5}},
+        "flow": {"dynamics": "continuous", "control_unit": {"kind": "crossing", "hold_off": 0.5}},
     }
     points = expand(study(axes=[{"name": "kind", "cases": cases}]))
     assert [point.labels for point in points] == [{"kind": "ticks"}, {"kind": "flow"}]
     assert [point.scenario.dynamics for point in points] == ["discrete", "continuous"]
     assert points[0].scenario.clocks.jitter == 0.5
-    assert points[1].scenario.spoken()["control_unit"]["refractory"] == 0.5
+    assert points[1].scenario.spoken()["control_unit"]["hold_off"] == 0.5
 
 
 def test_a_condition_leaves_points_out() -> None:

@@ -101,7 +101,7 @@ def run_continuous(
     seed: int,
     *,
     latency: float = 0.0,
-    refractory: float = 0.0,
+    hold_off: float = 0.0,
     period: float = 0.0,
     loss: Any = 0.0,
     compensate: Compensation = unchanged,
@@ -117,7 +117,7 @@ def run_continuous(
             looks = max(looks + 1, math.floor(crossing / period) + 1)
             last = looks * period
         else:
-            last = max(crossing, last + refractory)
+            last = max(crossing, last + hold_off)
         if last + latency >= until:
             break
         step = last + latency - time
@@ -200,7 +200,7 @@ def test_price_in_bits_is_paid_and_a_little_more_for_random_teeth() -> None:
 @pytest.mark.parametrize("latency", [0.0, 0.4])
 def test_every_peak_is_lifted_by_the_growth_over_the_latency(latency: float) -> None:
     # A signal takes 8 in the mean, and 0.8, four standard deviations less, brings demand below the capacity.
-    run = run_continuous(mixed_problem(probability=0.4), 500.0, 0, latency=latency, refractory=0.4)
+    run = run_continuous(mixed_problem(probability=0.4), 500.0, 0, latency=latency, hold_off=0.4)
     assert len(run.peaks) > 100
     assert run.peaks == pytest.approx(40.0 + float(theory.peak_lift(40, 0.05, latency)), rel=1e-12)
 
@@ -389,8 +389,8 @@ def test_prediction_of_looks_where_one_cut_is_not_enough(
 
 CONTINUOUS: list[tuple[dict[str, Any], dict[str, Any]]] = [
     ({}, {}),
-    ({"refractory": 0.4}, {}),
-    ({"refractory": 0.4, "latency": 0.4}, {"latency": 0.4}),
+    ({"hold_off": 0.4}, {}),
+    ({"hold_off": 0.4, "latency": 0.4}, {"latency": 0.4}),
     ({"period": 1.0}, {"period": 1.0}),
     ({"period": 1.0, "latency": 0.6}, {"period": 1.0, "latency": 0.6}),
     ({"loss": 0.3}, {"loss": 0.3}),
@@ -416,7 +416,7 @@ def test_prediction_of_continuous_agents(simulated: dict[str, Any], given: dict[
 WAYS: list[tuple[Any, Any, float, dict[str, Any]]] = [
     ("discrete", Sampled(period=1.0), 0.5, {"latency": 0.5}),
     ("continuous", Sampled(period=1.0), 0.5, {"latency": 0.5, "period": 1.0}),
-    ("continuous", Crossing(refractory=0.5), 0.5, {"latency": 0.5}),
+    ("continuous", Crossing(hold_off=0.5), 0.5, {"latency": 0.5}),
 ]
 
 
@@ -604,13 +604,13 @@ def test_loss_forms_by_hand() -> None:
     weights = theory.loss_weights([0.0, 0.3, 0.6], 0.4)
     undone = theory.compensated_probability(0.2, [0.0, 0.3, 0.6], 0.4) * weights / weights[0]
     assert undone == pytest.approx(0.2)
-    assert theory.critical_loss([0.5, 4.0], refractory=0.5) == pytest.approx([0.75, 0.0])
+    assert theory.critical_loss([0.5, 4.0], hold_off=0.5) == pytest.approx([0.75, 0.0])
     assert theory.critical_loss([0.5, 4.0], "discrete") == pytest.approx([2 / 3, 0.2])
     # What one formula gives for numbers, the next takes.
     rate = theory.signal_rate(0.1, 0.7, 0.01, 50.0)
     assert rate.shape == ()
-    assert theory.critical_loss(rate, refractory=0.5) == theory.critical_loss(float(rate), refractory=0.5)
-    assert theory.runaway_multiplier(0.02, 0.5, 0.1, 0.5, refractory=2.0) == pytest.approx(1.6)
+    assert theory.critical_loss(rate, hold_off=0.5) == theory.critical_loss(float(rate), hold_off=0.5)
+    assert theory.runaway_multiplier(0.02, 0.5, 0.1, 0.5, hold_off=2.0) == pytest.approx(1.6)
     assert theory.runaway_multiplier(0.02, 0.5, 0.1, 0.5, "discrete") == pytest.approx(0.4)
 
 
@@ -618,7 +618,7 @@ def test_loss_forms_by_hand() -> None:
 def test_at_the_critical_loss_demand_would_run_away_to_the_capacity(dynamics: Any) -> None:
     problem = mixed_problem()
     mu = solve_optimum(problem).multipliers
-    hold_off = {} if dynamics == "discrete" else {"refractory": 0.7}
+    hold_off = {} if dynamics == "discrete" else {"hold_off": 0.7}
     rate = theory.signal_rate(0.05, 0.5, problem.normalization, mu)
     loss = theory.critical_loss(rate, dynamics, **hold_off)
     assert theory.runaway_multiplier(
@@ -636,18 +636,18 @@ def test_critical_loss_is_where_signals_at_every_look_no_longer_suffice(dynamics
         if dynamics == "discrete":
             outcome = run_lossy_clock(problem, 20_000, 0, loss=loss)
             return outcome.signals, outcome.average.sum()
-        outcome = run_continuous(problem, 12_000.0, 0, loss=loss, refractory=hold_off)
+        outcome = run_continuous(problem, 12_000.0, 0, loss=loss, hold_off=hold_off)
         return outcome.signals * hold_off, outcome.average.sum()
 
-    refractory = 0.0 if dynamics == "discrete" else hold_off
+    hold_off = 0.0 if dynamics == "discrete" else hold_off
     rate = theory.signal_rate(0.05, 0.5, problem.normalization, solve_optimum(problem).multipliers)
-    critical = float(theory.critical_loss(rate, dynamics, refractory=refractory)[0])
+    critical = float(theory.critical_loss(rate, dynamics, hold_off=hold_off)[0])
     assert run(critical - 0.05)[0] < 0.9
     assert run(critical + 0.05)[0] > 0.95
     share, total = run(critical + 0.15)
     assert share > 0.99
     mu = theory.runaway_multiplier(
-        0.05, 0.5, problem.normalization, critical + 0.15, dynamics, refractory=refractory
+        0.05, 0.5, problem.normalization, critical + 0.15, dynamics, hold_off=hold_off
     )
     expected = theory.allocation_at(problem, mu).sum()
     assert expected > 1.2 * 40
@@ -655,7 +655,7 @@ def test_critical_loss_is_where_signals_at_every_look_no_longer_suffice(dynamics
 
 
 def test_runaway_needs_what_makes_it() -> None:
-    with pytest.raises(InputError, match="refractory"):
+    with pytest.raises(InputError, match="hold_off"):
         theory.runaway_multiplier(0.02, 0.5, 0.1, 0.5)
     with pytest.raises(InputError, match="loss"):
         theory.runaway_multiplier(0.02, 0.5, 0.1, 0.0, "discrete")
@@ -897,7 +897,7 @@ def test_constants_of_the_square_root_law() -> None:
         (lambda: theory.compensated_probability(1.5, 0.5), "probability"),
         (lambda: theory.critical_loss(0.0), "rate"),
         (lambda: theory.critical_loss(1.0, "neither"), "dynamics"),
-        (lambda: theory.critical_loss(1.0, refractory=-1.0), "refractory"),
+        (lambda: theory.critical_loss(1.0, hold_off=-1.0), "hold_off"),
         (lambda: theory.event_mean(1.0, 0.1, 0.5), "increase"),
         (lambda: theory.event_mean(1.0, [0.1, 0.2], 0.5, 0.0), "probability"),
         (lambda: theory.poisson_moment(1.0, 0.5, 1.0, order=0), "order"),

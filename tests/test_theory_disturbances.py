@@ -373,7 +373,7 @@ def run_total(
     seed: int,
     *,
     latency: float,
-    refractory: float,
+    hold_off: float,
     deaf: tuple[float, float] = (math.inf, math.inf),
 ) -> Total:
     """Continuous agents and exact crossings, with any number of signals on their way; none while `deaf`."""
@@ -401,19 +401,19 @@ def run_total(
             responds = rng.random(len(demand)) < problem.normalization[0] * gradient / average
             demand = np.where(responds, keep * demand, demand)
         elif now < until:
-            free = now + refractory
+            free = now + hold_off
             if not deaf[0] <= now < deaf[1]:
                 heapq.heappush(arrivals, now + latency)
     span = until - settled
     return Total(above / span, used / span / capacity, peak)
 
 
-@pytest.mark.parametrize(("latency", "refractory"), [(0.5, 1.0), (1.0, 1.0), (1.5, 0.5)])
-def test_safe_thresholds_keep_crossings_below_the_capacity(latency: float, refractory: float) -> None:
+@pytest.mark.parametrize(("latency", "hold_off"), [(0.5, 1.0), (1.0, 1.0), (1.5, 0.5)])
+def test_safe_thresholds_keep_crossings_below_the_capacity(latency: float, hold_off: float) -> None:
     # Memory of the paper's system, 4 runs of 3000 units. Theory aims at 0.0075; what it neglects is taken
     # to move that by less than a quarter of it. Utilisation: 2 points are claimed.
     problem = part(smart_cameras(seed=0), 0)
-    given = {"latency": latency, "refractory": refractory}
+    given = {"latency": latency, "hold_off": hold_off}
     threshold = theory.safe_threshold(problem, "continuous", **given)  # type: ignore[arg-type]
     careful = with_thresholds(problem, threshold)
     runs = [run_total(careful, 3000.0, seed, **given) for seed in range(4)]
@@ -428,13 +428,13 @@ def test_safe_thresholds_keep_crossings_below_the_capacity(latency: float, refra
     assert np.mean(over) - 4 * standard_error(over) > EXCEEDANCE
 
 
-@pytest.mark.parametrize(("latency", "refractory"), [(0.0, 1.0), (1.0, 0.25)])
-def test_predictions_with_a_hold_off(latency: float, refractory: float) -> None:
+@pytest.mark.parametrize(("latency", "hold_off"), [(0.0, 1.0), (1.0, 0.25)])
+def test_predictions_with_a_hold_off(latency: float, hold_off: float) -> None:
     # Memory of the paper's system with Gamma so that rho * r = 0.85 for the hold-off 1: 4 runs of 3000 units.
     # Signals that one cut is not enough for lift the mean in the one case, and cuts on their way lower it in
     # the other. Three tenths of a point are allowed for what is neglected.
     problem = part(smart_cameras(seed=0, normalization=0.77 / 90), 0)
-    given: dict[str, Any] = {"latency": latency, "refractory": refractory}
+    given: dict[str, Any] = {"latency": latency, "hold_off": hold_off}
     runs = [run_total(problem, 3000.0, seed, **given) for seed in range(4)]
     used = [run.used for run in runs]
     expected = theory.predict(problem, "continuous", **given)
@@ -466,10 +466,10 @@ WAYS: list[tuple[Any, dict[str, Any]]] = [
     ("discrete", {"latency": 1.5}),
     ("continuous", {"latency": 0.0, "period": 1.0}),
     ("continuous", {"latency": 1.5, "period": 1.0}),
-    ("continuous", {"latency": 0.5, "refractory": 1.0}),
-    ("continuous", {"latency": 1.0, "refractory": 1.0}),
-    ("continuous", {"latency": 2.0, "refractory": 1.0}),
-    ("continuous", {"latency": 2.0, "refractory": 0.5}),
+    ("continuous", {"latency": 0.5, "hold_off": 1.0}),
+    ("continuous", {"latency": 1.0, "hold_off": 1.0}),
+    ("continuous", {"latency": 2.0, "hold_off": 1.0}),
+    ("continuous", {"latency": 2.0, "hold_off": 0.5}),
 ]
 
 
@@ -480,7 +480,7 @@ def test_safe_thresholds_in_the_event_driven_simulation(dynamics: Any, given: di
     # time above the capacity differs by up to 0.0005.
     problem = smart_cameras(seed=0)
     careful = with_thresholds(problem, theory.safe_threshold(problem, dynamics, **given))
-    unit = Crossing(given["refractory"]) if "refractory" in given else Sampled(1.0)
+    unit = Crossing(given["hold_off"]) if "hold_off" in given else Sampled(1.0)
     channel = BroadcastChannel(latency=given["latency"])
     simulation = Simulation(
         careful, dynamics=dynamics, control_unit=unit, channel=channel, agents=Fleet, seed=0
@@ -494,10 +494,10 @@ def test_safe_thresholds_in_the_event_driven_simulation(dynamics: Any, given: di
 
 def test_safe_thresholds_follow_what_they_are_given() -> None:
     problem = part(smart_cameras(seed=0), 0)
-    assert theory.safe_threshold(problem, "continuous", refractory=0.0) == pytest.approx(1.0)
+    assert theory.safe_threshold(problem, "continuous", hold_off=0.0) == pytest.approx(1.0)
     # A hold-off that is short enough leaves only the growth over the latency, less what is forgiven.
     growth = float(problem.increase.sum() / problem.capacity[0])
-    short = float(theory.safe_threshold(problem, "continuous", latency=0.2, refractory=0.2)[0])
+    short = float(theory.safe_threshold(problem, "continuous", latency=0.2, hold_off=0.2)[0])
     assert 1 - 0.2 * growth < short < 1 - 0.2 * growth * 0.9
     loose, tight = (
         float(theory.safe_threshold(problem, latency=1.0, exceedance=share)[0]) for share in (0.1, 0.001)
@@ -513,19 +513,19 @@ def test_safe_thresholds_follow_what_they_are_given() -> None:
 
 def test_what_no_threshold_can_do_is_refused() -> None:
     problem = part(smart_cameras(seed=0), 0)
-    with pytest.raises(InputError, match="refractory"):
+    with pytest.raises(InputError, match="hold_off"):
         theory.safe_threshold(problem, "continuous", latency=1.0)
-    with pytest.raises(InputError, match=r"refractory = 1\.5.*runs away"):
-        theory.safe_threshold(problem, "continuous", latency=1.5, refractory=1.5)
-    with pytest.raises(InputError, match=r"refractory = 0\.0.*latency / 100"):
-        theory.safe_threshold(problem, "continuous", latency=1.0, refractory=0.0)
+    with pytest.raises(InputError, match=r"hold_off = 1\.5.*runs away"):
+        theory.safe_threshold(problem, "continuous", latency=1.5, hold_off=1.5)
+    with pytest.raises(InputError, match=r"hold_off = 0\.0.*latency / 100"):
+        theory.safe_threshold(problem, "continuous", latency=1.0, hold_off=0.0)
     with pytest.raises(InputError, match="exceedance"):
         theory.safe_threshold(problem, exceedance=0.0)
     with pytest.raises(InputError, match=r"latency = 30\.0.*low enough"):
-        theory.safe_threshold(problem, "continuous", latency=30.0, refractory=1.0)
+        theory.safe_threshold(problem, "continuous", latency=30.0, hold_off=1.0)
     for wrong in ({"dynamics": "discrete"}, {"period": 1.0}):
-        with pytest.raises(InputError, match="refractory"):
-            theory.predict(problem, **{"dynamics": "continuous", "refractory": 1.0, **wrong})  # type: ignore[arg-type]
+        with pytest.raises(InputError, match="hold_off"):
+            theory.predict(problem, **{"dynamics": "continuous", "hold_off": 1.0, **wrong})  # type: ignore[arg-type]
 
 
 # ---- partitions
@@ -540,16 +540,16 @@ def test_partition_runaway_bounds_the_total() -> None:
     rises = []
     for start in np.linspace(400.0, 402.0, 12):
         deaf = (start, start + 20.0)
-        run = run_total(problem, start + 22.0, 0, latency=0.5, refractory=0.75, deaf=deaf)
+        run = run_total(problem, start + 22.0, 0, latency=0.5, hold_off=0.75, deaf=deaf)
         rises.append(run.peak - problem.limit[0])
-    bound = float(theory.partition_runaway(problem, 20.0, 0.5, refractory=0.75)[0])
+    bound = float(theory.partition_runaway(problem, 20.0, 0.5, hold_off=0.75)[0])
     assert 0.95 * bound < max(rises) <= bound
     # Negative control: what happens between the crossing and the signal counts.
     assert max(rises) > theory.partition_runaway(problem, 20.0)[0]
     with pytest.raises(InputError, match="duration"):
         theory.partition_runaway(problem, -1.0)
-    with pytest.raises(InputError, match="refractory"):
-        theory.partition_runaway(problem, 1.0, period=1.0, refractory=1.0)
+    with pytest.raises(InputError, match="hold_off"):
+        theory.partition_runaway(problem, 1.0, period=1.0, hold_off=1.0)
 
     # A partition of any length may take a look.
     one = Problem([resource(capacity=1.0, increase=0.1)], PolynomialCosts([2], [[[1.0]]]))

@@ -31,7 +31,7 @@ from tests.conftest import INLINE, assert_same_run, random_problem
 
 UNTIL = 40.0
 PROBLEM = random_problem(3, 6, 2)
-CONTINUOUS = {"dynamics": "continuous", "control_unit": Crossing(refractory=0.3)}
+CONTINUOUS = {"dynamics": "continuous", "control_unit": Crossing(hold_off=0.3)}
 
 
 def simulated(looker: Looker | None = None, **changes: Any) -> Result:

@@ -113,7 +113,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "Problem": (Problem, {"resources": [Resource(**MEMORY)], "costs": COSTS, "agent_names": ["a", "b"]}),
     "Sampled": (Sampled, {"period": 1.0, "phase": 0.0, "sensing_delay": 0.0}),
-    "Crossing": (Crossing, {"refractory": 1.0, "sensing_delay": 0.0, "longest": 2.0}),
+    "Crossing": (Crossing, {"hold_off": 1.0, "sensing_delay": 0.0, "longest_hold_off": 2.0}),
     "Clocks": (Clocks, {"period": 1.0, "phase": 0.0, "drift": 0.0, "jitter": 0.0}),
     "Recording": (
         Recording,
@@ -231,7 +231,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
             "latency": 0.0,
             "period": 0.0,
             "loss": 0.0,
-            "refractory": 0.0,
+            "hold_off": 0.0,
         },
     ),
     "theory.signal_rate": (
@@ -291,7 +291,7 @@ TAKEN: dict[str, dict[str, set[str]]] = {
         "separable": {"truth"},
     },
     "Problem": {"agent_names": {"nothing", "series of text"}},
-    "Crossing": {"longest": {"nothing"}},
+    "Crossing": {"longest_hold_off": {"nothing"}},
     "Recording": {"demand": {"empty"}, "allocations": {"empty"}, "overshoot": {"truth"}, "events": {"truth"}},
     "BroadcastChannel": {"fifo": {"truth"}},
     "loss.Trace": {"repeat": {"truth"}},
@@ -314,7 +314,7 @@ TAKEN: dict[str, dict[str, set[str]]] = {
         "processes": {"empty", "generator"},
     },
     "Simulation.run": {"watch": {"nothing"}},
-    "theory.predict": {"refractory": {"nothing"}},
+    "theory.predict": {"hold_off": {"nothing"}},
     "theory.signal_rate": {
         "increase": {"empty", "five axes", "frame"},
         "decrease": {"empty"},

@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import simpy
 
+from aimd_des._deprecated import keywords
 from aimd_des.dynamics.clocks import Clock
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import Kind, Mailbox
@@ -145,6 +146,7 @@ class Unanswered:
         self.level[resource] += change
 
 
+@keywords("refractory", "longest")
 @dataclass(frozen=True)
 class Crossing:
     """A control unit that senses the instant at which total demand reaches its threshold.
@@ -155,14 +157,14 @@ class Crossing:
 
     Parameters
     ----------
-    refractory : float
-        The hold-off, at least 0 and in units of time; 0 is the ideal model of the literature,
+    hold_off : float
+        How long it holds off, at least 0 and in units of time; 0 is the ideal model of the literature,
         which takes signals that arrive at once.
     sensing_delay : float
         How long after a crossing its signal leaves the control unit, at least 0; the hold-off
         counts from the crossing.
-    longest : float, optional
-        Lets the hold-off adapt between `refractory`, which must then be greater than 0, and this.  Where
+    longest_hold_off : float, optional
+        Lets the hold-off adapt between `hold_off`, which must then be greater than 0, and this.  Where
         demand is still at the threshold at its end, it is doubled if nobody has answered yet, and halved if
         the signal was answered and did not suffice.  Keep it below the mean time between the signals that are
         needed, 1 over `theory.signal_rate`: beyond, too few can be sent whatever the latency.
@@ -179,24 +181,22 @@ class Crossing:
     retransmission timer is to a packet of TCP (RFC 6298).
     """
 
-    refractory: float
+    hold_off: float
     sensing_delay: float = 0.0
-    longest: float | None = None
+    longest_hold_off: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("refractory", "sensing_delay"):
+        for name in ("hold_off", "sensing_delay"):
             object.__setattr__(self, name, validation.number(name, getattr(self, name), low=0.0))
-        if self.longest is not None:
-            validation.number(
-                "refractory", self.refractory, low=0.0, low_open=True, remedy="0 cannot be doubled"
-            )
-            longest = validation.number("longest", self.longest, low=self.refractory)
-            object.__setattr__(self, "longest", longest)
+        if self.longest_hold_off is not None:
+            validation.number("hold_off", self.hold_off, low=0.0, low_open=True, remedy="0 cannot be doubled")
+            longest = validation.number("longest_hold_off", self.longest_hold_off, low=self.hold_off)
+            object.__setattr__(self, "longest_hold_off", longest)
 
     @property
     def bounds(self) -> tuple[float, float]:
         """The shortest and the longest hold-off, in units of time."""
-        return self.refractory, self.refractory if self.longest is None else self.longest
+        return self.hold_off, self.hold_off if self.longest_hold_off is None else self.longest_hold_off
 
     def opportunities(self, start: float, end: float) -> Opportunities:
         """Count when it may signal.
@@ -277,8 +277,8 @@ class Crossing:
         name = system.problem.resource_names[resource]
         return (
             f"time {system.env.now!r}, resource {name}: after {MOST_AT_ONE_INSTANT} signals at this instant "
-            "total demand is still at its threshold, and time cannot advance since refractory = "
-            f"{self.refractory!r}; set refractory greater than 0, or let signals arrive at once and reach "
+            "total demand is still at its threshold, and time cannot advance since hold_off = "
+            f"{self.hold_off!r}; set hold_off greater than 0, or let signals arrive at once and reach "
             "somebody who can respond"
         )
 

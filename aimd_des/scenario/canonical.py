@@ -9,6 +9,7 @@ from typing import Any, get_args, get_type_hints
 
 import numpy.typing as npt
 
+from aimd_des.scenario.old_keys import with_first_keys
 from aimd_des.utils.errors import InputError
 
 __all__ = ["canonical_form", "typed_parameters"]
@@ -21,7 +22,7 @@ def canonical_form(spoken: Mapping[str, Any]) -> bytes:
     """Write what decides a result, in one way only."""
     material = {
         key: value if key == "parameters" else _with_contents(value)
-        for key, value in spoken.items()
+        for key, value in with_first_keys(spoken).items()
         if key not in _IMMATERIAL
     }
     return json.dumps(material, sort_keys=True, separators=(",", ":"), default=repr).encode("ascii")

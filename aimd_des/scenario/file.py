@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from aimd_des.scenario.messages import Place, validate_scenario
+from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.scenario import Scenario
 from aimd_des.scenario.settings import MOST_PARTS, check_depth, with_settings
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
-__all__ = ["load_scenario", "read_toml"]
+__all__ = ["load_scenario", "read_tables", "read_toml"]
 
 # Of a line without the spaces around it.  No two parts match the same, or long lines would take for ever.
 _HEADER = re.compile(r"(\[\[?)([^\[\]]+)\]")
@@ -47,8 +48,25 @@ def load_scenario(path: str | Path, /, **changes: Any) -> Scenario:
     InputError
         One line for each error: file, line, key, what is wrong, and the nearest known word.
     """
-    data, lines = read_toml(validation.path("path", path))
+    data, lines = read_tables(validation.path("path", path))
     return validate_scenario(with_settings(data, changes), str(path), lines)
+
+
+def read_tables(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
+    """Read the file of a scenario or a study, which may have old keys."""
+    data, lines = read_toml(path)
+    try:
+        data = with_new_keys(data, str(path))
+    except InputError as refusal:
+        raise InputError(f"{path}: {refusal}") from None
+    return data, {_new_place(place): line for place, line in lines.items()}
+
+
+def _new_place(place: Place) -> Place:
+    """Name the place of an old key anew."""
+    dotted = ".".join(map(str, place))
+    (new,) = with_new_keys({dotted: None}, silent=True)
+    return place if new == dotted else (*place[:-1], new.rpartition(".")[2])
 
 
 def read_toml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:

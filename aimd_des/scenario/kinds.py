@@ -106,7 +106,7 @@ class Kind:
 #: All but the models, which are looked for.
 KINDS: tuple[Kind, ...] = (
     Kind("control_unit", "sampled", Sampled),
-    Kind("control_unit", "crossing", Crossing, {"refractory": 1.0}),
+    Kind("control_unit", "crossing", Crossing, {"hold_off": 1.0}),
     Kind("latency", "constant", latency.Constant),
     Kind("latency", "uniform", latency.Uniform),
     Kind("latency", "exponential", latency.Exponential),

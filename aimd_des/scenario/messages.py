@@ -9,6 +9,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from aimd_des.scenario.kind_tables import UNKNOWN_KIND, KindTable
+from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.scenario import Scenario
 from aimd_des.utils.errors import InputError
 
@@ -63,8 +64,9 @@ def checked(
     form: type[_Form], data: Mapping[str, Any], source: str, lines: Mapping[Place, int] | None = None
 ) -> _Form:
     """Make a table of data, as `validate_scenario` makes a scenario."""
+    data = with_new_keys(data, source)
     try:
-        return TypeAdapter(form).validate_python(dict(data))
+        return TypeAdapter(form).validate_python(data)
     except ValidationError as refusal:
         raise refused(form, refusal, data, source, lines) from None
 

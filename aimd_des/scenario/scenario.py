@@ -21,6 +21,7 @@ from aimd_des.scenario.build import built_by, changes_of, under, with_resources
 from aimd_des.scenario.canonical import canonical_form, typed_parameters
 from aimd_des.scenario.kind_tables import KindTable, kind_table, one_of
 from aimd_des.scenario.models import model_parameters, named_model
+from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.parameters import as_data, refuse_no_data
 from aimd_des.scenario.prices import RedrawnPrices
 from aimd_des.scenario.tables import (
@@ -129,7 +130,8 @@ class Scenario(Table):
     @classmethod
     def _from_python(cls, data: Any) -> Any:
         """Take arrays and series for lists, and NumPy's numbers for Python's, in all tables below."""
-        return as_data(data)
+        data = as_data(data)
+        return with_new_keys(data) if isinstance(data, dict) else data
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -5,6 +5,7 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
+from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.utils.errors import InputError
 
 __all__ = ["MOST_PARTS", "check_depth", "parse_setting", "split_key", "with_settings"]
@@ -61,7 +62,7 @@ def with_settings(data: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[
     {'channel': {'loss': 0.2}, 'clocks': {'jitter': 0.5}}
     """
     changed = dict(data)
-    for key, value in settings.items():
+    for key, value in with_new_keys(settings).items():
         changed = _set(changed, key, split_key(key), 0, value)
     return changed
 

@@ -13,6 +13,7 @@ from typing import Any
 import pandas as pd
 
 from aimd_des.results.frames import name_as_written
+from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.utils import validation
 from aimd_des.utils.checksums import SUMS, read_checksums, verified
 from aimd_des.utils.errors import InputError
@@ -137,7 +138,7 @@ def load_run(folder: str | Path) -> StoredRun:
         digest, versions = str(provenance["digest"]), dict(provenance["versions"])
         run_away = tuple(map(str, provenance.get("run_away", ())))
         name = "scenario.toml"
-        scenario = tomllib.loads(text[name])
+        scenario = with_new_keys(tomllib.loads(text[name]), silent=True)
         name = "summary.csv"
         head, *rows = csv.reader(StringIO(text[name], newline=""), strict=True)
         place = head.index("resource")

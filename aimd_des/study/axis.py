@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from aimd_des.scenario.base import described
 from aimd_des.scenario.messages import refused
+from aimd_des.scenario.old_keys import axis_with_new_keys
 from aimd_des.scenario.parameters import as_data
 from aimd_des.study.columns import LABELS, MEASURES
 from aimd_des.utils import limits, validation
@@ -113,14 +114,13 @@ class Axis(StudyTable):
         """Give the axis the name of its key, and take lists, as TOML has them, for tuples."""
         if not isinstance(data, dict):
             return data
-        data = as_data(data)
+        data = axis_with_new_keys(as_data(data))
         ranges = {
             word: tuple(data[word])
             for word in ("linspace", "logspace")
             if isinstance(data.get(word), list) and len(data[word]) == 3
         }
-        name = {"name": data["key"]} if "name" not in data and isinstance(data.get("key"), str) else {}
-        return {**data, **ranges, **name}
+        return {**data, **ranges}
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from aimd_des.scenario.file import read_toml
+from aimd_des.scenario.file import read_tables
 from aimd_des.scenario.messages import Place, checked
 from aimd_des.scenario.settings import with_settings
 from aimd_des.study.seal import unsealed
@@ -47,7 +47,7 @@ def read_study(path: str | Path, settings: Mapping[str, Any] | None = None) -> S
 
 def _read(file: Path) -> tuple[dict[str, Any], dict[Place, int]]:
     """Read a file; that of a study's folder has a checksum, which may be removed but not belied."""
-    found = read_toml(file)
+    found = read_tables(file)
     remedy = "restore it, or remove its last line if you have changed it yourself"
     unsealed(file.read_bytes(), STUDY_FILE, str(file), remedy)
     return found
@@ -78,7 +78,7 @@ def _with_base(data: dict[str, Any]) -> dict[str, Any]:
     if "base" not in data:
         return data
     rest = {key: value for key, value in data.items() if key != "base"}
-    base = read_toml(data["base"])[0]
+    base = read_tables(data["base"])[0]
     base.pop("seed", None)  # the study's own decides
     own = rest.get("scenario", {})
     return {**rest, "scenario": _merged(base, own) if isinstance(own, dict) else own}

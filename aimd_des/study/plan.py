@@ -8,14 +8,13 @@ import pandas as pd
 import pyarrow as pa
 
 from aimd_des._version import RESULT_VERSION
-from aimd_des.scenario.messages import checked
 from aimd_des.study.file import read_study
 from aimd_des.study.fingerprint import FORM, fingerprint
 from aimd_des.study.points import Point, Run, expand, run_of
 from aimd_des.study.run_tables import plan_schema, run_schema
 from aimd_des.study.schedule import Schedule
 from aimd_des.study.store import STUDY_FILE, Store
-from aimd_des.study.study import Study, shown_labels
+from aimd_des.study.study import Study, shown_labels, stored_study
 from aimd_des.utils.errors import InputError
 
 __all__ = ["digests_of", "earlier_replications", "plan_table", "planned"]
@@ -47,7 +46,10 @@ def earlier_replications(store: Store, study: Study, points: Sequence[Point]) ->
         if version != wanted:
             allowed = f"{wanted}, that of the results of this version of aimd_des"
             raise InputError.of(f"result version of {store.folder}", version, allowed, _REMEDY)
-        _hold_against(checked(Study, manifest["study"], str(store.folder / "manifest.json")), study)
+        _hold_against(
+            stored_study(manifest, store.folder),
+            study,
+        )
     elif (file := store.folder / STUDY_FILE).is_file():
         _hold_against(read_study(file), study)
     counts = {} if plan is None else _counts(plan, study, points)

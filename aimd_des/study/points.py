@@ -11,6 +11,7 @@ import numpy as np
 
 from aimd_des._version import RESULT_VERSION
 from aimd_des.scenario import Scenario, validate_scenario
+from aimd_des.scenario.old_keys import with_first_keys
 from aimd_des.scenario.settings import with_settings
 from aimd_des.study.axis import Value
 from aimd_des.study.fingerprint import problem_digests
@@ -129,7 +130,9 @@ def _point(
         problem = _check_problem(study, scenario.model_copy(update={"seed": 0}).resolved(), problems)
     except InputError as refusal:
         raise InputError(f"{where}: {refusal}") from None
-    text = json.dumps(_plain(settings), sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+    text = json.dumps(
+        _plain(with_first_keys(settings)), sort_keys=True, separators=(",", ":"), ensure_ascii=True
+    )
     return Point(sha256(text.encode()).hexdigest()[:16], labels, scenario, problem)
 
 

@@ -9,12 +9,12 @@ import pandas as pd
 import pyarrow as pa
 
 from aimd_des.scenario import Scenario, validate_scenario
-from aimd_des.scenario.messages import checked
+from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.study.axis import Axis
 from aimd_des.study.columns import known_frame
 from aimd_des.study.run_tables import SCENARIO, VERSIONS, plan_schema, run_schema
 from aimd_des.study.store import Store
-from aimd_des.study.study import Study
+from aimd_des.study.study import Study, stored_study
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
@@ -43,7 +43,7 @@ def load_study(folder: str | Path) -> "StudyResults":
     manifest, plan = store.manifest(), store.plan()
     if manifest is None or plan is None:
         raise InputError.of("folder", str(folder), "that of a study, with its manifest.json and plan.parquet")
-    study = checked(Study, manifest["study"], str(store.folder / "manifest.json"))
+    study = stored_study(manifest, store.folder)
     try:
         plan = plan.cast(plan_schema(study))
     except (pa.ArrowException, ValueError) as error:
@@ -200,4 +200,4 @@ class StudyResults:
             data = tomllib.loads(text)
         except (ValueError, RecursionError) as error:
             raise InputError(f"run {key}: its scenario cannot be read ({error})") from None
-        return validate_scenario(data, f"run {key}")
+        return validate_scenario(with_new_keys(data, silent=True), f"run {key}")

@@ -2,11 +2,15 @@
 
 from collections.abc import Iterator, Mapping
 from itertools import product
+from pathlib import Path
 from typing import Any, Self
 
 from pydantic import Field, model_validator
 
 from aimd_des.scenario import validate_scenario
+from aimd_des.scenario.messages import checked
+from aimd_des.scenario.old_keys import with_new_keys
+from aimd_des.scenario.parameters import as_data
 from aimd_des.scenario.settings import split_key, with_settings
 from aimd_des.study.axis import Axis, Setting, StudyTable, Value
 from aimd_des.study.columns import MEASURES, known_frame, known_measure
@@ -14,7 +18,7 @@ from aimd_des.study.condition import Condition
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 
-__all__ = ["Precision", "Study", "place_of", "shown_labels"]
+__all__ = ["Precision", "Study", "place_of", "shown_labels", "stored_study"]
 
 
 def shown_labels(labels: Mapping[str, Value]) -> str:
@@ -25,6 +29,11 @@ def shown_labels(labels: Mapping[str, Value]) -> str:
 def place_of(labels: Mapping[str, Value]) -> str:
     """Say where a scenario is, to begin a sentence with."""
     return f"at {shown_labels(labels)}" if labels else "scenario"
+
+
+def stored_study(manifest: Mapping[str, Any], folder: Path) -> "Study":
+    """Read the study of a folder, which an earlier version may have written: nobody need be told so."""
+    return checked(Study, with_new_keys(manifest["study"], silent=True), str(folder / "manifest.json"))
 
 
 class Precision(StudyTable):
@@ -116,6 +125,13 @@ class Study(StudyTable):
             break  # a sweep will look at all
 
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_data(cls, data: Any) -> Any:
+        """Take what the parent takes, and old keys."""
+        data = as_data(data)
+        return with_new_keys(data) if isinstance(data, dict) else data
 
     @model_validator(mode="after")
     def _check(self) -> Self:

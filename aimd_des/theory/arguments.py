@@ -43,7 +43,7 @@ _RANGES: dict[str, _Range] = {
     "period": _NOT_NEGATIVE,
     "probability": _PROBABILITY,
     "rate": _POSITIVE,
-    "refractory": _NOT_NEGATIVE,
+    "hold_off": _NOT_NEGATIVE,
     "share": _PROBABILITY,
     "signal_share": _BELOW_ONE,
 }

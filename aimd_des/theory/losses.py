@@ -12,6 +12,7 @@ times the derivative that agents agree on, and the averages are the optimum of w
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des._deprecated import keywords
 from aimd_des.theory.arguments import Dynamics, arguments, check_dynamics
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
@@ -88,8 +89,9 @@ def compensated_probability(
     return np.asarray(chance * (1.0 - e + e * p) / ((1.0 - e) * (1.0 - p)))
 
 
+@keywords("refractory")
 def critical_loss(
-    rate: npt.ArrayLike, dynamics: Dynamics = "continuous", *, refractory: npt.ArrayLike = 0.0
+    rate: npt.ArrayLike, dynamics: Dynamics = "continuous", *, hold_off: npt.ArrayLike = 0.0
 ) -> FloatArray:
     """Loss up to which the capacity is held: 1 - rho r for continuous agents, 1 / (1 + rho) on the clock.
 
@@ -99,7 +101,7 @@ def critical_loss(
         rho of `signal_rate` without loss, with mu at the optimum for all of the capacity.
     dynamics : {"continuous", "discrete"}
         Which agents.
-    refractory : array_like
+    hold_off : array_like
         r, the least time between two signals: the hold-off, or the period of a control unit that
         samples.  Not used on the clock, where it is a step.
 
@@ -121,12 +123,13 @@ def critical_loss(
     excess above capacity wanders widely, as a queue near saturation does.
     """
     check_dynamics(dynamics)
-    rho, hold_off = arguments(rate=rate, refractory=refractory)
+    rho, least = arguments(rate=rate, hold_off=hold_off)
     if dynamics == "discrete":
         return np.asarray(1.0 / (1.0 + rho))
-    return np.maximum(1.0 - rho * hold_off, 0.0)
+    return np.maximum(1.0 - rho * least, 0.0)
 
 
+@keywords("refractory")
 def runaway_multiplier(
     increase: npt.ArrayLike,
     decrease: npt.ArrayLike,
@@ -134,7 +137,7 @@ def runaway_multiplier(
     loss: npt.ArrayLike,
     dynamics: Dynamics = "continuous",
     *,
-    refractory: npt.ArrayLike = 0.0,
+    hold_off: npt.ArrayLike = 0.0,
 ) -> FloatArray:
     """Find the derivative at which demand comes to rest beyond the critical loss.
 
@@ -146,7 +149,7 @@ def runaway_multiplier(
         Probability p that a signal is lost on an agent; > 0 on the clock.
     dynamics : {"continuous", "discrete"}
         Which agents.
-    refractory : array_like
+    hold_off : array_like
         r > 0, the least time between two signals, for continuous agents.
 
     Returns
@@ -168,15 +171,15 @@ def runaway_multiplier(
     slowly as all long-term averages do.
     """
     check_dynamics(dynamics)
-    alpha, beta, gamma, p, hold_off = arguments(
+    alpha, beta, gamma, p, least = arguments(
         increase=increase,
         decrease=decrease,
         normalization=normalization,
         loss=loss,
-        refractory=refractory,
+        hold_off=hold_off,
     )
-    grown = p if dynamics == "discrete" else hold_off
+    grown = p if dynamics == "discrete" else least
     if (grown <= 0.0).any():
-        name = "loss" if dynamics == "discrete" else "refractory"
+        name = "loss" if dynamics == "discrete" else "hold_off"
         raise InputError.of(name, 0.0, "greater than 0", "otherwise demand cannot run away")
     return np.asarray(alpha * grown / ((1.0 - p) * (1.0 - beta) * gamma))

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des._deprecated import keywords
 from aimd_des.problem.optimum import solve_optimum
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.arguments import Dynamics
@@ -63,6 +64,7 @@ class Prediction:
     probability: FloatArray
 
 
+@keywords("refractory")
 def predict(
     problem: Problem,
     dynamics: Dynamics = "discrete",
@@ -70,7 +72,7 @@ def predict(
     latency: float = 0.0,
     period: float = 0.0,
     loss: npt.ArrayLike = 0.0,
-    refractory: float | None = None,
+    hold_off: float | None = None,
 ) -> Prediction:
     """Predict signals, utilisation and averages of a long run.
 
@@ -88,7 +90,7 @@ def predict(
         senses the exact crossing, whose hold-off must then be at least `latency` unless it is given.
     loss : float or array_like, shape (n,)
         Probability that a signal is lost on an agent, independent of all else.
-    refractory : float, optional
+    hold_off : float, optional
         Hold-off of a control unit that senses crossings, for continuous agents; shorter than the latency
         if you like, but not 0 then.  Signals that repeat are taken into account if it is given.
 
@@ -108,7 +110,7 @@ def predict(
     Notes
     -----
     Exact for exact crossings and up to 200 agents, but for the long way to the averages, for response
-    probabilities that still wander with them, and for the hold-off, unless it is given: rho * refractory must
+    probabilities that still wander with them, and for the hold-off, unless it is given: rho * hold_off must
     be below 1, and the nearer it comes to 1 the more often total demand stays above the capacity for a while.
     With more agents how cuts of an agent and of the others go together is neglected: the order 1 / n.
 
@@ -124,9 +126,7 @@ def predict(
     >>> bool(0.17 < expected.signals[0] < 0.18), bool(0.92 < expected.utilisation[0] < 0.94)
     (True, True)
     """
-    setting = check_setting(
-        problem, dynamics, latency=latency, period=period, loss=loss, refractory=refractory
-    )
+    setting = check_setting(problem, dynamics, latency=latency, period=period, loss=loss, hold_off=hold_off)
     expected = settle(setting)
     for _ in range(0 if setting.crossing else _MAX_WALKS):
         setting = walked(setting, follow(setting, expected))
@@ -154,10 +154,10 @@ def follow(setting: Setting, expected: Prediction) -> list[Levels]:
     for j, limit in enumerate((problem.limit / growth).tolist()):
         if setting.discrete:
             walks.append(walk_by_looks(limit, law[j], 1.0, setting.latency, lost[j]))
-        elif setting.refractory is None:
+        elif setting.hold_off is None:
             walks.append(walk_by_looks(limit, law[j], setting.period, setting.latency))
         else:
-            walks.append(walk_by_crossings(limit, law[j], setting.refractory, setting.latency))
+            walks.append(walk_by_crossings(limit, law[j], setting.hold_off, setting.latency))
     return walks
 
 
@@ -165,11 +165,11 @@ def check_enough(setting: Setting, signals: FloatArray) -> None:
     """Refuse what would need more signals than there can be."""
     if setting.discrete and not setting.loss.any():
         return  # on the clock nobody grows in a step whose signal arrives, so that there are always enough
-    least = 1.0 if setting.discrete else max(setting.period, setting.refractory or 0.0)
+    least = 1.0 if setting.discrete else max(setting.period, setting.hold_off or 0.0)
     if (signals * least >= _NEARLY_ALL).any():
         name, value = ("loss", setting.loss.max()) if setting.loss.any() else ("period", setting.period)
-        if setting.refractory is not None:
-            name, value = "refractory", setting.refractory
+        if setting.hold_off is not None:
+            name, value = "hold_off", setting.hold_off
         raise InputError.of(
             name,
             float(value),

@@ -30,7 +30,7 @@ class Setting(NamedTuple):
         As given to `predict`.
     loss : ndarray, shape (n, 1)
         As given to `predict`, one for each agent.
-    refractory : float, optional
+    hold_off : float, optional
         As given to `predict`.
     mean, found : ndarray, shape (m,)
         Total demand above its threshold, in units of growth: the mean over time, and at the signals that
@@ -42,14 +42,14 @@ class Setting(NamedTuple):
     latency: float
     period: float
     loss: FloatArray
-    refractory: float | None
+    hold_off: float | None
     mean: FloatArray
     found: FloatArray
 
     @property
     def crossing(self) -> bool:
         """Whether one exact crossing is one signal."""
-        return not self.discrete and self.period == 0.0 and self.refractory is None
+        return not self.discrete and self.period == 0.0 and self.hold_off is None
 
 
 def check_setting(
@@ -59,7 +59,7 @@ def check_setting(
     latency: float,
     period: float,
     loss: npt.ArrayLike,
-    refractory: float | None,
+    hold_off: float | None,
 ) -> Setting:
     """Check the arguments of `predict`."""
     validation.instance("problem", problem, Problem, "a Problem")
@@ -68,19 +68,19 @@ def check_setting(
     look = validation.number("period", period, low=0.0)
     if dynamics == "discrete" and look not in (0.0, 1.0):
         raise InputError.of("period", look, "left out on the discrete clock, where it is 1")
-    if refractory is not None:
-        refractory = validation.number("refractory", refractory, low=0.0)
+    if hold_off is not None:
+        hold_off = validation.number("hold_off", hold_off, low=0.0)
         if dynamics == "discrete" or look > 0.0:
-            raise InputError.of("refractory", refractory, "left out for a control unit that samples")
-        if delay > _MOST_ON_THE_WAY * refractory:
+            raise InputError.of("hold_off", hold_off, "left out for a control unit that samples")
+        if delay > _MOST_ON_THE_WAY * hold_off:
             remedy = "the control unit would repeat its signal many times before the first arrives"
-            raise InputError.of("refractory", refractory, f"at least latency / {_MOST_ON_THE_WAY}", remedy)
+            raise InputError.of("hold_off", hold_off, f"at least latency / {_MOST_ON_THE_WAY}", remedy)
     lost = validation.per_agent("loss", loss, low=0.0, high=1.0, high_open=True)
     validation.fits("loss", lost, problem.n_agents)
     column = np.full((problem.n_agents, 1), lost) if np.ndim(lost) == 0 else np.reshape(lost, (-1, 1))
     discrete = dynamics == "discrete"
     start = np.full(problem.n_resources, _offset(discrete, delay, look))
-    return Setting(problem, discrete, delay, look, np.asarray(column), refractory, start, start)
+    return Setting(problem, discrete, delay, look, np.asarray(column), hold_off, start, start)
 
 
 def _offset(discrete: bool, latency: float, period: float) -> float:

@@ -55,7 +55,7 @@ def signal_rate(
     highest, so they find it with about alpha / (2 rho) more: rho is too high by about
     (1 - beta) lambda / 2, lambda being the mean response probability (`predict` corrects this).  Assumes
     too that no lambda is cut off at 1, and that no hold-off or period forces signals apart:
-    rho * refractory < 1.
+    rho * hold_off < 1.
     """
     alpha, beta, gamma, mu, p = arguments(
         increase=increase, decrease=decrease, normalization=normalization, multiplier=multiplier, loss=loss

@@ -12,6 +12,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des._deprecated import keywords
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.arguments import Dynamics
 from aimd_des.theory.prediction import check_enough, follow, settle, walked
@@ -30,13 +31,14 @@ _RESTS = 2e-4
 _FULL_STEPS = 5
 
 
+@keywords("refractory")
 def safe_threshold(
     problem: Problem,
     dynamics: Dynamics = "discrete",
     *,
     latency: float = 0.0,
     period: float = 0.0,
-    refractory: float | None = None,
+    hold_off: float | None = None,
     loss: npt.ArrayLike = 0.0,
     exceedance: float = 0.01,
 ) -> FloatArray:
@@ -52,7 +54,7 @@ def safe_threshold(
         d >= 0, common to all agents; on the clock it counts in whole steps, rounded up.
     period : float
         Time between two looks of a control unit that samples, for continuous agents.
-    refractory : float, optional
+    hold_off : float, optional
         Hold-off of a control unit that senses crossings, for continuous agents: this or `period` must be
         given.  It may be shorter than the latency, but not 0 then.
     loss : float or array_like, shape (n,)
@@ -76,7 +78,7 @@ def safe_threshold(
     Notes
     -----
     Aims at three quarters of `exceedance`, which leaves room for what is neglected: the start of a run,
-    averages that still wander, and latencies that differ.  Near rho * refractory = 1 (or rho * period), and
+    averages that still wander, and latencies that differ.  Near rho * hold_off = 1 (or rho * period), and
     with few agents, that is more: 15 cameras at 0.72 were above the capacity for up to 1.3 % instead of 1 %.
     What the threshold costs is the `utilisation` that `predict` has for a problem with it.
 
@@ -92,11 +94,9 @@ def safe_threshold(
     [[0.98], [0.96], [0.94]]
     """
     share = validation.number("exceedance", exceedance, low=0.0, low_open=True, high=0.5)
-    setting = check_setting(
-        problem, dynamics, latency=latency, period=period, loss=loss, refractory=refractory
-    )
-    if not setting.discrete and setting.period == 0.0 and refractory is None:
-        raise InputError.of("refractory", refractory, "given, or else the period, for continuous agents")
+    setting = check_setting(problem, dynamics, latency=latency, period=period, loss=loss, hold_off=hold_off)
+    if not setting.discrete and setting.period == 0.0 and hold_off is None:
+        raise InputError.of("hold_off", hold_off, "given, or else the period, for continuous agents")
     threshold = np.ones(problem.n_resources)
     for turn in range(_ROUNDS):
         setting = setting._replace(problem=_with(problem, threshold))
@@ -131,13 +131,14 @@ def _with(problem: Problem, threshold: FloatArray) -> Problem:
     return Problem(resources, problem.costs, agent_names=problem.agent_names)
 
 
+@keywords("refractory")
 def partition_runaway(
     problem: Problem,
     duration: float,
     latency: float = 0.0,
     *,
     period: float = 0.0,
-    refractory: float = 0.0,
+    hold_off: float = 0.0,
 ) -> FloatArray:
     """Bound how far total demand runs above its threshold while nobody hears anything.
 
@@ -152,13 +153,13 @@ def partition_runaway(
     period : float
         Time between two looks of a control unit that samples, 1 on the clock; 0 for one that senses the
         crossing.
-    refractory : float
+    hold_off : float
         Its hold-off then: the first signal after the partition may leave so much later.
 
     Returns
     -------
     ndarray, shape (m,)
-        sum_i alpha_i (duration + latency + refractory), in units of the resources; with looks the duration
+        sum_i alpha_i (duration + latency + hold_off), in units of the resources; with looks the duration
         counts in whole periods, rounded up, and a period more.
 
     Raises
@@ -179,9 +180,9 @@ def partition_runaway(
     silent = validation.number("duration", duration, low=0.0)
     delay = validation.number("latency", latency, low=0.0)
     look = validation.number("period", period, low=0.0)
-    hold_off = validation.number("refractory", refractory, low=0.0)
+    hold_off = validation.number("hold_off", hold_off, low=0.0)
     if look > 0.0 and hold_off > 0.0:
-        raise InputError.of("refractory", hold_off, "left out for a control unit that samples")
+        raise InputError.of("hold_off", hold_off, "left out for a control unit that samples")
     if look > 0.0:
         # However short, a partition may take a look, and the crossing may just have missed the one before.
         silent = (math.ceil(silent / look) + 1) * look

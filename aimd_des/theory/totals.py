@@ -174,12 +174,12 @@ def walk_by_looks(
     return Levels(bottom, top, duration, found / max(signals, 1))
 
 
-def walk_by_crossings(limit: float, law: Cuts, refractory: float, latency: float) -> Levels:
+def walk_by_crossings(limit: float, law: Cuts, hold_off: float, latency: float) -> Levels:
     """Follow the total of continuous agents under a control unit that senses crossings."""
     taker = _Taker(law)
     level, time, walks = -taker.rng.random(_WALKS), np.zeros(_WALKS), np.arange(_WALKS)
     free = np.zeros(_WALKS)  # end of the hold-off
-    slots = int(latency / refractory) + 2 if latency > 0.0 else 1
+    slots = int(latency / hold_off) + 2 if latency > 0.0 else 1
     arrivals = np.full((_WALKS, slots), math.inf)  # a ring: the oldest is at `head`
     head, tail = np.zeros(_WALKS, dtype=int), np.zeros(_WALKS, dtype=int)
     bottoms: list[FloatArray] = []
@@ -202,7 +202,7 @@ def walk_by_crossings(limit: float, law: Cuts, refractory: float, latency: float
         sends = ~acts
         arrivals[walks[sends], tail[sends]] = now[sends] + latency
         tail = np.where(sends, (tail + 1) % slots, tail)
-        free = np.where(sends, now + refractory, free)
+        free = np.where(sends, now + hold_off, free)
     bottom, top = np.concatenate(bottoms), np.concatenate(tops)
     return Levels(bottom, top, top - bottom, found / max(signals, 1))
 

@@ -19,7 +19,7 @@ def critical(
     problem: Problem, hold_off: float, dynamics: Literal["continuous", "discrete"] = "continuous"
 ) -> float:
     """Compute the loss up to which demand is held; 0 where signals do not suffice even without loss."""
-    return float(theory.critical_loss(rate(problem), dynamics, refractory=hold_off))
+    return float(theory.critical_loss(rate(problem), dynamics, hold_off=hold_off))
 
 
 @lru_cache
@@ -37,7 +37,7 @@ def held(
     Beyond the critical loss they are those at which demand comes to rest.  Below it, `theory.predict` may
     know of the hold-off, which then lifts what is used.
     """
-    given: dict[str, float] = {"refractory": hold_off} if knows_hold_off else {}
+    given: dict[str, float] = {"hold_off": hold_off} if knows_hold_off else {}
     if loss < critical(problem, hold_off, dynamics):
         try:
             expected = theory.predict(problem, dynamics, latency=latency, loss=loss, **given)
@@ -47,7 +47,7 @@ def held(
             return np.nan, np.nan
         return float(expected.signals[0]), float(expected.utilisation[0])
     alpha, beta, gamma = problem.increase[0], problem.decrease[0], problem.normalization
-    mu = theory.runaway_multiplier(alpha, beta, gamma, loss, dynamics, refractory=hold_off)
+    mu = theory.runaway_multiplier(alpha, beta, gamma, loss, dynamics, hold_off=hold_off)
     level = theory.allocation_at(problem, mu)
     cut_off = (gamma * mu / level > 1.0).any()  # responses at probability 1
     return 1.0 / hold_off, np.nan if cut_off else float(level.sum() / problem.capacity[0])

@@ -96,7 +96,7 @@ def _critical() -> dict[tuple[str, str], float]:
         (dynamics, name): float(loss)
         for dynamics in ("continuous", "discrete")
         for name, loss in zip(
-            problem.resource_names, theory.critical_loss(rho, dynamics, refractory=1.0), strict=True
+            problem.resource_names, theory.critical_loss(rho, dynamics, hold_off=1.0), strict=True
         )
     }
 

@@ -100,7 +100,7 @@ def run(case: Case, n: int, step: int, seed: int) -> tuple[Result, Garage]:
     vehicles = replace(drawn, arrival=np.round(drawn.arrival), departure=np.round(drawn.departure))
     problem = ev_charging(seed, n, _CHARGERS, _HOUSES, probability=0.5)
     if case.lowered:
-        setting = {"latency": _LATENCY, "refractory": _HOLD_OFF, "exceedance": _EXCEEDANCE}
+        setting = {"latency": _LATENCY, "hold_off": _HOLD_OFF, "exceedance": _EXCEEDANCE}
         gamma = theory.safe_threshold(problem, "continuous", loss=LOSS, **setting)
         problem = Problem([replace(problem.resources[0], threshold=float(gamma[0]))], problem.costs)
     bad = BroadcastChannel(latency=Exponential(_LATENCY), loss=Bernoulli(LOSS))

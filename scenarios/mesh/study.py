@@ -101,7 +101,7 @@ def _expected(run: Mesh, known: Statistics) -> dict[str, float]:
             "continuous",
             latency=float(known.latency.mean()),
             loss=1.0 - known.delivery,
-            refractory=run.hold_off,
+            hold_off=run.hold_off,
         )
     except InputError:
         return shift

@@ -56,7 +56,7 @@ class Outage(NamedTuple):
     @property
     def bound(self) -> float:
         """The run-away over the capacity at most."""
-        silent = theory.partition_runaway(PROBLEM, self.duration, self.latency, refractory=self.wait)
+        silent = theory.partition_runaway(PROBLEM, self.duration, self.latency, hold_off=self.wait)
         return float(silent[0]) / CAPACITY
 
 
@@ -114,7 +114,7 @@ def measure(settled: Outage, seed: int) -> Found:
 @lru_cache
 def _ordinary(latency: float) -> tuple[float, FloatArray]:
     """Predict the mean total over the capacity without a fault, and the agents' response probabilities."""
-    expected = theory.predict(PROBLEM, "continuous", latency=latency, refractory=HOLD_OFF)
+    expected = theory.predict(PROBLEM, "continuous", latency=latency, hold_off=HOLD_OFF)
     return float(expected.utilisation[0]), expected.probability[:, 0]
 
 

@@ -34,8 +34,8 @@ _TIGHT = 1.25  # below 1 / rho
 _UNITS = {
     "fixed 0.25": Crossing(0.25),
     "fixed 1": Crossing(1.0),
-    f"0.25 to {_TIGHT:g}": Crossing(0.25, longest=_TIGHT),
-    f"0.25 to {_LOOSE:g}": Crossing(0.25, longest=_LOOSE),
+    f"0.25 to {_TIGHT:g}": Crossing(0.25, longest_hold_off=_TIGHT),
+    f"0.25 to {_LOOSE:g}": Crossing(0.25, longest_hold_off=_LOOSE),
 }
 _MEASURES = {"signals": "signals", "bits": "bits", "used": "utilisation", "above": "overshoot_time"}
 
@@ -69,7 +69,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     table["theory"] = [_expected(row, table, safe) for row in table.to_dict("records")]
     wide = table["panel"].str.startswith("loss, ")
     printed = table["measure"].str.startswith("misallocation").where(wide, table["measure"] != "signals")
-    limits = {name: critical(MEMORY, unit.refractory) for name, unit in _UNITS.items()}
+    limits = {name: critical(MEMORY, unit.hold_off) for name, unit in _UNITS.items()}
     return Finding(
         "robust_responses",
         {"seed": seed, "replications": replications, "until, losses": long, "until, delays": short},
@@ -171,7 +171,7 @@ def _table(cases: Sequence[_Case], outcomes: list[list[tuple[pd.DataFrame, Float
 
 
 def _threshold(hold_off: float, latency: float, _seed: int) -> _Threshold:
-    given: dict[str, Any] = {"latency": latency, "refractory": hold_off}
+    given: dict[str, Any] = {"latency": latency, "hold_off": hold_off}
     safe = float(theory.safe_threshold(MEMORY, "continuous", **given)[0])
     used = [float(theory.predict(_lowered(t), "continuous", **given).utilisation[0]) for t in (1.0, safe)]
     return _Threshold(safe, *used)
@@ -201,8 +201,8 @@ def _expected(row: dict[Any, Any], table: pd.DataFrame, safe: dict[tuple[float, 
     if measure not in ("bits", "used"):
         return np.nan
     unit, latency, loss = _UNITS[setting], at * (panel == "latency"), at * (panel == "loss")
-    if unit.longest is None or latency == 0.0:  # without latency nothing makes a hold-off longer
-        return held(MEMORY, unit.refractory, latency, loss, knows_hold_off=True)[int(measure == "used")]
+    if unit.longest_hold_off is None or latency == 0.0:  # without latency nothing makes a hold-off longer
+        return held(MEMORY, unit.hold_off, latency, loss, knows_hold_off=True)[int(measure == "used")]
     # Where signals no longer suffice, their number as measured says where demand comes to rest.
     if measure != "used" or signals >= 0.5 * rate(MEMORY):
         return np.nan

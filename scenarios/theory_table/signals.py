@@ -86,7 +86,7 @@ def _next_order(case: _Case, runs: list[Measures]) -> list[Row]:
     expected = theory.predict(run.problem, run.dynamics, latency=run.latency, period=period, loss=run.loss)
     loss = float(np.max(run.loss))
     rho, _ = _rate(run.problem, np.ones(len(names)))
-    critical = theory.critical_loss(rho, run.dynamics, refractory=case.hold_off)
+    critical = theory.critical_loss(rho, run.dynamics, hold_off=case.hold_off)
     signals, used = [row.signals for row in runs], [row.utilisation for row in runs]
     labels = _labels(case)
     found = estimated(signals, expected.signals, names, formula="Signals per unit of time", **labels)
