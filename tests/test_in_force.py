@@ -206,7 +206,7 @@ def test_a_run_that_ends_with_fewer_agents_gives_all_of_its_results(text: str) -
     assert summary["relative_error"].tolist() == pytest.approx([0.2818, 0.2403], abs=5e-5)
     assert not summary.isna().any(axis=None)
     best = pd.read_parquet("results/five/optimum.parquet")
-    assert best["camera"].astype(int).tolist() == [1, 2, 3, 4] * 2
+    assert best["agent"].astype(int).tolist() == [1, 2, 3, 4] * 2
     assert best.groupby("resource", observed=True)["allocation"].sum().tolist() == pytest.approx([4.0, 3.0])
     page = report_run(load_run("results/five"))
     (shares,) = (chart.spec for chart in page.charts if chart.id == "shares")

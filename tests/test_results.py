@@ -77,15 +77,15 @@ def test_allocations_are_a_row_for_each_look_agent_and_resource(result: Result) 
     frame = result.allocations
     assert dtypes(frame) == {
         "time": "float64",
-        "camera": "category",
+        "agent": "category",
         "resource": "category",
         "demand": "float64",
         "average": "float64",
     }
     assert len(frame) == 4 * N * M
-    assert frame["camera"].cat.categories.tolist() == ["north", "east", "south", "west"]
+    assert frame["agent"].cat.categories.tolist() == ["north", "east", "south", "west"]
     assert frame["time"].unique().tolist() == [0.0, 20.0, 40.0, 60.0]
-    end = frame[frame["time"] == STEPS].set_index(["camera", "resource"])
+    end = frame[frame["time"] == STEPS].set_index(["agent", "resource"])
     for i, camera in enumerate(["north", "east", "south", "west"]):
         for j, name in enumerate(["memory", "disk"]):
             row = end.loc[(camera, name)]

@@ -208,3 +208,13 @@ def test_a_resource_with_a_name_like_a_formula_is_safe_in_csv(name: str) -> None
     assert first[0] not in "=@"
     assert list(load_run("results/five").measures) == [asked, "disk"]
     assert asked in said("show", "results/five")
+
+
+def test_a_folder_of_before_is_read_with_the_column_of_agents_as_it_is_called_now(folder: Path) -> None:
+    now = {name: load_run(folder).frame(name) for name in ("allocations", "optimum")}
+    for name, frame in now.items():
+        frame.rename(columns={"agent": "camera"}).to_parquet(folder / f"{name}.parquet", index=False)
+    write_checksums(folder, checksums_of(folder, list(read_checksums(folder, "") or ())))
+    for name, frame in now.items():
+        assert "agent" in frame
+        pd.testing.assert_frame_equal(load_run(folder).frame(name), frame)

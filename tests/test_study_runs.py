@@ -33,7 +33,7 @@ from aimd_des.study.locks import exclusive, private_folder
 from aimd_des.study.plan import planned
 from aimd_des.study.run_tables import run_schema
 from aimd_des.study.seal import write_sealed
-from aimd_des.study.store import Store
+from aimd_des.study.store import Store, parquet
 from aimd_des.study.worker_task import Outcome, Task
 from aimd_des.study.workers import dask_executor
 from tests.conftest import INLINE, ROOT, python, quietly
@@ -112,6 +112,19 @@ def test_frames_of_all_runs_with_their_labels(reference: StudyResults) -> None:
         reference.frame("allocations")
     with pytest.raises(InputError, match="did you mean 'demand'"):
         reference.frame("demands")
+
+
+def test_frames_of_before_go_on_in_a_study_with_the_column_of_agents_of_now(tmp_path: Path) -> None:
+    study = design(keep=["allocations"], axes=[])
+    now = in_a_thread(study, tmp_path / "out").frame("allocations")
+    store = Store(tmp_path / "out")
+    key = now["key"].iloc[0]
+    table = store.frame("allocations", key)
+    names = ["camera" if name == "agent" else name for name in table.column_names]
+    store.write(store.name("allocations", key), parquet(table.rename_columns(names)))
+    again = in_a_thread(study, tmp_path / "out").frame("allocations")
+    assert "agent" in again
+    pd.testing.assert_frame_equal(again, now)
 
 
 def test_the_folder_is_one_data_set_for_others(reference: StudyResults) -> None:

@@ -63,7 +63,7 @@ def report_run(run: StoredRun) -> Page:
     return Page(
         kind="Run",
         title=str(run.scenario.get("title") or "") or f"Run in {run.folder.name}",
-        facts=_facts(run, len(allocations["camera"].unique()), names),
+        facts=_facts(run, len(allocations["agent"].unique()), names),
         verdicts=[found for found in verdicts if found is not None],
         controls=controls,
         charts=charts,
@@ -88,7 +88,7 @@ def _shares(run: StoredRun, allocations: pd.DataFrame, names: list[str], notes: 
         notes.append(f"{what}: nobody is here at the end.")
         return []
     last = allocations[allocations["time"] == allocations["time"].max()]
-    both = best.merge(last, on=["camera", "resource"], how="left")
+    both = best.merge(last, on=["agent", "resource"], how="left")
     held, should = (both[of].to_numpy().reshape(len(names), -1).T for of in ("average", "allocation"))
     return [share_chart(held, should, names)]
 

@@ -6,11 +6,20 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-__all__ = ["categorical", "name_as_written", "safe_names"]
+__all__ = ["categorical", "columns_now", "name_as_written", "safe_names"]
 
 # What a spreadsheet takes for the beginning of a formula, and the sign by which it takes it for text.
 _FORMULAS = ("=", "+", "-", "@", "\t", "\r")
 _TEXT = "'"
+
+
+# Columns of frames that were stored before 0.1.0, by their names of then.
+_RENAMED = {"camera": "agent"}
+
+
+def columns_now(names: Iterable[str]) -> list[str]:
+    """Give the columns of a stored frame the names that they have now."""
+    return [_RENAMED.get(name, name) for name in names]
 
 
 def categorical(codes: npt.NDArray[np.int64], names: Sequence[str]) -> pd.Categorical:

@@ -155,15 +155,15 @@ class Result:
 
     @cached_property
     def allocations(self) -> pd.DataFrame:
-        """Every agent: time, camera, resource, demand, average."""
+        """Every agent: time, agent, resource, demand, average."""
         seen, n, m = self.observations, self.problem.n_agents, self.problem.n_resources
         count = len(seen.allocation_times)
         resource = np.tile(np.repeat(np.arange(m), n), count)
-        camera = np.tile(np.arange(n), count * m)
+        agent = np.tile(np.arange(n), count * m)
         return pd.DataFrame(
             {
                 "time": np.repeat(seen.allocation_times, n * m),
-                "camera": categorical(camera, self.problem.agent_names),
+                "agent": categorical(agent, self.problem.agent_names),
                 "resource": categorical(resource, self.problem.resource_names),
                 "demand": seen.demand.ravel(),
                 "average": seen.average.ravel(),

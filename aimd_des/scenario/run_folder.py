@@ -269,7 +269,7 @@ def _optimum(result: Result) -> pd.DataFrame:
     best = np.empty((0, m)) if result.optimum is None else result.optimum.allocation
     return pd.DataFrame(
         {
-            "camera": categorical(np.tile(here, m), result.problem.agent_names),
+            "agent": categorical(np.tile(here, m), result.problem.agent_names),
             "resource": categorical(np.repeat(np.arange(m), len(here)), result.problem.resource_names),
             "allocation": best.T.ravel(),
         }

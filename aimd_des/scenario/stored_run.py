@@ -12,7 +12,7 @@ from typing import Any
 
 import pandas as pd
 
-from aimd_des.results.frames import name_as_written
+from aimd_des.results.frames import columns_now, name_as_written
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.utils import validation
 from aimd_des.utils.checksums import SUMS, read_checksums, verified
@@ -90,10 +90,11 @@ class StoredRun:
         """
         content = _read(self.folder, f"{name}.parquet", self.checksums)
         try:
-            return pd.read_parquet(BytesIO(content))
+            frame = pd.read_parquet(BytesIO(content))
         except Exception as damage:  # noqa: BLE001 - without a checksum, nobody knows what a damaged file does
             path, cause = self.folder / f"{name}.parquet", " ".join(str(damage).split())
             raise InputError(f"{path}: is damaged ({cause}); {_REMEDY}") from None
+        return frame.set_axis(columns_now(frame.columns), axis="columns")
 
     def source(self) -> str:
         """Read the scenario.

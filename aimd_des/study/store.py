@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 import tomli_w
 
 from aimd_des._version import RESULT_VERSION
+from aimd_des.results.frames import columns_now
 from aimd_des.study.columns import FRAMES
 from aimd_des.study.locks import exclusive
 from aimd_des.study.seal import read_sealed, write_file, write_sealed
@@ -109,7 +110,7 @@ class Store:
         name = self.name(kind, key)
         table = self._table(name, AGAIN).replace_schema_metadata(None)
         self._hold_against(key, name, table)
-        return table
+        return table.rename_columns(columns_now(table.column_names))
 
     def _hold_against(self, key: str, name: str, table: pa.Table) -> None:
         """Refuse rows of another run: checksums know their file, and earlier versions had none."""
