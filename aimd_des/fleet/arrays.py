@@ -7,17 +7,32 @@ import numpy.typing as npt
 
 from aimd_des.dynamics.clock_formulas import next_tick, tick_time
 from aimd_des.dynamics.state import Law, State
-from aimd_des.fleet.in_flight import BLOCK, SECOND, Flights
+from aimd_des.fleet.in_flight import BLOCK, DUPLICATE, Flights
 from aimd_des.fleet.radix_heap import bits_of, put
 from aimd_des.problem.costs.kernels import CostTable
 from aimd_des.utils.jit import routine
 from aimd_des.utils.rng import Key, uniforms_row
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["LAST", "Answers", "Books", "Crowd", "Rhythm", "Scratch", "accept", "scratch_for"]
+__all__ = [
+    "ALL_ANSWERS",
+    "LAST",
+    "NOBODY",
+    "RESPONSES",
+    "Answers",
+    "Books",
+    "Crowd",
+    "Rhythm",
+    "Scratch",
+    "accept",
+    "scratch_for",
+]
 
 #: Above every order number, and the bits of every time.
 LAST = (1 << 63) - 1
+
+#: Which answers are kept for somebody: none, those of agents that respond, or of those that hold as well.
+NOBODY, RESPONSES, ALL_ANSWERS = 0, 1, 2
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
@@ -118,9 +133,9 @@ class Scratch(NamedTuple):
 
 
 def scratch_for(n_resources: int, n_agents: int) -> Scratch:
-    """Make the working memory of one run."""
+    """Make the working memory of one run, with nobody's copies due."""
     return Scratch(
-        np.full(n_agents, LAST),
+        np.full(n_agents, LAST),  # later than every copy, so the first one found is the earliest so far
         np.zeros(n_agents),
         np.zeros(n_agents, dtype=np.int64),
         np.zeros(n_agents),
@@ -160,10 +175,9 @@ class Crowd(NamedTuple):
     room : int
         How many copies there may be at a time.
     answers : Answers
-        Kept where somebody wants to know of them, which `hearing` tells: 0 nobody, 1 of responses, 2 of
-        all answers.
+        Kept where somebody wants to know of them.
     hearing : int
-        See there.
+        Who does: `NOBODY`, or of which answers: `RESPONSES`, `ALL_ANSWERS`.
     scratch : Scratch
         Working memory.
     """
@@ -197,17 +211,23 @@ def accept(
     acted_at: float,
     acted: int,
 ) -> None:
-    """Put the members' copies of one broadcast on their way."""
+    """Put the members' copies of one broadcast on their way; there must be room for n."""
+    # A queue for each resource lets a crossing control unit settle the one it looks at.  Costs that couple
+    # the resources forbid that: an answer reads the averages of all of them, so all are settled together.
     queue = resource if not crowd.coupled else 0
     ticking, rhythm, flights = crowd.grain > 0.0, crowd.rhythm, crowd.flights
     uniform = crowd.scratch.uniform
+    # Drawn for all agents at once, though some copies are lost: a draw has an address, so none is used up.
     uniforms_row(crowd.key, resource, number, copy, uniform)
     before, due, tick = np.inf, np.inf, 0.0
     for i in range(arrival.shape[0]):
         time = arrival[i]
+        # Lost copies arrive at infinity, and so are among those that arrive after the end.
         if not (time < crowd.until and crowd.members[i]):
             continue
         if ticking:
+            # The last event at `acted_at` was the tick of agent `acted`: agents up to it have had their turn
+            # at that instant, and answer what arrives there now at their next tick.
             from_ = np.nextafter(time, np.inf) if time == acted_at and i <= acted else time
             # Where the clock is common, the tick is mostly that of the agent before.
             if not (rhythm.common and before < from_ <= due):
@@ -219,6 +239,8 @@ def accept(
                 )
         else:
             due = time
-        about = resource + copy * SECOND
+        about = resource + copy * DUPLICATE
+        # Agent i's copy has the i-th order number of its broadcast, and lost copies leave gaps: so order
+        # number and agent tell the broadcast, and two copies of one agent are at least n apart.
         put(flights, queue, bits_of(due), tick, time, number, i, about, first_rank + i, uniform[i])
         flights.aloft[0] += 1

@@ -17,7 +17,18 @@ from aimd_des.engine.environment import Kind
 from aimd_des.engine.observers import ConstantPieces, LinearPieces
 from aimd_des.engine.system import System
 from aimd_des.fleet.absent_agents import forget
-from aimd_des.fleet.arrays import LAST, Answers, Books, Crowd, Rhythm, accept, scratch_for
+from aimd_des.fleet.arrays import (
+    ALL_ANSWERS,
+    LAST,
+    NOBODY,
+    RESPONSES,
+    Answers,
+    Books,
+    Crowd,
+    Rhythm,
+    accept,
+    scratch_for,
+)
 from aimd_des.fleet.control_kernels import settle_and_fold
 from aimd_des.fleet.in_flight import enlarge, room, take_off
 from aimd_des.fleet.observer_kernels import Meter
@@ -32,13 +43,11 @@ __all__ = ["TOLD_AT_ONCE", "CompiledAgents"]
 
 BoolArray = npt.NDArray[np.bool_]
 
-# Broadcasts in flight for which there is space at first.
+# Broadcasts in flight for which there is space at first; it grows where there are more.
 _FLIGHTS = 4
 
 #: Answers of which somebody is told in one go.
 TOLD_AT_ONCE = 1 << 16
-
-_NOBODY, _RESPONSES, _ALL = 0, 1, 2
 
 
 class CompiledAgents:
@@ -70,6 +79,8 @@ class CompiledAgents:
         flights = take_off(_FLIGHTS * n, m if problem.costs.separable else 1, ticking, numbered)
         account = system.transmitter
         rhythm = (np.empty(0), np.empty(0), np.empty(0)) if system.clocks is None else system.clocks.rows
+        # State, law and account are the arrays of the run itself.  Compiled code writes state and account,
+        # and only when it settles; whoever else reads or writes them settles first.
         self.crowd = Crowd(
             state=system.state,
             law=system.law,
@@ -85,11 +96,13 @@ class CompiledAgents:
             books=Books(system.conditions.away, account.delivered, account.lost, account.duplicated),
             room=room(flights),
             answers=_answers(0),
-            hearing=_NOBODY,
+            hearing=NOBODY,
             scratch=scratch_for(m, n),
         )
         self.overshoot = overshoot
         self.meter = self._meter(overshoot)
+        # What `reached` was at the last settling; and the latest event, by which `forget` tells copies that
+        # have arrived from others even where `reached` has been forgotten since.
         self._settled = self._position = system.env.reached
         system.conditions.on_costs.append(self._reprice)
         # With a log: copies that have not landed yet, and the signals by the first order number of each.
@@ -99,6 +112,7 @@ class CompiledAgents:
     def _meter(self, overshoot: ConstantPieces | LinearPieces | None) -> Meter:
         """Let compiled code work on what the observer has."""
         m = self.system.problem.n_resources
+        # Where nothing is observed in compiled code, arrays of its own keep the types of kernels the same.
         lines = overshoot if isinstance(overshoot, LinearPieces) else None
         steps = overshoot if isinstance(overshoot, ConstantPieces) else None
         return Meter(
@@ -120,15 +134,18 @@ class CompiledAgents:
     def listen(self) -> None:
         """Keep answers from now on if somebody wants to know of them, in compiled code or outside."""
         listeners = self.system.on_response
+        # If only the overshoot listens, answers are folded into it in compiled code.  If anybody else does,
+        # all are told, answer by answer in the order of events.
         own = isinstance(self.overshoot, LinearPieces) and listeners == [self.overshoot.changed]
-        hearing = _ALL if self.system.log is not None else _RESPONSES if listeners else _NOBODY
-        if hearing != self.crowd.hearing or (own and hearing == _RESPONSES) != self.meter.lines:
-            self.meter = self.meter._replace(lines=own and hearing == _RESPONSES)
+        hearing = ALL_ANSWERS if self.system.log is not None else RESPONSES if listeners else NOBODY
+        if hearing != self.crowd.hearing or (own and hearing == RESPONSES) != self.meter.lines:
+            self.meter = self.meter._replace(lines=own and hearing == RESPONSES)
             self.crowd = self.crowd._replace(hearing=hearing)
             self._make_room_for_answers()
 
     def _make_room_for_answers(self) -> None:
-        if self.crowd.hearing != _NOBODY:
+        if self.crowd.hearing != NOBODY:
+            # All copies in flight may be answered at one look, on top of the answers not told of yet.
             space = self.crowd.room + TOLD_AT_ONCE
             answers = _answers(space)
             for new, old in zip(answers, self.crowd.answers, strict=True):
@@ -145,6 +162,7 @@ class CompiledAgents:
         accept(self.crowd, *signal, arrival, first_order, *self.system.env.acted)
         if self.system.log is not None:
             self._signals[first_order] = signal
+            # Copies are answered in whatever order, and some never; their landings are entered apart.
             for agent in np.flatnonzero(self.members & (arrival < self.system.until)).tolist():
                 time, order = float(arrival[agent]), first_order + agent
                 entry = (time, Entry.DELIVER, signal.resource, agent, signal.number, float(signal.copy))
@@ -157,32 +175,37 @@ class CompiledAgents:
         flights = self.crowd.flights
         needed = int(flights.aloft[0]) + rows * len(self.members)
         if needed > self.crowd.room:
+            # Twice as much, so that what is copied over a run is in proportion to what is sent.
             flights = enlarge(flights, 2 * needed)
             self.crowd = self.crowd._replace(flights=flights, room=room(flights))
             self._make_room_for_answers()
 
     def settle(self) -> None:
         """Let the members answer all copies that are due before what happens now."""
+        # Every reader asks for it, many of them in one event: only the first has something to do.
         reached = self.system.env.reached
         if reached != self._settled:
             self._settled = reached
             time, kind, order = reached
+            # Below 0 there was no event since something was sent, which is answered after the present one.
             if time >= 0.0:
                 self._position = reached
                 self.flush()
                 own = Kind.ACT if self.crowd.grain else Kind.DELIVER
                 settle_and_fold(self.crowd, self.meter, time, _limit(kind, order, own))
-                if self.crowd.hearing != _NOBODY and not self.meter.lines:
+                if self.crowd.hearing != NOBODY and not self.meter.lines:
                     self._tell(reached)
 
     def forget(self, agent: int, *, lost: bool) -> None:
         """Drop a member's copies that have arrived by now."""
+        # Continuous agents have answered what has arrived: nothing of theirs waits.
         if self.members[agent] and self.crowd.grain:
             time, kind, order = self._position
             forget(self.crowd, agent, time, _limit(kind, order, Kind.DELIVER), lost)
 
     def _reprice(self, costs: Costs) -> None:
         """Take in new private costs."""
+        # Whoever sets them has settled: copies that were due before are answered at the old ones.
         gradient = _compiled_gradient(costs)
         address = 0 if gradient is None else gradient.address
         self.crowd = self.crowd._replace(table=cost_table(costs), gradient=address)
@@ -197,6 +220,8 @@ class CompiledAgents:
         answers = self.crowd.answers
         count = int(answers.held[0])
         answers.held[0] = 0
+        # Time, kind, order or agent, and resource: the order of events, and of the entries of one event.  A
+        # landing has -1 for the resource, and so comes before its answer where both are one event.
         told: list[tuple[float, int, int, int, LogEntry]] = []
         while self._landing and (self._landing[0][0], Kind.DELIVER, self._landing[0][1]) < reached:
             time, order, entry = heappop(self._landing)
@@ -208,6 +233,7 @@ class CompiledAgents:
             strict=True,
         )
         for time, rank, agent, resource, change in rows:
+            # Agent i's copy has the i-th order number of its broadcast; without a log signals are not kept.
             signal = self._signals.get(rank - agent)
             number = -1 if signal is None else signal.number
             held = math.isnan(change)
@@ -223,12 +249,14 @@ class CompiledAgents:
             if entry[1] == Entry.RESPOND:
                 for tell in listeners:
                     tell(time, entry[2], 0.0 - entry[5])
+        # Not by `add`, which settles first: these entries are what settling has brought forth.
         if log is not None:
             log.extend([entry for *_, entry in told])
 
 
 def _limit(kind: int, order: int, own: Kind) -> int:
     """Return the order below which what is of a kind of its own comes before (kind, order)."""
+    # At one instant, all of a kind come before a later kind, and none before an earlier one.
     return LAST if kind > own else order if kind == own else 0
 
 
@@ -253,6 +281,8 @@ def _compiled_gradient(costs: Any) -> Any:
 
 @lru_cache(maxsize=16)
 def _callback(gradient: Callable[..., Any], m: int) -> Any:
+    # Compiled code is given the address alone: kernels need not be compiled again for each function.  The
+    # cache keeps the callback alive, without which its address would mean nothing.
     @numba.cfunc("void(int64, CPointer(float64), CPointer(float64))")  # type: ignore[untyped-decorator]
     def call(agent: int, average: Any, out: Any) -> None:
         values = gradient(agent, numba.carray(average, (m,)))

@@ -7,24 +7,27 @@ import numpy.typing as npt
 
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["BLOCK", "DUE", "FORGOTTEN", "LATER", "SECOND", "Flights", "enlarge", "room", "take_off"]
+__all__ = ["BLOCK", "DUE", "DUPLICATE", "FORGOTTEN", "LATER", "Flights", "enlarge", "room", "take_off"]
 
 IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.uint32]
 
-#: Copies in a block.
+#: Copies in a block: few, since each chain may waste most of one; enough to compute answers side by side.
 BLOCK = 64
 
 # Level 0 is the time of the last look itself; the highest bit of a positive number is bit 62.
 _LEVELS = 64
 
 #: Two more chains for each queue: copies that are due, and those of them that wait for another one of
-#: the same agent.
+#: the same agent.  `LATER` is empty but while a queue is settled.
 DUE, LATER = _LEVELS, _LEVELS + 1
 _CHAINS = _LEVELS + 2
 
-#: What the resource of a duplicate is raised by, and the draw of a copy that is never answered.
-SECOND, FORGOTTEN = 1 << 16, 2.0
+#: A bit above those of a resource's index, set in that of a duplicate: it saves a column.
+DUPLICATE = 1 << 16
+
+#: The draw of a copy that is never answered: no draw is that high, all are below 1.
+FORGOTTEN = 2.0
 
 
 class Flights(NamedTuple):
@@ -41,8 +44,8 @@ class Flights(NamedTuple):
     number : ndarray of int, shape (b * BLOCK,) or (0,)
         Number of the broadcast, where agents read it.
     agent, resource : ndarray of uint32, shape (b * BLOCK,)
-        i and j (`SECOND` more for a duplicate); without a sign, so that compiled code need not ask whether
-        they count from the end.
+        i and j (with the bit `DUPLICATE` for a duplicate); without a sign, so that compiled code need not ask
+        whether they count from the end.
     rank : ndarray of int, shape (b * BLOCK,)
         Order number; decides between copies that arrive at the same time.
     uniform : ndarray, shape (b * BLOCK,)
@@ -78,16 +81,20 @@ class Flights(NamedTuple):
 
 def _blocks_for(copies: int, queues: int) -> int:
     # Each chain may end in a block that is not full, and again when the first is among those that are due.
+    # Two more, since a block whose copies are moved elsewhere is given back after that, not before.
     return -(-copies // BLOCK) + 2 * _CHAINS * queues + 2
 
 
 def room(flights: Flights) -> int:
-    """Tell for how many copies there is space."""
+    """Tell for how many copies there is space, those in flight included."""
+    # Compiled code cannot enlarge anything.  Whoever puts copies in flight compares `aloft` with this first,
+    # and leaves compiled code (`CROWDED`) where there might be too little.
     return (len(flights.following) - _blocks_for(0, len(flights.base))) * BLOCK
 
 
 def take_off(copies: int, queues: int, ticking: bool, numbered: bool) -> Flights:
     """Make space for copies, of which there are none yet."""
+    # Not zeroed where a row is written before it is read: pages that are never used are never allocated.
     blocks = _blocks_for(copies, queues)
     shape = blocks * BLOCK
     own = shape if ticking else 0
@@ -100,11 +107,12 @@ def take_off(copies: int, queues: int, ticking: bool, numbered: bool) -> Flights
         resource=np.empty(shape, dtype=np.uint32),
         rank=np.empty(shape, dtype=np.int64),
         uniform=np.empty(shape),
+        # All blocks are free, each followed by the next.
         following=np.append(np.arange(1, blocks), -1),
         filled=np.zeros(blocks, dtype=np.int64),
         head=np.full((queues, _CHAINS), -1),
         tail=np.full((queues, _CHAINS), -1),
-        base=np.zeros(queues, dtype=np.int64),
+        base=np.zeros(queues, dtype=np.int64),  # the bits of time 0, at which a run begins
         free=np.zeros(1, dtype=np.int64),
         aloft=np.zeros(1, dtype=np.int64),
     )
@@ -112,6 +120,7 @@ def take_off(copies: int, queues: int, ticking: bool, numbered: bool) -> Flights
 
 def enlarge(flights: Flights, copies: int) -> Flights:
     """Make space for more copies."""
+    # Blocks keep their numbers, so chains hold as they are and only the list of free ones is joined.
     old = len(flights.following)
     ticking, numbered = flights.moment.size > 0, flights.number.size > 0
     larger = take_off(copies, len(flights.base), ticking, numbered)

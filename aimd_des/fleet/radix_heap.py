@@ -8,6 +8,14 @@ out.  A copy sinks through a few levels in its life, whatever the number of copi
 problem", Journal of the ACM 37, 1990.)  Times are at least 0, and then their bits, read as an integer,
 are in the order of the numbers.
 
+What holds between any two calls, for each queue:
+
+- `base` is the time up to which copies have been handed out, and never falls;
+- every copy that is not handed out yet is due at `base` or later;
+- a copy stands in chain 1 + b, b being the highest bit in which its time differs from `base`, and in chain 0
+  if it is due at `base` itself; so a chain of a lower number holds earlier copies than a higher one;
+- chain `DUE` holds what is handed out and not answered yet.
+
 Each chain is in the order in which copies were put there: mostly that of the agents, so that memory is
 read in passes.
 """
@@ -43,7 +51,7 @@ def _highest_bit(typingctx: Any, word: Any) -> Any:  # noqa: ARG001 - numba's ca
 @formula
 def bits_of(time: float) -> Any:
     """Return the bits of a time, as an integer that is in the order of times."""
-    # Adding 0.0 makes +0.0 of -0.0.
+    # Adding 0.0 makes +0.0 of -0.0, whose bits would be a negative number; all other times are at least 0.
     return np.float64(time + 0.0).view(np.int64)
 
 
@@ -56,6 +64,7 @@ def time_of(key: int) -> Any:
 @formula
 def places(flights: Flights, block: int) -> Any:
     """Return the places of the copies in a block."""
+    # Without a sign: compiled code need not ask whether an index counts from the end.
     first = block * BLOCK
     return range(np.uint64(first), np.uint64(first + flights.filled[block]))
 
@@ -65,10 +74,11 @@ def _end(flights: Flights, queue: int, chain: int) -> np.uint64:
     """Return the place behind the last copy of a chain."""
     block = flights.tail[queue, chain]
     if block < 0 or flights.filled[block] == BLOCK:
+        # There is always a free block: callers have seen to it that there is room for the copies (`room`).
         fresh = flights.free[0]
         flights.free[0] = flights.following[fresh]
         flights.following[fresh] = -1
-        flights.filled[fresh] = 0
+        flights.filled[fresh] = 0  # a block that was given back has kept its old count
         if block < 0:
             flights.head[queue, chain] = fresh
         else:
@@ -82,7 +92,7 @@ def _end(flights: Flights, queue: int, chain: int) -> np.uint64:
 
 @formula
 def release(flights: Flights, block: int) -> Any:
-    """Give a block back whose copies are elsewhere, or answered."""
+    """Give a block back whose copies are elsewhere, or answered; return the next of its chain."""
     following = flights.following[block]
     flights.following[block] = flights.free[0]
     flights.free[0] = block
@@ -102,13 +112,16 @@ def put(
     rank: int,
     uniform: float,
 ) -> None:
-    """Put a copy on its way."""
+    """Put a copy on its way, due no earlier than the last release of its queue; there must be room."""
+    # Earlier than `base`, it would get into a chain of later copies and be handed out too late.  It cannot
+    # be: a signal leaves at the look that has released the queue, or later, and latencies are at least 0.
     end = _end(flights, queue, _highest_bit(key ^ flights.base[queue]) + 1)
     flights.key[end] = key
     flights.agent[end] = agent
     flights.resource[end] = resource
     flights.rank[end] = rank
     flights.uniform[end] = uniform
+    # Columns that this run does not need have no rows, and cost neither memory nor time.
     if flights.moment.shape[0] > 0:
         flights.moment[end] = moment
         flights.arrival[end] = arrival
@@ -135,6 +148,8 @@ def move(flights: Flights, queue: int, chain: int, place: int) -> None:
 @formula
 def _join(flights: Flights, queue: int, chain: int) -> None:
     """Hang a whole chain behind that of the copies that are due."""
+    # The last block of a chain need not be full, so `DUE` may have such blocks in its middle: whoever passes
+    # through a chain asks each block how many copies it has.
     first = flights.head[queue, chain]
     if first >= 0:
         if flights.head[queue, DUE] < 0:
@@ -161,7 +176,9 @@ def _hand_over(flights: Flights, queue: int, block: int) -> Any:
 @formula
 def _raise_ties(flights: Flights, queue: int, limit: int) -> None:
     """Make those of the copies of this very time due that come before `limit`: by agent, or by order."""
+    # At one instant ticks take place in the order of agents, and deliveries in that of their order numbers.
     ticking = flights.moment.shape[0] > 0
+    # Emptied before it is walked through, since what is not due goes back into it.
     block = flights.head[queue, 0]
     flights.head[queue, 0] = flights.tail[queue, 0] = -1
     while block >= 0:
@@ -173,19 +190,27 @@ def _raise_ties(flights: Flights, queue: int, limit: int) -> None:
 
 @formula
 def raise_due(flights: Flights, queue: int, time: float, limit: int) -> None:
-    """Put all copies of a queue that are due in its chain of those."""
+    """Put all copies of a queue that are due in its chain of those; it never goes back in time."""
+    # What is due before this time is due.  What is due at this very time is due if its order number (of
+    # discrete agents: the agent's index) is below `limit`.
     base, now = flights.base[queue], bits_of(time)
+    # A second call for one instant, with a higher limit, finds `base` there already and looks at ties alone.
     if now > base:
         flights.base[queue] = now
+        # `now` has a 1 at the highest bit in which it differs from `base`.  Copies of lower chains have the 0
+        # of `base` there, and are due.  Copies of higher chains differ from both in the same bit, and stay.
         top = _highest_bit(now ^ base) + 1
         for level in range(top):
             _join(flights, queue, level)
+        # Copies of this chain have the 1 as well.  Those that are later differ from `now` in a lower bit than
+        # from `base`: a copy only ever gets into lower chains, at most 64 times in its life.
         block = flights.head[queue, top]
         flights.head[queue, top] = flights.tail[queue, top] = -1
         while block >= 0:
             latest = 0
             for place in places(flights, block):
                 latest = max(latest, flights.key[place])
+            # A block that is due as a whole changes hands without any of its copies being moved.
             if latest < now:
                 block = _hand_over(flights, queue, block)
                 continue
@@ -194,5 +219,6 @@ def raise_due(flights: Flights, queue: int, time: float, limit: int) -> None:
                 chain = DUE if key < now else _highest_bit(key ^ now) + 1
                 move(flights, queue, chain, place)
             block = release(flights, block)
+    # Order numbers and indices begin at 0, so a limit of 0 lets nothing of this very time through.
     if limit > 0 and flights.head[queue, 0] >= 0:
         _raise_ties(flights, queue, limit)
