@@ -18,7 +18,10 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import SimulationError
 from aimd_des.utils.jit import formula
 
-__all__ = ["ControlUnit", "Crossing", "Sampled", "Unanswered", "adapted", "soonest_crossing"]
+__all__ = ["NEVER", "ControlUnit", "Crossing", "Sampled", "Unanswered", "adapted", "soonest_crossing"]
+
+#: When something happened that has not yet: no instant of a run, which begins at 0.
+NEVER = -1.0
 
 # Broadcasts at one instant, one after another without anybody responding, after which time is
 # taken to stand still.  If responses were possible at all, with a chance of 1/100 say, to get here
@@ -103,6 +106,7 @@ class Sampled:
         for look in count():
             yield system.env.at(clock.time(look), Kind.SENSE)
             if not system.conditions.failed[0]:
+                # Totals of all resources before anything is sent, which could be answered at once.
                 for resource in np.flatnonzero(system.totals() > system.law.limit).tolist():
                     system.broadcast(resource, self.sensing_delay)
 
@@ -110,14 +114,17 @@ class Sampled:
 @formula
 def soonest_crossing(now: float, limit: float, total: float, growth: float) -> float:
     """Return when total demand can reach its threshold at the earliest."""
+    # A crossing unit signals at the threshold; a sampled one, as Algorithm 1 has it, only above it.
     if total >= limit:
         return now
+    # May round to `now` though the total is still below: that counts as there, or time would stand still.
     return now + (limit - total) / growth if growth > 0.0 else math.inf
 
 
 @formula
 def adapted(hold_off: float, shortest: float, longest: float, expected: float, total: float) -> float:
     """Return the next hold-off where one has ended with demand still at its threshold."""
+    # Answers are small beside the total, but not as small as the rounding of two sums over all agents.
     if expected - total > _ROUNDING * expected:
         return max(0.5 * hold_off, shortest)
     return min(2.0 * hold_off, longest)
@@ -139,6 +146,7 @@ class Unanswered:
         system.on_intervention.append(self._changed)
 
     def _before_growth_changes(self) -> None:
+        # Told just before, while the growth is still that of the line that ends here.
         self.level += self._growth * (self._env.now - self.since)
         self.since[:] = self._env.now
 
@@ -227,24 +235,27 @@ class Crossing:
         simpy.Event
             Nothing: there is a process for each resource.
         """
+        # Resources sense apart, each when its own total can cross; two at one instant go by their index.
         unanswered = Unanswered(system)
         for resource in range(system.problem.n_resources):
             system.env.process(self._sense(system, resource, unanswered))
-        yield from ()
+        yield from ()  # a generator is what is asked for, and there is nothing left to wait for
 
     def _sense(self, system: System, resource: int, unanswered: Unanswered) -> ProcessGenerator:
         """Go from one possible crossing to the next: responses only lower the total, growth bounds it."""
         env, limit, growth = system.env, system.law.limit, system.conditions.growth
         shortest, longest = self.bounds
         alarm = _Alarm(system, resource, shortest)
-        at_this_instant, instant = 0, -1.0
+        at_this_instant, instant = 0, NEVER
         level, since = unanswered.level, unanswered.since
+        # By an event of its kind, so that interventions at time 0 come before the first look.
         yield alarm.at(env.now, sooner_if_raised=False)
         while True:
             now, total = env.now, system.total(resource)
             soonest = soonest_crossing(now, float(limit[resource]), total, float(growth[resource]))
             if soonest > now or system.conditions.failed[0]:
                 alarm.holding = False
+                # A unit that is down waits for no time at all: `_recovered` wakes the one that takes over.
                 yield alarm.at(math.inf if soonest <= now else soonest, sooner_if_raised=True)
                 continue
             # At the threshold, or so near below it that no representable time lies in between.
@@ -254,9 +265,11 @@ class Crossing:
             if alarm.holding:
                 expected = float(level[resource] + growth[resource] * (now - since[resource]))
                 alarm.hold_off = adapted(alarm.hold_off, shortest, longest, expected, total)
+            # Before the broadcast, which may be answered within it: what follows counts from this total.
             instant, alarm.holding = now, True
             level[resource], since[resource] = total, now
             system.broadcast(resource, self.sensing_delay)
+            # The hold-off ends when it ends, however tight things become: its end is a look in any case.
             yield alarm.at(now + alarm.hold_off, sooner_if_raised=False)
 
     def standstill(self, system: System, resource: int) -> str:
@@ -306,6 +319,7 @@ class _Alarm:
         setting = self.latest
 
         def ring(_: simpy.Event) -> None:
+            # SimPy cannot take an event back, so those of earlier settings still ring.
             if setting == self.latest:
                 self.mailbox.hand(None)
 
@@ -319,5 +333,6 @@ class _Alarm:
 
     def _recovered(self, time: float) -> None:
         """Let the unit that takes over look at once; it knows of no hold-off."""
+        # At a SENSE event of its own: other interventions of this instant come first.
         self.holding, self.hold_off = False, self.shortest
         self.at(time, sooner_if_raised=True)

@@ -64,27 +64,35 @@ class Post(NamedTuple):
 def broadcast(
     crowd: Crowd, post: Post, resource: int, time: float, delay: float, acted_at: float, acted: int
 ) -> bool:
-    """Send a capacity signal to all agents."""
+    """Send a capacity signal, for which there must be room; tell whether the channel takes it."""
+    # `Transmitter.send` in compiled code, step by step in the same order: both give the same account, the
+    # same draws and the same order of copies.
     number, row, n = post.numbers[resource], post.held[0], post.arrival.shape[0]
     post.numbers[resource] += 1
     post.time[row], post.resource[row], post.number[row] = time, resource, number
-    post.held[0] = row + 1
+    post.held[0] = row + 1  # before it is refused, so that the refusal can name it
     post.code[0] = transmit(post.channel, resource, number, time + delay, post.arrival, post.second)
     if post.code[0] != 0:
         return False
     lost, delivered = post.lost[resource], post.delivered[resource]
     for i in range(n):
+        # Cut copies were drawn all the same: a channel's memory of losses must not depend on interventions.
         if post.cut[i]:
             post.arrival[i] = post.second[i] = np.inf
         lost[i] += post.arrival[i] == np.inf
+    # After the cuts: a copy that does not get through holds nothing back on its link.
     if post.channel.fifo:
         put_in_order(post.channel.latest, post.arrival)
+    # Counted at the departure; where an agent is away when the copy lands, `miss` takes it back.
     for i in range(n):
         delivered[i] += post.arrival[i] < crowd.until
+    # Order numbers for all agents, lost copies included: so the agent can be told from the number, and
+    # whether one copy is lost does not move the turns of others.
     accept(crowd, resource, number, 0, post.arrival, post.order[0], acted_at, acted)
     post.order[0] += n
     if post.channel.duplicates:
         duplicated = post.duplicated[resource]
+        # Behind the first copies on the same links, which have left before them.
         if post.channel.fifo:
             put_in_order(post.channel.latest, post.second)
         for i in range(n):

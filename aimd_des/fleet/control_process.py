@@ -8,16 +8,27 @@ import simpy
 from aimd_des.channel import BroadcastChannel, CompiledLink
 from aimd_des.channel.loss.kernels import refuse_loss
 from aimd_des.channel.transmit_kernel import ChannelTable
-from aimd_des.engine.control_unit import Crossing, Sampled, Unanswered
+from aimd_des.engine.control_unit import NEVER, Crossing, Sampled, Unanswered
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import Kind, Mailbox
 from aimd_des.engine.observers import ConstantPieces, Observer
 from aimd_des.engine.system import System
-from aimd_des.fleet.arrays import LAST
+from aimd_des.fleet.arrays import NOBODY
 from aimd_des.fleet.broadcast_kernel import Post
 from aimd_des.fleet.compiled_agents import TOLD_AT_ONCE, CompiledAgents
 from aimd_des.fleet.control_kernels import sample, sense
-from aimd_des.fleet.control_state import CROWDED, LOOK, REACHED, REFUSED, ROW, STANDSTILL, TICK, Limits, Pilot
+from aimd_des.fleet.control_state import (
+    CROWDED,
+    LOOK,
+    REACHED,
+    REFUSED,
+    ROW,
+    STANDSTILL,
+    TICK,
+    UNSCHEDULED,
+    Limits,
+    Pilot,
+)
 from aimd_des.fleet.observer_kernels import Watch
 from aimd_des.utils.errors import SimulationError
 
@@ -38,6 +49,7 @@ class ControlProcess:
         self.system = system = fleet.system
         m = system.problem.n_resources
         common = system.clocks is None or system.clocks.common
+        # One record for both kinds, since most kernels serve both; what the other one needs stays unused.
         sampled = control_unit if isinstance(control_unit, Sampled) else Sampled()
         shortest, longest = control_unit.bounds if isinstance(control_unit, Crossing) else (0.0, 0.0)
         unanswered = Unanswered(system)
@@ -53,7 +65,8 @@ class ControlProcess:
             alarm=np.zeros(m),
             watchful=np.zeros(m, dtype=np.bool_),
             growth=system.conditions.growth,
-            instant=np.full(m, -1.0),
+            instant=np.full(m, NEVER),
+            # The arrays that `Unanswered` keeps up to date when growth or demand changes from outside.
             unanswered=unanswered.level,
             since=unanswered.since,
             hold_off=np.full(m, shortest),
@@ -63,15 +76,17 @@ class ControlProcess:
             total=np.zeros(m),
             now=np.zeros(1),
             moment=np.zeros(1 if common else system.problem.n_agents),
-            turns=np.full(3, LAST - 1),
+            turns=np.full(3, UNSCHEDULED),
             answers=TOLD_AT_ONCE,
         )
         self.post = self._post()
-        # The ticks of a common clock are followed in compiled code.
+        # The ticks of a common clock are followed in compiled code.  The processes that would do so elsewhere
+        # exist already; they read what is set here when they begin, which is when the run does.
         if isinstance(fleet.overshoot, ConstantPieces) and common and not self.pilot.crossing:
             fleet.overshoot.following = False
             fleet.meter = fleet.meter._replace(steps=True)
         observer.watching = False
+        # Without the last time, the end of the run: `Observer.finish` looks there, after the last event.
         self.watch = Watch(
             observer.demand_times[:-1].copy(),
             observer.total_demand,
@@ -86,8 +101,10 @@ class ControlProcess:
     def process(self) -> ProcessGenerator:
         """Look for as long as the run lasts."""
         while True:
+            # Only this event lets time pass for SimPy; compiled looks lie between it and the next event.
             self._set_alarm()
             yield self._mailbox
+            # What compiled code has stopped for is done within the same event, and the looks go on.
             while self._steer() != REACHED:
                 pass
 
@@ -96,6 +113,7 @@ class ControlProcess:
         link, n = system.link, system.problem.n_agents
         # Compiled code takes a channel in any case; one that it does not use is as good as another.
         table = link.table if isinstance(link, CompiledLink) else _unused_channel(system)
+        # A log wants every copy, and agents that are processes want to be woken: `Transmitter` does both.
         return Post(
             compiled=isinstance(link, CompiledLink) and system.log is None and bool(self.fleet.members.all()),
             channel=table,
@@ -117,9 +135,13 @@ class ControlProcess:
     def _next(self) -> tuple[float, Kind, int]:
         """Return when there is something to be done next, and its turn at that instant."""
         pilot, meter, watch = self.pilot, self.fleet.meter, self.watch
-        for turn in np.flatnonzero(pilot.turns == LAST - 1).tolist():
+        # A process takes its turn when it schedules its next look.  Compiled looks cannot, but nobody else
+        # has taken one since; so the turns that are taken now have the same order among those of all others.
+        # Of a row and a tick at one instant the order does not matter: both only look.
+        for turn in np.flatnonzero(pilot.turns == UNSCHEDULED).tolist():
             pilot.turns[turn] = self.system.env.reserve(1)
         if pilot.crossing:
+            # The index of the resource is its turn, as for the processes of `Crossing`.
             resource = int(np.argmin(pilot.alarm))
             due = [(float(pilot.alarm[resource]), Kind.SENSE, resource)]
         else:
@@ -134,6 +156,7 @@ class ControlProcess:
         return min(due)
 
     def _set_alarm(self) -> None:
+        # An event of SimPy cannot be taken back: an earlier alarm still rings, and finds that it is outdated.
         self._setting += 1
         setting = self._setting
 
@@ -141,18 +164,21 @@ class ControlProcess:
             if setting == self._setting:
                 self._mailbox.hand(None)
 
+        # Nobody may be here to grow, and nothing be left to observe: then somebody else has to set it.
         due = self._next()
         if due[0] < math.inf:
             self.system.env.at(*due).callbacks.append(ring)
 
     def _tightened(self, time: float, resource: int) -> None:
         """Look again at once where something has changed from outside, which no bound has foreseen."""
+        # During a hold-off nothing is looked at, whatever happens; its end is a look in any case.
         if self.pilot.watchful[resource]:
             self.pilot.alarm[resource] = time
             self._set_alarm()
 
     def _recovered(self, time: float) -> None:
         """Let the unit that takes over look at once; it knows of no hold-off."""
+        # A sampled unit looks at its times whether it is up or down.
         if self.pilot.crossing:
             self.pilot.holding[:] = False
             self.pilot.hold_off[:] = self.pilot.shortest
@@ -163,26 +189,35 @@ class ControlProcess:
     def _steer(self) -> int:
         """Go on with looks to the next event; do what compiled code has stopped for."""
         env, pilot, post, fleet = self.system.env, self.pilot, self.post, self.fleet
+        # Between two stretches anybody may have begun to listen, and changed demand from outside: that comes
+        # before the answers that compiled code will fold into the same integrals.
         fleet.listen()
         fleet.flush()
         # Listeners outside are told in time: whatever they do comes before the next signal.
-        told = fleet.crowd.hearing > 0 and not fleet.meter.lines
+        told = fleet.crowd.hearing != NOBODY and not fleet.meter.lines
         post = post._replace(compiled=post.compiled and not told)
         due, until = self._next()[0], self.system.until
         # However short the run, the next look is within the stride.
         stride = max(due + until / _REPORTS, math.nextafter(due, math.inf))
+        # Kind 0 comes before all others: what is due at the end, or where the stride ends, is left alone.
+        # The stride ends a stretch without being an event, so it does not say when a signal can be cut.
         upcoming = min(env.upcoming, (until, 0, 0))
         limits = Limits(*min(upcoming, (stride, 0, 0)), upcoming[0], *env.acted)
+        # As many as a stretch can use, of which most remain unused: only their order matters.  All that is
+        # scheduled before it has lower numbers, and all after it higher ones.
         post.order[0] = env.reserve(2 * len(post.arrival) * _SIGNALS)
         steer = sense if pilot.crossing else sample
         status: int = steer(fleet.crowd, pilot, post, fleet.meter, self.watch, limits)
+        # Noted before anything else is sent, so that signals stand in the order in which they were sent.
         count = int(post.held[0])
         post.held[0] = 0
         self.system.transmitter.sent.extend(post.time[:count], post.resource[:count], post.number[:count])
+        # Copies that were sent at the look of this event land after it, though their kind comes before its.
         env.forget_reached()
         env.report(limits.horizon)
         if status == CROWDED:
-            fleet.make_room(2 * pilot.due.size)
+            fleet.make_room(2 * pilot.due.size)  # as many as `_crowded` asks for
+            # Settling tells listeners, which makes room among answers; it must not go beyond the next look.
             if told:
                 env.advance(*self._next())
                 fleet.settle()
@@ -193,6 +228,8 @@ class ControlProcess:
     def _stand_in(self, status: int, sent: int) -> None:
         """Do what compiled code cannot, at the time of its last look."""
         resources, now = np.flatnonzero(self.pilot.due).tolist(), float(self.pilot.now[0])
+        # SimPy's clock stands at the alarm; what is sent or said now needs that of the look.  Nothing is due
+        # in between, so it can be moved.
         self.system.env.advance(now, Kind.SENSE, resources[0])
         if status == REFUSED:
             resource, departure = int(self.post.resource[sent - 1]), now + self.pilot.delay

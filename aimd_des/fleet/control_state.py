@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.fleet.arrays import LAST
 from aimd_des.utils.validation import FloatArray
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "ROW",
     "STANDSTILL",
     "TICK",
+    "UNSCHEDULED",
     "Limits",
     "Pilot",
 ]
@@ -23,12 +25,21 @@ __all__ = [
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 
-#: What has ended a stretch of compiled looks.
+#: What has ended a stretch of compiled looks, and how far it has come then.
+#:
+#: REACHED     Something else is due before the next look, which has not been taken.
+#: BROADCAST   The look at `now` has been taken; signals for `due` are left to be sent.
+#: CROWDED     There may be too little room for what the next look brings, or answers have to be told of; that
+#:             look has not been taken.
+#: STANDSTILL  The look at `now` has been taken; time cannot advance for the resource in `due`.
+#: REFUSED     The channel has not taken the last signal that was noted; why is in `Post.code`.
 REACHED, BROADCAST, CROWDED, STANDSTILL, REFUSED = 0, 1, 2, 3, 4
-
 
 #: What has a turn of its own: a look of a sampled control unit, a row of totals, a tick that is measured.
 LOOK, ROW, TICK = 0, 1, 2
+
+#: The turn of what a process would schedule only now: later than that of all that has been scheduled.
+UNSCHEDULED = LAST
 
 
 class Pilot(NamedTuple):
@@ -71,11 +82,13 @@ class Pilot(NamedTuple):
         Where the agents are in their own time, at that look.
     turns : ndarray of int, shape (3,)
         Order numbers of the next look of a sampled one, the next row of totals and the next tick that is
-        measured; `LAST` - 1 for what has not been scheduled yet, and so comes after all that has been.
+        measured; `UNSCHEDULED` until SimPy's side gives it one.
     answers : int
         Above how many answers in memory somebody has to be told of them.
     """
 
+    # A tuple of arrays: numbers that change are arrays of one, which compiled code and SimPy's side share.
+    # `failed` and `growth` belong to the conditions, and compiled code only reads them.
     crossing: bool
     period: float
     phase: float
@@ -114,6 +127,7 @@ class Limits(NamedTuple):
         When somebody last acted, and the last turn that was over then.
     """
 
+    # Taken anew before every stretch; nothing in them can change during it, since no event is handled then.
     horizon: float
     kind: int
     order: int

@@ -47,6 +47,7 @@ class Fleet:
         """
         agents = CompiledAgents(system, absent, observer.meter)
         system.join(agents)
+        # Not `isinstance`: a subclass may decide otherwise in its `process`, which then has to be run.
         if type(control_unit) is Sampled or type(control_unit) is Crossing:
             return ControlProcess(agents, control_unit, observer).process()
         return control_unit.process(system)

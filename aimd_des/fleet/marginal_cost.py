@@ -17,6 +17,7 @@ __all__ = ["marginal_cost_at"]
 @intrinsic  # type: ignore[untyped-decorator]  # numba has no type information
 def _call_gradient(typingctx: Any, address: Any, agent: Any, average: Any, gradient: Any) -> Any:  # noqa: ARG001
     """Call a compiled gradient: void(int64 agent, double* average, double* gradient)."""
+    # Addresses travel as integers: a function pointer in the record of agents would be part of its type.
     signature = types.void(types.int64, types.int64, types.int64, types.int64)
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
@@ -34,11 +35,15 @@ def marginal_cost_at(crowd: Crowd, agent: int, resource: int, moment: float, ave
     """Return grad_j f_i at the agent's averages, of which that of the resource itself is known."""
     averages = crowd.scratch.average
     if crowd.coupled:
+        # An answer leaves the average at its own moment as it was, so of several answers at one tick each
+        # finds the averages from before all of them.
         for j in range(averages.shape[0]):
             averages[j] = average_of(crowd.state, crowd.law, j, agent, moment, crowd.grain)
     else:
+        # Costs that are separable read no other average; what the others hold here is of another agent.
         averages[resource] = average
     if crowd.gradient != 0:
+        # It hands over all m derivatives.
         gradient = crowd.scratch.gradient
         _call_gradient(crowd.gradient, agent, averages.ctypes.data, gradient.ctypes.data)
         return float(gradient[resource])

@@ -15,7 +15,7 @@ __all__ = ["Meter", "Watch", "fold_answers"]
 
 IntArray = npt.NDArray[np.int64]
 
-# Runs of this length are sorted one by one before they are merged.
+# Runs of this length are sorted by insertion before they are merged, which is faster for so few.
 _SHORT = 16
 
 
@@ -76,6 +76,7 @@ class Watch(NamedTuple):
 
 @formula
 def _before(answers: Answers, one: int, other: int) -> bool:
+    # Times as their bits, which are in the same order; at one instant copies are answered as they land.
     if answers.key[one] == answers.key[other]:
         return bool(answers.rank[one] < answers.rank[other])
     return bool(answers.key[one] < answers.key[other])
@@ -108,6 +109,7 @@ def _merge(answers: Answers, source: IntArray, low: int, middle: int, high: int,
 @kernel
 def _sort(answers: Answers, order: IntArray, spare: IntArray) -> None:
     """Put answers in the order of events: a merge sort of their indices, into `order`."""
+    # Not NumPy's sort: it would allocate, which compiled code here cannot do.
     count = answers.held[0]
     for row in range(count):
         order[row] = row
@@ -126,6 +128,8 @@ def _sort(answers: Answers, order: IntArray, spare: IntArray) -> None:
 @routine
 def fold_answers(answers: Answers, meter: Meter) -> None:
     """Fold the answers in memory into the integrals, and forget them."""
+    # Agents were answered in the order of chains, but the total is a line from each answer to the next.
+    # Since the last time only later ones have come, so what is folded in need not be opened again.
     _sort(answers, meter.order, meter.spare)
     for place in range(answers.held[0]):
         row = meter.order[place]
