@@ -67,6 +67,8 @@ class AgentProcess:
         system.conditions.on_costs.append(self._reprice)
         self._discrete = system.clocks is not None
         self._mailbox = Mailbox(system.env)
+        # The first signal for each resource since the last tick, and those that came after it: one bit cannot
+        # be set twice, but an agent that estimates losses reads their numbers.
         self._latch: dict[int, Signal] = {}
         self._late: list[Signal] = []
         self._averages = [0.0] * system.problem.n_resources
@@ -105,6 +107,7 @@ class AgentProcess:
         elif signal.resource in self._latch:
             self._late.append(signal)
         else:
+            # The process waits for the mailbox only while nothing is latched; then it waits for its tick.
             waiting = not self._latch
             self._latch[signal.resource] = signal
             if waiting:
@@ -112,6 +115,7 @@ class AgentProcess:
 
     def forget(self) -> None:
         """Clear what is latched: the agent goes away."""
+        # Its process, if it waits for a tick, finds nothing there and waits for a signal again.
         self._latch.clear()
         self._late.clear()
 
@@ -127,8 +131,10 @@ class AgentProcess:
         clocks = self.system.clocks
         while clocks is not None:
             yield self._mailbox
+            # A tick at this very instant counts unless it is over: signals are delivered before agents act.
             tick = clocks.next_tick(self.agent, self.system.clock_time(self.agent))
             yield self._env.at(clocks.time(self.agent, tick), Kind.ACT, self.agent)
+            # By resource, not by arrival: the order of a tick's entries in the log, however agents are run.
             self.answer(sorted(self._latch.values()), tick)
             if self._answering.rule == ESTIMATED:
                 for signal in self._late:  # a latch is answered once, but the numbers are read
@@ -152,12 +158,14 @@ class AgentProcess:
             j = signal.resource
             demand, accumulated, anchor, origin, increase, decrease, normalization = self._rows[j]
             held, since = demand[i], moment - anchor[i]
+            # The paper's average is written out: it is most runs' way, and a call less for every answer.
             if self._cumulative:
                 folded = accumulated_at(accumulated[i], held, increase, since, grain)
                 averages[j] = average = time_average(folded, age_at(moment, origin[i], grain))
             else:
                 folded, average = self._fold(j, moment)
                 averages[j] = average
+            # Formulas that kernels compile, too: whoever rearranges one moves the bits of both.
             present = demand_at(held, increase, since, grain)
             probability = response_probability(normalization, self.marginal_cost(averages, j), average)
             if self._compensates:
@@ -166,8 +174,10 @@ class AgentProcess:
                 kept = present * decrease
                 self._break_line(j, kept, folded, moment)
                 self._responses[j][i] += 1
+                # Draws are below 1, so that whoever has more than 1 responds, and is counted.
                 if probability > 1.0:
                     self._saturated[j][i] += 1
+                # Listeners are told when the new line has begun, so what they read is what is so now.
                 for tell in self._on_response:
                     tell(self._env.now, j, kept - present)
                 if self._log is not None:
@@ -183,6 +193,7 @@ class AgentProcess:
     def _break_line(self, resource: int, demand: float, folded: float, moment: float) -> None:
         """Begin a new line with what is held now."""
         i, row = self.agent, self._rows[resource]
+        # While the line that ends is still there: what lies on it within the window is known from it alone.
         if self._memory.kind == WINDOW:
             line = row[1][i], row[0][i], row[4], row[2][i], row[3][i]
             parts = self.system.state.parts
@@ -213,11 +224,13 @@ class AgentProcess:
 
     def _factor(self, signal: Signal, moment: float) -> float:
         """Return what makes good for the signals that the agent loses, or estimates that it loses."""
+        # The answer at hand is one of those that the factor is computed from.
         rows, i, j = self.system.rows, self.agent, signal.resource
         rows.answered[j][i] += 1
         if self._answering.rule == KNOWN:
             loss = float(self._answering.loss[i])
         else:
+            # Before the estimate, which counts this signal among those heard; late ones follow the answers.
             self._read_number(signal)
             loss = estimated_loss(rows.heard[j][i], rows.first[j][i], rows.latest[j][i])
         age = age_at(moment, rows.origin[j][i], self._grain)

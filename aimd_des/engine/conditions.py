@@ -60,6 +60,7 @@ class Conditions:
         Called just before the problem changes.
     """
 
+    # Counts beside flags: what has begun twice, such as two partitions of one agent, ends when both have.
     away: BoolArray
     cut: BoolArray
     cuts: IntArray
@@ -83,12 +84,14 @@ class Conditions:
     def at_start(cls, problem: Problem) -> "Conditions":
         """Give the conditions before anything has happened: all are here and hear."""
         n = problem.n_agents
+        # Locked against writing: who changes one uses `put`, and so says so; readers keep views of them.
         nobody = locked(np.zeros(n, dtype=np.bool_))
         return cls(
             away=nobody,
             cut=locked(nobody.copy()),
             cuts=locked(np.zeros(n, dtype=np.int64)),
             failed=locked(np.zeros(1, dtype=np.bool_)),
+            # Copies: a problem serves many runs, and none of them may change it.
             threshold=locked(problem.threshold.copy()),
             increase=locked(problem.increase.T.copy()),
             growth=locked(growth_of(problem.increase.T)),
@@ -101,4 +104,6 @@ class Conditions:
 
 def growth_of(increase: FloatArray) -> FloatArray:
     """Sum up what all agents add."""
+    # Not `sum`, which adds in pairs and differently for other lengths: here, one after the other in the order
+    # of agents, an agent that adds nothing leaves every bit as it is.
     return np.cumsum(increase, axis=1)[:, -1].copy()

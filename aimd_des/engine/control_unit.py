@@ -124,7 +124,9 @@ def soonest_crossing(now: float, limit: float, total: float, growth: float) -> f
 @formula
 def adapted(hold_off: float, shortest: float, longest: float, expected: float, total: float) -> float:
     """Return the next hold-off where one has ended with demand still at its threshold."""
-    # Answers are small beside the total, but not as small as the rounding of two sums over all agents.
+    # Half as long where the signal was answered and did not suffice; twice as long where nobody has answered
+    # yet, since the signal may still be on its way.  `expected` is the total if nobody had: answers are small
+    # beside it, but not as small as the rounding of two sums over all agents.
     if expected - total > _ROUNDING * expected:
         return max(0.5 * hold_off, shortest)
     return min(2.0 * hold_off, longest)

@@ -45,6 +45,7 @@ def check_absences(problem: Problem, interventions: Iterable[object]) -> None:
     InputError
         Naming the agent and the two.
     """
+    # Otherwise the second absence would be refused in the middle of a run.
     spans: dict[int, list[tuple[float, float, object]]] = {}
     for declared in interventions:
         span = getattr(declared, "span", None)
@@ -54,6 +55,7 @@ def check_absences(problem: Problem, interventions: Iterable[object]) -> None:
     for agent, absences in spans.items():
         absences.sort(key=lambda absence: absence[:2])
         for (_, end, one), (start, _, other) in pairwise(absences):
+            # Also where they touch: whether leaving or coming back is first at one instant would decide.
             if start <= end:
                 name = problem.agent_names[agent]
                 allowed = f"after {one!r} is over"
@@ -77,6 +79,7 @@ def check_end(interventions: Sequence[object], until: float) -> None:
     InputError
         Naming all of them.
     """
+    # Who does not say when it begins may begin at once.
     late = [
         number for number, declared in enumerate(interventions) if getattr(declared, "begins", 0.0) >= until
     ]

@@ -89,10 +89,12 @@ class ResponseDraws(dict[Signal, list[float]]):
         self.n_agents = n_agents
 
     def __missing__(self, signal: Signal) -> list[float]:
+        # Copies of one broadcast ask for the same row, mostly soon after each other; the oldest goes.
         if len(self) == _ROWS_KEPT:
             del self[next(iter(self))]
+        # Agent i takes the i-th of the row, whoever else there is and however agents are represented.
         row = rng.uniforms(self.key, signal.resource, signal.number, self.n_agents, signal.copy)
-        draws: list[float] = row.tolist()
+        draws: list[float] = row.tolist()  # indexed one at a time, where a list is several times as fast
         self[signal] = draws
         return draws
 
@@ -132,6 +134,7 @@ class Carrier:
     ) -> None:
         self.env = env
         self.agents = agents
+        # The same memory as that of the conditions, read one at a time: faster than an array of NumPy.
         self.away = memoryview(away)  # type: ignore[arg-type]  # typeshed knows no buffers of bools
         self.log = log
         self.missed: Callable[[Signal, int], None] = lambda signal, agent: None
@@ -141,12 +144,15 @@ class Carrier:
         self._scheduled: list[int] = []
 
     def send(self, signal: Signal, times: list[float], receivers: list[int], first_order: int) -> None:
-        """Put copies of one broadcast on their way."""
+        """Put copies of one broadcast on their way, sorted by time and then by receiver; at least one."""
+        # By receiver, lost copies included: at one instant copies land in the order of broadcasts, then of
+        # agents, and compiled code comes to the same numbers.
         orders = [first_order + receiver for receiver in receivers]
         flight = _Flight(signal)
         flight.copies = zip(times, orders, receivers, repeat(flight), strict=False)
         first = next(flight.copies)
         heappush(self._next, first)
+        # Behind an earlier copy it needs no event: `_land` comes to it.
         if self._next[0] is first:
             self._schedule(times[0], orders[0])
 
@@ -164,15 +170,18 @@ class Carrier:
             self.log,
             self.env.advance,
         )
+        # The event that happens is that of the top of the stack: all others are later.
         scheduled.pop()
         while True:
             time, _, agent, flight = due[0]
+            # Before the copy is handed over: a receiver may send, and so change the heap.
             following = next(flight.copies, None)
             if following is None:
                 heappop(due)
                 del flight.copies  # they name the flight in turn: nothing is left for the garbage collector
             else:
                 heapreplace(due, following)
+            # Asked when it lands: where nobody is now, it is of no use that somebody was when it was sent.
             signal, gone = flight.signal, away[agent]
             if log is not None:
                 entry = (signal.resource, agent, signal.number, float(signal.copy))
@@ -184,8 +193,10 @@ class Carrier:
             if not due:
                 return
             time, order = due[0][0], due[0][1]
+            # It has an event already, from before a copy that was sent later came in ahead of it.
             if scheduled and scheduled[-1] == order:
                 return
+            # Something else comes first: back to SimPy, at the price of one event.
             if not advance(time, Kind.DELIVER, order):
                 self._schedule(time, order)
                 return

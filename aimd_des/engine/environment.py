@@ -28,11 +28,14 @@ __all__ = ["Kind", "Mailbox", "OrderedEnvironment"]
 
 Callback = Callable[[Any], None]
 
-# Order numbers below this are indices of agents or resources.
+# Order numbers below this are indices of agents or resources, and places of interventions that are listed: at
+# one instant these come before what keeps the order in which it was scheduled.
 FIRST_ORDER = 1 << 40
+
+# Events between two reports to whoever watches the run: enough for a progress bar, too few to be felt.
 _WATCH_EVERY = 1 << 12
 
-# Before every event.
+# Before every event: what `reached` is where nothing has happened that counts.
 _NOTHING = (-math.inf, 0, 0)
 
 
@@ -51,12 +54,14 @@ class _Due(simpy.Event):
 
     def __init__(self, env: simpy.Environment, order: int, turn: int) -> None:
         super().__init__(env)
+        # Triggered already, as SimPy's own timeouts are: `env.at` puts it into the queue.
         self._ok = True
         self._value = None
         self.order = order
         self.turn = turn
 
     def __lt__(self, other: "_Due") -> bool:
+        # The queue compares events only where time, kind and order are equal, which SimPy's own never are.
         return self.turn < other.turn
 
 
@@ -72,7 +77,9 @@ class OrderedEnvironment(simpy.Environment):
     def __init__(self) -> None:
         super().__init__()
         self._now: float = 0.0
+        # SimPy numbers its own events from here, too: there is one sequence of order numbers.
         self._eid = count(FIRST_ORDER)
+        # Several events may be given the same order: those keep the turn in which they were scheduled.
         self._turns = count()
         self._places: dict[simpy.Process | None, int] = {}
         self._acted_at, self._acted = -math.inf, 0
@@ -98,6 +105,7 @@ class OrderedEnvironment(simpy.Environment):
     @property
     def upcoming(self) -> tuple[float, int, int]:
         """The (time, kind, order) of the event that is due next; at infinity if there is none."""
+        # Compiled code goes on until here and no further: only an event can change what it has not foreseen.
         if not self._queue:
             return math.inf, 0, 0
         time, kind, order, _ = self._queue[0]
@@ -121,10 +129,13 @@ class OrderedEnvironment(simpy.Environment):
         bool
             True once somebody with the same or a later turn has acted at this instant.
         """
+        # Turns of agents are their indices: once one has acted, the turns of all before it are over.  Those
+        # of all agents are, for certain, only once an ACT that was given no order has happened.
         return self._acted_at == self._now and (FIRST_ORDER if agent is None else agent) <= self._acted
 
     def _note_act(self, event: simpy.Event) -> None:
         assert isinstance(event, _Due)  # noqa: S101 - `at` makes no others
+        # The first callback of the event, so that whoever acts on it reads its own turn as over.
         self._acted_at, self._acted = self._now, event.order
 
     def reserve(self, how_many: int) -> int:
@@ -140,6 +151,7 @@ class OrderedEnvironment(simpy.Environment):
         int
             The first of them.
         """
+        # Used or not, they are gone: that a copy is lost must not move the turn of what is scheduled later.
         first = next(self._eid)
         self._eid = count(first + how_many)
         return first
@@ -179,6 +191,7 @@ class OrderedEnvironment(simpy.Environment):
         """
         if not self._now <= time < math.inf:
             raise InputError.of("time", time, f"finite and not before the present, {self._now!r}")
+        # A list of interventions is an order that its author can see; when each has scheduled what, is not.
         if kind is Kind.INTERVENE and order is None:
             order = self._places.get(self.active_process)
         event = _Due(self, next(self._eid) if order is None else order, next(self._turns))
@@ -204,10 +217,13 @@ class OrderedEnvironment(simpy.Environment):
         bool
             Whether the clock stands at `time` now; if not, it has to be scheduled.
         """
+        # A tuple of three is before one of four that begins with it: an event of this very key comes later.
         queue, key = self._queue, (time, kind, order)
         if queue and queue[0] < key:
             return False
         self._now = time
+        # Not always later: copies without latency land after the look that has sent them, and their kind is
+        # before its.  What counts as reached never falls within one instant.
         if self.tracking:
             self._reached = max(self._reached, key)
         return True
@@ -242,9 +258,11 @@ class OrderedEnvironment(simpy.Environment):
             if tracking:
                 self._reached = max(self._reached, present)
             self._now, _, _, event = present
+            # None instead of a list is how SimPy knows an event that has been handled.
             callbacks, event.callbacks = event.callbacks, None  # type: ignore[assignment]
             for callback in callbacks:
                 callback(event)
+            # A process has failed and nobody waits for it.
             if not event._ok and not hasattr(event, "_defused"):
                 raise event._value
             handled += 1
@@ -252,6 +270,7 @@ class OrderedEnvironment(simpy.Environment):
                 self._handled = handled
                 watch(self._now, handled)
         self._now = until
+        # Before every kind at the end: what is due at `until` itself does not happen, also in compiled code.
         self._reached = (until, -1, 0)
         if watch is not None:
             watch(until, handled)
@@ -265,6 +284,8 @@ class Mailbox(simpy.Event):
 
     def hand(self, value: object) -> None:
         """Resume the waiting process with a value, within the present event."""
+        # A fresh list before anybody is resumed: SimPy takes the event for one that has not happened, and the
+        # process that yields it again from within waits for the next value.
         waiting, self.callbacks = self.callbacks, []
         self._ok = True
         self._value = value

@@ -22,7 +22,7 @@ from aimd_des.utils.validation import FloatArray
 
 __all__ = ["ConstantPieces", "LinearPieces", "Observer", "fold_change"]
 
-# Changes of the total kept back before they are integrated in one go.
+# Changes of the total kept back before they are integrated in one go: a call of a kernel costs more than one.
 _BUFFERED = 1 << 16
 
 
@@ -58,11 +58,13 @@ class ConstantPieces:
         """Look just before every agent's every tick, in the order of time."""
         clocks, env = self.system.clocks, self.system.env
         assert clocks is not None  # noqa: S101 - discrete agents have clocks
+        # Where all tick together, the ticks of one agent are those of all.
         agents = range(1 if clocks.common else self.system.problem.n_agents)
         ticks = [(clocks.time(agent, 0), agent, 0) for agent in agents]
         heapify(ticks)
         while self.following:
             time, agent, tick = ticks[0]
+            # Of several agents that tick at one instant, the first closes the interval for all.
             if time > env.now or self.measured[0] < time:
                 yield env.at(time, Kind.OBSERVE)
                 self._close(self.system.totals())
@@ -71,6 +73,7 @@ class ConstantPieces:
     def _changed(self, time: float, resource: int, change: float) -> None:
         """Close an interval that is cut short from outside; ticks have closed theirs before anybody acts."""
         if time > self.measured[0]:
+            # Told after the change, which has to be taken out again for the interval before it.
             before = self.system.totals()
             before[resource] -= change
             self._close(before)
@@ -84,6 +87,7 @@ class ConstantPieces:
 
     def load(self) -> FloatArray:
         """Integrate total demand over the capacity up to now, without closing anything."""
+        # To close the interval here would add up the same integral in other pieces, and other last bits.
         since = float(self.system.env.now - self.measured[0])
         used = self.used + self.system.totals() * since
         return np.asarray(used / self.system.law.capacity + _load_before(self.stretches))
@@ -92,6 +96,7 @@ class ConstantPieces:
         """End what was measured with the present capacities: they change, or the run is over."""
         total, now = self.system.totals(), float(self.system.env.now)
         self._close(total)
+        # Of two changes at one instant, what holds in between holds for no time.
         if now > self._begun:
             measures = (self.peak, self.above, self.excess, self.used)
             capacity = self.system.law.capacity.copy()
@@ -108,12 +113,15 @@ def _load_before(stretches: list[Stretch]) -> FloatArray | float:
 @kernel
 def fold_change(running: FloatArray, time: float, change: float, slope: float, capacity: float) -> None:
     """Close a piece of a line with a change of the total."""
+    # Columns of `running`: time and total at the last change, peak, time above capacity, and the integrals of
+    # what exceeds the capacity and of all.
     total = running[1]
     duration = time - running[0]
     end = total + slope * duration
     if duration > 0.0:  # what is so for no time, between two events of one instant, is no demand
         running[2] = max(running[2], total, end)
     running[5] += 0.5 * (total + end) * duration
+    # Between changes the total never falls, so it is above capacity at the end of a piece or not at all.
     if end > capacity:
         over = end - capacity
         under = max(capacity - total, 0.0)
@@ -148,7 +156,7 @@ class LinearPieces:
     def __init__(self, system: System) -> None:
         m = system.problem.n_resources
         self.system = system
-        self.slope = system.conditions.growth
+        self.slope = system.conditions.growth  # the array of the conditions: interventions write it
         self.running = np.zeros((m, 6))
         self.stretches: list[Stretch] = []
         self._begun = 0.0
@@ -160,6 +168,7 @@ class LinearPieces:
 
     def changed(self, time: float, resource: int, change: float) -> None:
         """Take note of a change of the total."""
+        # Answers of compiled agents that come before this change are folded in before it.
         self.system.settle()
         self.times[resource].append(time)
         self.changes[resource].append(change)
@@ -193,10 +202,12 @@ class LinearPieces:
     def close_stretch(self) -> None:
         """End what was measured with the present capacities: they change, or the run is over."""
         now = float(self.system.env.now)
+        # A change by nothing ends the line while slope and capacity are still those that held on it.
         for resource in range(len(self.slope)):
             self.changed(now, resource, 0.0)
         self.flush()
         if now > self._begun:
+            # The first two columns, time and total, are where the next line begins, and stay.
             measures = self.running.T[2:]
             capacity = self.system.law.capacity.copy()
             self.stretches.append(Stretch(self._begun, now, capacity, *(row.copy() for row in measures)))
@@ -242,6 +253,7 @@ class Observer:
 
     def _watch_totals(self) -> ProcessGenerator:
         """Keep the totals; the last look is left to `finish`."""
+        # Read when the process begins, which is when the run does.
         for row, time in enumerate(self.demand_times[:-1].tolist() if self.watching else ()):
             yield self.system.env.at(time, Kind.OBSERVE)
             self._keep_totals(row)
@@ -257,8 +269,10 @@ class Observer:
 
     def finish(self) -> Observations:
         """Take the last look, at the end of the run."""
+        # Not an event: what is due at the end does not happen, but x(end) is what the run has led to.
         self._keep_totals(len(self.demand_times) - 1)
         self.demand[-1], self.average[-1] = self.system.allocations()
+        # Not 0 where nothing was measured: 0 would be a finding.
         missing = np.full(self.system.problem.n_resources, np.nan)
         overshoot, second_half = Overshoot(missing, missing, missing), missing
         stretches: tuple[Stretch, ...] = ()

@@ -65,6 +65,7 @@ def _refuse_strangers(**parts: object) -> None:
 
 def _check_maker(field: str, maker: object) -> None:
     """Refuse what makes no agents; what a function returns is seen when it is called."""
+    # A class can be asked for what its agents will have.
     if not callable(maker) or (isinstance(maker, type) and not hasattr(maker, "receive")):
         raise InputError.of(field, maker, "a class or function that makes an agent, such as AgentProcess")
 
@@ -131,6 +132,7 @@ class Simulation:
         recording: Recording | None = None,
         processes: Sequence[Callable[[System], ProcessGenerator]] = (),
     ) -> None:
+        # All that can be refused is refused here: `run` may be called in another process, hours later.
         validation.instance("problem", problem, Problem, "a Problem")
         validation.choice("dynamics", dynamics, get_args(Dynamics))
         _refuse_strangers(
@@ -155,6 +157,7 @@ class Simulation:
         changes = validation.instances("interventions", interventions, Intervention, "an intervention")
         for intervention in changes:
             intervention.check(problem)
+        # After the others: it looks agents up, which must exist.
         check_absences(problem, changes)
         self.problem = problem
         self.dynamics: Dynamics = dynamics
@@ -215,11 +218,13 @@ class Simulation:
             validation.instance(
                 "watch", watch, _FUNCTION, "a function of simulated time and number of events"
             )
+        # Everything that changes is made here, so that one simulation can be run any number of times.
         check_end(self.interventions, until)
         log = EventLog() if self.recording.events else None
         system = System(
             self.problem, self.channel, self.clocks, self.seed, until, log, self.averaging, self.compensation
         )
+        # The observer first: agents that are compiled take over a part of its work before anything begins.
         observer = Observer(system, self.recording)
         self._populate(system, observer)
         for intervention in self.interventions:
@@ -228,6 +233,7 @@ class Simulation:
         for process in self.processes:
             _start(system.env.process, returned_values.said_by(process), process(system))
         system.env.run_to(until, watch)
+        # Compiled agents have been brought to the last look, not to the end.
         system.finish()
         signals = system.transmitter.sent.signals()
         account = Account(
@@ -258,6 +264,7 @@ class Simulation:
     def _populate(self, system: System, observer: Observer) -> None:
         """Start the control unit, then the agents."""
         control_unit, populate = self.control_unit, getattr(self.agents, "populate", None)
+        # Asked for by its method: this module need not know who is compiled, nor how.
         if populate is None:
             process, make_all = control_unit.process(system), cast(Maker, self.agents)
             makers = {index: self.special.get(index, make_all) for index in range(self.problem.n_agents)}

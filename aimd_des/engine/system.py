@@ -77,10 +77,12 @@ class System(Readings):
         compensation: Compensation | None = None,
     ) -> None:
         n, m = problem.n_agents, problem.n_resources
+        # A key for each purpose: what one of them draws moves no number of another.
         self.keys = {purpose: rng.key(seed, purpose) for purpose in Purpose}
         self.link = channel.open(n, self.keys)
         returned_values.having(returned_values.said_by(channel, "open"), self.link, ["transmit"])
         grain = CONTINUOUS if clocks is None else DISCRETE
+        # Arrays of this run: interventions write them, so nothing of the problem's may be among them.
         law = law_of(problem, grain, averaging, compensation)
         own = None if clocks is None else clocks.start(n, self.keys[Purpose.CLOCK])
         super().__init__(problem, OrderedEnvironment(), own, start(m, n, grain, law.memory), law, grain)
@@ -117,12 +119,14 @@ class System(Readings):
         if self.conditions.away[i]:
             name = self.problem.agent_names[i]
             raise InputError.of("agent", name, "one that is here", "let it join first")
+        # Reading it settles: copies that were due before are answered from what was held then.
         before = self.demand(i, j)
         self.break_line(i, j, demand)
         if self.log is not None:
             self.log.add((self.env.now, Entry.CHANGE, j, i, -1, demand - before))
         for tell in self.on_intervention:
             tell(self.env.now, j, demand - before)
+        # A lower demand can only delay a crossing, and a look that comes too early finds nothing.
         if demand > before:
             self.tighten(j)
 
@@ -140,6 +144,7 @@ class System(Readings):
         held, folded, anchor = rows.demand[j], rows.accumulated[j], rows.anchor[j]
         # A tick folds in the demand at hand, so what is set now stands just before the next tick.
         last = self.moment(i) - self.grain
+        # The law's alpha, not the problem's: while the agent was away, its line did not grow.
         line = folded[i], held[i], float(self.law.increase[j, i])
         keep_parts(memory, self.state.parts, j, i, *line, anchor[i], rows.origin[j][i], last, self.grain)
         folded[i] = folded_at(memory, *line, last - anchor[i], self.grain)
@@ -171,6 +176,7 @@ class System(Readings):
         lost : bool
             Whether it is lost, since nobody was there; if not, it was delivered.
         """
+        # An agent belongs to one of the two; who is no member, or has no such method, is not concerned.
         if self.collective is not None:
             self.collective.forget(agent, lost=lost)
         own = getattr(self.agents.get(agent), "forget", None)  # an agent need not have it
@@ -180,6 +186,7 @@ class System(Readings):
     def finish(self) -> None:
         """Settle what is due by the end, and take note of what landed where nobody was."""
         self.settle()
+        # Copies that wait for a tick of an agent that is away are still counted as delivered.
         for agent in np.flatnonzero(self.conditions.away).tolist():
             self.forget(agent, lost=True)
 
@@ -192,7 +199,9 @@ class System(Readings):
             There is one at most.
         """
         self.collective = self.transmitter.collective = collective
+        # Asked for by collectives alone, and every event pays for it.
         self.env.tracking = True
+        # Their entries are written when they settle: before any later one, so that the log is in order.
         if self.log is not None:
             self.log.lead(collective.settle)
 
@@ -215,5 +224,6 @@ class System(Readings):
         """
         j = resource_index(self.problem, resource)
         delay = validation.number("delay", delay, low=0.0)
+        # What is due before now is answered first: once something is sent, nothing is settled in this event.
         self.settle()
         self.transmitter.send(j, self.env.now, delay, self.total)

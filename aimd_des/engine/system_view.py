@@ -53,7 +53,7 @@ class Readings:
         self.problem = problem
         self.env, self.clocks, self.state, self.law, self.grain = env, clocks, state, law, grain
         self.rows = State(*([memoryview(row) for row in array] for array in state))  # type: ignore[arg-type]
-        self._now = np.empty(1)
+        self._now = np.empty(1)  # kept, since `moments` is called at every look
 
     def settle(self) -> None:
         """Bring agents that are advanced together to where events have come; reading does it, too."""
@@ -72,6 +72,7 @@ class Readings:
         float
             For `AgentClocks.next_tick` and `next_ticks`.
         """
+        # Ticks are counted before a time; the next number after now lets those at this very instant count.
         now = float(self.env.now)
         return math.nextafter(now, math.inf) if self.env.has_acted(agent) else now
 
@@ -160,6 +161,7 @@ class Readings:
         float
             The index of its next tick or, of a continuous agent, the time.
         """
+        # A discrete agent counts its ticks, since its demand and average are those of whole numbers of them.
         if self.clocks is None:
             return float(self.env.now)
         return float(self.clocks.next_tick(agent, self.clock_time()))
@@ -184,6 +186,7 @@ class Readings:
         """
         i, j = agent_index(self.problem, agent), resource_index(self.problem, resource)
         self.settle()
+        # After settling: an answer that was due has begun a new line.
         since = self.moment(i) - self.rows.anchor[j][i]
         return demand_at(self.rows.demand[j][i], float(self.law.increase[j, i]), since, self.grain)
 

@@ -27,6 +27,7 @@ class SentSignals(Sequence[Broadcast]):
     """The broadcasts of a run so far, in the order in which they were sent."""
 
     def __init__(self) -> None:
+        # Grows by appending, at 24 bytes for a signal: a run may send millions.
         self._time, self._resource, self._number = array("d"), array("q"), array("q")
 
     def append(self, broadcast: Broadcast) -> None:
@@ -87,7 +88,7 @@ class Transmitter:
     ) -> None:
         self.env, self.link, self.until, self.carrier, self.log = env, link, until, carrier, log
         self.conditions, self.n_agents = conditions, len(conditions.cut)
-        carrier.missed = self.missed
+        carrier.missed = self.missed  # the account has to be put right where a copy lands in vain
         self.sent = SentSignals()
         self.numbers = np.zeros(n_resources, dtype=np.int64)
         self.delivered, self.lost, self.duplicated = np.zeros((3, n_resources, self.n_agents), dtype=np.int64)
@@ -100,18 +101,22 @@ class Transmitter:
 
     def send(self, resource: int, time: float, delay: float, total: Callable[[int], float]) -> None:
         """Broadcast a capacity signal."""
+        # Numbered for each resource, whatever becomes of the copies: the number is the address of draws.
         signal = Broadcast(resource, int(self.numbers[resource]), time)
         self.numbers[resource] += 1
         self.sent.append(signal)
         departure = time + delay
+        # Drawn at the look even if the signal leaves later: so a channel is asked in the order of broadcasts.
         copies = self._drawn(signal, departure)
         # Turns are taken at the look: what lands at one instant lands in the order of the looks.
         turn, *orders = (self.env.reserve(many) for many in (1, self.n_agents, self.n_agents))
+        # A delay may be too short to make a difference; then the signal leaves in this very look.
         late = departure > time
         if not late:
             copies = _without(self.conditions.cut, copies)
         if self.log is not None:
             self.log.add((time, Entry.SIGNAL, resource, -1, signal.number, total(resource)))
+        # What the channel loses is lost at the look, before the departure, which may come after the end.
         self._lose(signal, copies.arrival == math.inf)
         if not late:
             self._leave(signal, copies, orders)
@@ -120,11 +125,13 @@ class Transmitter:
             def leave_late(_: simpy.Event) -> None:
                 self._leave_late(signal, copies, orders)
 
+            # A delivery with a turn before those of its copies: after interventions that cut, ahead of looks.
             self.env.at(departure, Kind.DELIVER, turn).callbacks.append(leave_late)
 
     def _drawn(self, signal: Broadcast, departure: float) -> Copies:
         """Ask the channel, and refuse what it cannot mean."""
         link = self.link
+        # Ours need no check, and leave the order of copies to the time when cuts are known.
         if isinstance(link, DrawnLink):
             return link.draw(signal, departure)
         field = returned_values.said_by(link, "transmit")
@@ -134,6 +141,7 @@ class Transmitter:
         return Copies(arrival, None if second is None else self._times(f"{field}.second", second, departure))
 
     def _times(self, field: str, times: object, departure: float) -> FloatArray:
+        # Copied: whoever wrote the link may go on using the array.
         return returned_values.numbers(field, times, (self.n_agents,), "agent", departure).copy()
 
     def _lose(self, signal: Broadcast, lost: npt.NDArray[np.bool_]) -> None:
@@ -145,10 +153,12 @@ class Transmitter:
 
     def _leave_late(self, signal: Broadcast, drawn: Copies, orders: list[int]) -> None:
         """Let a signal leave after its sensing delay, as far as nothing is in the way now."""
+        # Nobody may have looked at this instant; what is due must be answered before more is sent.
         if self.collective is not None:
             self.collective.settle()
         cut = self.conditions.cut | self.conditions.failed
         copies = _without(cut, drawn)
+        # The others were entered at the look.
         self._lose(signal, (copies.arrival == math.inf) & (drawn.arrival < math.inf))
         self._leave(signal, copies, orders)
 
@@ -159,12 +169,14 @@ class Transmitter:
         accounts = self.delivered, self.duplicated
         for copy, (arrival, account, order) in enumerate(zip(copies, accounts, orders, strict=True)):
             if arrival is not None:
+                # Counted ahead, so that nothing is counted when a copy lands; inf is never before the end.
                 arrives = arrival < self.until
                 account[signal.resource] += arrives
                 self._carry(Signal(signal.resource, signal.number, copy), arrival, arrives, order)
 
     def missed(self, signal: Signal, agent: int) -> None:
         """Take note that a copy has landed where nobody is: it is lost after all."""
+        # A duplicate is not lost: the account knows one copy of each signal for each agent.
         if signal.copy:
             self.duplicated[signal.resource, agent] -= 1
         else:
@@ -176,8 +188,10 @@ class Transmitter:
     ) -> None:
         if self.collective is not None:
             self.collective.send(signal, arrival, first_order)
+            # What is left is for agents that are processes.
             arrival = np.where(self.collective.members, math.inf, arrival)
             arrives = arrives & ~self.collective.members
+        # Stable: copies that land at one instant land in the order of agents.  What never arrives is last.
         receivers = arrival.argsort(kind="stable")[: np.count_nonzero(arrives)]
         if len(receivers):
             times = arrival[receivers].tolist()
