@@ -58,6 +58,7 @@ def network_table(
     tail: npt.ArrayLike = (), head: npt.ArrayLike = (), agent: npt.ArrayLike = ()
 ) -> NetworkTable:
     """Lay out a network for compiled code; without arguments, none."""
+    # Sorted by the node that they leave: a node finds its own side by side.
     tails, heads = np.array(tail, dtype=np.int64), np.array(head, dtype=np.int64)
     n_nodes = int(heads.max()) + 1 if len(heads) else 0
     arc = np.argsort(tails, kind="stable")
@@ -75,10 +76,13 @@ def network_table(
 @routine
 def spread(network: NetworkTable, lost: BoolArray, departure: float, arrival: FloatArray) -> None:
     """Let a broadcast run over the arcs."""
+    # Infinity is where the broadcast has not come yet, and stays where it never does: so a lost copy is one
+    # that arrives at infinity, here as elsewhere.
     time, fresh = network.time, network.fresh
     time[:] = np.inf
     fresh[:] = False
     time[0], fresh[0] = departure, True
+    # It ends: latencies are at least 0, so no way round a circle is earlier, and only what is earlier counts.
     again = True
     while again:
         again = False
@@ -87,6 +91,7 @@ def spread(network: NetworkTable, lost: BoolArray, departure: float, arrival: Fl
                 continue
             fresh[node] = False
             for place in range(network.first[node], network.first[node + 1]):
+                # By the number of the arc, at which its draws stand however arcs are sorted here.
                 arc, head = network.arc[place], network.head[place]
                 reached = time[node] + network.latency[arc]
                 if reached < time[head] and not lost[arc]:

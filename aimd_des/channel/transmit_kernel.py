@@ -71,6 +71,8 @@ def channel_table(
     network: NetworkTable | None = None,
 ) -> ChannelTable:
     """Lay out a channel for compiled code, at the start of a run."""
+    # Models are drawn for each link; what comes after the draws, duplication and order, is for each agent.
+    # Over a network there is neither: a node forwards the first copy alone, so callers give 0 and False.
     links = len(latency.first)
     n = links if network is None else len(network.agent)
     return ChannelTable(
@@ -79,7 +81,7 @@ def channel_table(
         duplication=np.array(np.broadcast_to(duplication, (n,)), dtype=np.float64),
         duplicates=bool(np.any(duplication)),
         fifo=fifo,
-        latest=np.zeros(n),
+        latest=np.zeros(n),  # nothing arrives before a run begins, so the first copy waits for none
         latency_key=keys[Purpose.LATENCY],
         loss_key=keys[Purpose.LOSS],
         duplication_key=keys[Purpose.DUPLICATION],
@@ -92,6 +94,8 @@ def channel_table(
 @kernel
 def put_in_order(latest: FloatArray, arrival: FloatArray) -> None:
     """Let no copy overtake another one on its link."""
+    # Broadcasts come here in the order in which they leave, after cuts: what does not get through, at
+    # infinity, is not remembered, and holds nothing back.
     for i in range(arrival.shape[0]):
         arrival[i] = max(arrival[i], latest[i])
         if arrival[i] < np.inf:
@@ -102,9 +106,11 @@ def put_in_order(latest: FloatArray, arrival: FloatArray) -> None:
 def _transmit_seconds(
     table: ChannelTable, resource: int, number: int, departure: float, second: FloatArray
 ) -> None:
+    # Lanes of its own: whether a channel duplicates moves no draw of the first copies.
     latency, key, lost, spare = table.latency, table.latency_key, table.lost, table.spare
     latency_row(latency, key, resource, number, LANES_PER_COPY, second, spare)
     uniforms_row(table.duplication_key, resource, number, 0, spare)
+    # What is lost on the way is lost before it could be doubled.
     for i in range(second.shape[0]):
         twice = not lost[i] and spare[i] < table.duplication[i]
         second[i] = departure + second[i] if twice else np.inf
@@ -116,15 +122,20 @@ def transmit(
 ) -> int:
     """Draw loss, latency and duplication of every copy of a broadcast; `put_in_order` comes after it."""
     lost, spare, network = table.lost, table.spare, table.network
+    # A refusal is a code here, and gets its words from `refuse_loss`; the run ends with it.
     code = loss_row(table.loss, table.loss_key, resource, number, departure, 0, lost, spare)
+    # Latencies of all links, lost copies included: a row is drawn in one go, and draws have addresses, so
+    # that two channels which differ in loss alone give the copies that both deliver the same latencies.
     networked = network.head.shape[0] > 0
     drawn = network.latency if networked else arrival
     latency_row(table.latency, table.latency_key, resource, number, 0, drawn, spare)
     if networked:
         spread(network, lost, departure, arrival)
         return code
+    # Lost copies arrive at infinity: whoever compares times need not ask twice.
     for i in range(arrival.shape[0]):
         arrival[i] = np.inf if lost[i] else departure + arrival[i]
+    # If there cannot be any, `second` is left alone, and nobody reads it.
     if table.duplicates:
         _transmit_seconds(table, resource, number, departure, second)
     return code

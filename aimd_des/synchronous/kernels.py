@@ -28,6 +28,7 @@ class Control(NamedTuple):
     which `used` is kept as `half`, and `broadcast`, (K, m): whether step k broadcast for resource j.
     """
 
+    # Single numbers are arrays of one: kernels write them.
     moment: FloatArray
     total: FloatArray
     signal: BoolArray
@@ -66,6 +67,8 @@ class Watch(NamedTuple):
 @kernel
 def _measure(law: Law, control: Control) -> None:
     """Fold the totals of one step into peak, time above capacity and mean excess."""
+    # How much of this step lies before the middle of the run, which is within a step if their number is odd.
+    # Before `used` is moved on, since `half` is what it is there.
     first_half = control.middle[0] - (control.moment[0] - 1.0)
     if 0.0 < first_half <= 1.0:
         for j in range(control.total.shape[0]):
@@ -77,17 +80,21 @@ def _measure(law: Law, control: Control) -> None:
 @kernel
 def _watch_step(state: State, law: Law, watch: Watch, control: Control) -> None:
     """Keep totals and allocations of x(k), k being the next step that is asked for."""
+    # Totals and allocations are asked for at different steps; `step` is the earlier of the next of either,
+    # and what is read of all agents then serves both.
     row, page, step = watch.cursor[0], watch.cursor[1], watch.cursor[2]
     demand, average = watch.demand[page], watch.average[page]
     observe(state, law, control.moment, DISCRETE, demand, average)
     if watch.demand_steps[row] == step:
         for j in range(control.total.shape[0]):
+            # In the order of agents, as at every other look: so asynchronous runs come to the same bits.
             used = 0.0
             for i in range(average.shape[1]):
                 used += average[j, i]
             watch.total_demand[row, j] = control.total[j]
             watch.total_average[row, j] = used
         watch.cursor[0] += 1
+    # Otherwise the page is written again at a step that is asked for.
     if watch.allocation_steps[page] == step:
         watch.cursor[1] += 1
     # Both end with the end of the run, so neither runs out before the other.
@@ -99,6 +106,7 @@ def _watch_step(state: State, law: Law, watch: Watch, control: Control) -> None:
 def _look(state: State, law: Law, step: int, lag: int, control: Control, watch: Watch) -> bool:
     """Let the control unit look at x(k): Algorithm 1.  Tells whether agents must act on a signal at k."""
     control.moment[0] = step
+    # Added up anew and never carried along, so that no step inherits the rounding of those before it.
     totals(state, law, control.moment, DISCRETE, control.total)
     if step > 0:  # demand is x(k) over (k-1, k], the interval that this look closes
         _measure(law, control)
@@ -108,6 +116,7 @@ def _look(state: State, law: Law, step: int, lag: int, control: Control, watch: 
     for j in range(law.limit.shape[0]):
         due = control.total[j] > law.limit[j]
         control.broadcast[step, j] = due
+        # Without a lag S(k) is what this look finds; else it is what the look before has left in `signal`.
         if lag == 0:
             control.signal[j] = due
             control.sent[j] += due
@@ -118,6 +127,8 @@ def _look(state: State, law: Law, step: int, lag: int, control: Control, watch: 
 @kernel
 def _conclude(law: Law, step: int, lag: int, control: Control) -> None:
     """Put S(k+1) in force."""
+    # After the agents of step k, who act on S(k).  `sent` counts what is in force: it is one more than the
+    # number of the broadcast that is answered, the address of its draws.
     if lag == 1:
         for j in range(law.limit.shape[0]):
             control.signal[j] = control.broadcast[step, j]
@@ -127,6 +138,7 @@ def _conclude(law: Law, step: int, lag: int, control: Control) -> None:
 @kernel
 def _average(state: State, law: Law, step: int, resource: int, scratch: Scratch) -> None:
     """Bring the averages of one resource to step k."""
+    # Only where somebody may answer: between signals demand is a line, and averages are read off it.
     folded, average = scratch.folded[resource], scratch.average[resource]
     average_row(state, law, resource, float(step), DISCRETE, folded, average)
 
@@ -143,6 +155,7 @@ def _answer_signal(
     state: State, law: Law, step: int, resource: int, number: int, key: Key, scratch: Scratch
 ) -> None:
     """Let all agents answer broadcast b for resource j; averages and derivatives are in `scratch`."""
+    # The draws that an asynchronous run takes for the same broadcast, whatever happened before it.
     uniforms_row(key, resource, number, 0, scratch.uniform)
     answer_row(
         state,
@@ -171,6 +184,7 @@ def take_steps(
     scratch: Scratch,
 ) -> None:
     """Take some steps, one after the other, in compiled code."""
+    # From `first` on until `steps` have been taken in all, since a run is taken in parts.
     coupled = table.weights.shape[0] > 0
     for step in range(first, steps):
         if _look(state, law, step, lag, control, watch):
@@ -201,6 +215,7 @@ def take_custom_steps(
     for step in range(steps):
         if _look(state, law, step, lag, control, watch):
             _average_all(state, law, step, scratch)
+            # One call for all agents and resources: a function of Python costs more than what it computes.
             scratch.gradient[:] = costs.gradient(scratch.average.T).T
             for j in np.flatnonzero(control.signal):
                 _answer_signal(state, law, step, int(j), int(control.sent[j]) - 1, key, scratch)
@@ -209,6 +224,7 @@ def take_custom_steps(
 
 def close_books(state: State, law: Law, steps: int, control: Control, watch: Watch) -> None:
     """Measure and watch x(K), to which the last step has led."""
+    # No look of the control unit: K steps have K looks, at x(0) to x(K - 1).
     control.moment[0] = steps
     totals(state, law, control.moment, DISCRETE, control.total)
     _measure(law, control)

@@ -81,6 +81,7 @@ def run_synchronous(
         )
     recording = Recording() if recording is None else recording
     validation.instance("recording", recording, Recording, "a Recording, such as Recording(demand='end')")
+    # Refused, not ignored: who asks for a log and gets none would look for it in the result.
     if recording.events:
         raise InputError.of("recording.events", True, "False: the synchronous algorithm has no events")
     n, m = problem.n_agents, problem.n_resources
@@ -102,6 +103,7 @@ def run_synchronous(
     watch = _openwatch_step(recording, steps, n, m)
     folded, average, gradient = np.zeros((3, m, n))
     scratch = Scratch(folded, average, gradient, np.zeros(n), np.zeros((2, n)))
+    # Empty where costs are the user's own functions, which compiled code cannot call.
     if table.n_agents:
         block = max(1, _IN_ONE_GO // (n * m))
         for first in range(0, steps, block):
@@ -111,6 +113,7 @@ def run_synchronous(
         take_custom_steps(problem.costs, state, law, steps, lag, key, control, watch, scratch)
     close_books(state, law, steps, control, watch)
     signals, observations, account = _outcome(problem, steps, state, control, watch)
+    # The looks at K / 2 or later, as the load that they are held against is that of the second half.
     looks = Opportunities(float(steps - (steps + 1) // 2), 1.0)
     return Result(
         problem, "discrete", seed, float(steps), signals, observations, account, opportunities=looks
@@ -134,6 +137,7 @@ def _openwatch_step(recording: Recording, steps: int, n: int, m: int) -> Watch:
         allocation_steps=pages,
         demand=np.zeros((len(pages), m, n)),
         average=np.zeros((len(pages), m, n)),
+        # Both end at K, so there is a next step until both are done.
         cursor=np.array([0, 0, min(rows[0], pages[0])], dtype=np.int64),
     )
 
@@ -142,6 +146,7 @@ def _outcome(
     problem: Problem, steps: int, state: State, control: Control, watch: Watch
 ) -> tuple[Signals, Observations, Account]:
     step, resource = np.nonzero(control.broadcast)
+    # Sorted by step, and then by resource: the order in which an asynchronous run sends them.
     number = np.empty_like(step)
     for j in range(problem.n_resources):
         own = resource == j
@@ -161,6 +166,7 @@ def _outcome(
         (control.used - control.half) / (0.5 * steps) / problem.capacity,
         stretches,
     )
+    # There is no channel: every copy of every signal reaches its agent.
     nothing = np.zeros_like(state.responses)
     account = Account(
         delivered=nothing + sent[:, None],
