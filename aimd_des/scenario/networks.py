@@ -31,7 +31,33 @@ def over_network(
     latency_model: Literal["constant", "exponential"] = "constant",
     mean_burst: float | None = None,
 ) -> Channel:
-    """Send broadcasts over a graph."""
+    """Send broadcasts over a graph.
+
+    Parameters
+    ----------
+    graph : networkx.Graph
+        Every edge has a latency and a loss.
+    over : {"tree", "flood"}
+        Along the tree of shortest paths, or by flooding.
+    agents : list of nodes, optional
+        In the order of the agents' index: all nodes but the control unit's unless given.
+        The other nodes are relays.
+    latency_model : {"constant", "exponential"}
+        What an edge's latency is: the same for every broadcast, or the mean of exponential ones.
+    mean_burst : float, optional
+        Mean duration of bursts in which an edge loses everything, in units of time; losses are
+        independent unless given.
+
+    Returns
+    -------
+    Channel
+        Along the tree, or by flooding.
+
+    Raises
+    ------
+    InputError
+        If there is no such node, or an agent cannot be reached.
+    """
     loss: Any = Bernoulli
     if mean_burst is not None:
         burst = validation.number("mean_burst", mean_burst, low=0.0, low_open=True)
@@ -47,7 +73,25 @@ def over_network(
 
 
 def refuse_vast(kind: str, parameters: Mapping[str, Any]) -> float:
-    """Estimate how many edges a graph will have, and refuse what no machine can hold."""
+    """Estimate how many edges a graph will have, and refuse what no machine can hold.
+
+    Parameters
+    ----------
+    kind : str
+        Which graph.
+    parameters : mapping
+        Of the right types.
+
+    Returns
+    -------
+    float
+        At most ten million.
+
+    Raises
+    ------
+    InputError
+        If there are more.
+    """
     edges = max(_edges(kind, parameters), 0.0)
     if edges > _MOST_EDGES:
         allowed = f"at most {_MOST_EDGES:,} edges, and these are about {edges:.1e}"

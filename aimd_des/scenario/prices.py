@@ -17,13 +17,40 @@ __all__ = ["RedrawnPrices", "redraw_seed"]
 
 
 def redraw_seed(seed: int, number: int) -> int:
-    """Derive the seed of one redraw."""
+    """Derive the seed of one redraw.
+
+    Parameters
+    ----------
+    seed : int
+        The scenario's, at least 0.
+    number : int
+        k, at least 1.
+
+    Returns
+    -------
+    int
+        The first 64 bits of ``numpy.random.SeedSequence(seed, spawn_key=(number,))``.
+    """
     return int(np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(1, np.uint64)[0])
 
 
 @dataclass(frozen=True)
 class RedrawnPrices:
-    """The private costs of all agents are drawn anew by the scenario's model at given intervals."""
+    """The private costs of all agents are drawn anew by the scenario's model at given intervals.
+
+    Parameters
+    ----------
+    every : float
+        The interval, greater than 0: the k-th costs hold from k * every on.
+    parameter : str
+        The parameter of the model that decides the draw, which gets a seed of its own for each k; its name
+        has "seed" in it.
+
+    Raises
+    ------
+    InputError
+        If the interval is not positive, or the parameter is called as if it were no seed.
+    """
 
     every: float
     parameter: str = "seed"
@@ -34,7 +61,27 @@ class RedrawnPrices:
             raise InputError.of("parameter", self.parameter, "one that takes a seed, with 'seed' in its name")
 
     def by(self, model: str, parameters: Mapping[str, Any], seed: int) -> Prices:
-        """Let a model draw them."""
+        """Let a model draw them.
+
+        Parameters
+        ----------
+        model : str
+            A registered model.
+        parameters : mapping
+            Of the model; the one that decides the draw is replaced.
+        seed : int
+            The scenario's.
+
+        Returns
+        -------
+        Prices
+            Whose k-th costs are those of the model with `redraw_seed` (seed, k).
+
+        Raises
+        ------
+        InputError
+            If the model has no such parameter, naming the nearest one.
+        """
         complete = model_parameters(model, {**parameters, self.parameter: seed}, seed)
 
         @lru_cache(maxsize=1)  # checks ask for the first one again and again
