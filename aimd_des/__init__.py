@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from aimd_des.scenario.models import model
     from aimd_des.study import Study, load_study, run_study
     from aimd_des.synchronous import run_synchronous
-    from aimd_des.utils.errors import InputError, SimulationError
+    from aimd_des.utils.errors import InputError, OverloadWarning, SimulationError
 
 # Where each public name lives.
 _HOME = {
@@ -37,6 +37,7 @@ _HOME = {
     "Fleet": "fleet",
     "InputError": "utils.errors",
     "Optimum": "problem.optimum",
+    "OverloadWarning": "utils.errors",
     "PolynomialCosts": "problem.costs",
     "Problem": "problem",
     "Recording": "results",
@@ -70,6 +71,7 @@ __all__ = [
     "Fleet",
     "InputError",
     "Optimum",
+    "OverloadWarning",
     "PolynomialCosts",
     "Problem",
     "Recording",

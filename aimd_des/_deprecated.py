@@ -31,25 +31,27 @@ KEYWORDS: dict[str, str] = {"refractory": "hold_off", "longest": "longest_hold_o
 #: Old paths, each with the modules in which its names are now; the first is the one to import instead.
 MOVED: dict[str, tuple[str, ...]] = {
     "aimd_des.agents": ("aimd_des", "aimd_des.fleet", "aimd_des.engine.agent_process"),
-    "aimd_des.checks": ("aimd_des.utils.validation",),
     "aimd_des.clock": ("aimd_des", "aimd_des.dynamics.clocks"),
     "aimd_des.control_unit": ("aimd_des", "aimd_des.engine.control_unit"),
-    "aimd_des.costs": ("aimd_des", "aimd_des.problem.costs"),
     "aimd_des.discrete": ("aimd_des", "aimd_des.synchronous.synchronous"),
     "aimd_des.elementary": ("aimd_des.lowlevel", "aimd_des.utils.portable_math"),
     "aimd_des.environment": ("aimd_des.lowlevel", "aimd_des.engine.environment"),
     "aimd_des.errors": ("aimd_des", "aimd_des.utils.errors"),
-    "aimd_des.metrics": ("aimd_des.results.metrics",),
     "aimd_des.optimum": ("aimd_des", "aimd_des.problem.optimum"),
-    "aimd_des.output": ("aimd_des.scenario.run_folder",),
+    "aimd_des.output": (
+        "aimd_des.scenario",
+        "aimd_des.scenario.run_folder",
+    ),
     "aimd_des.recording": ("aimd_des", "aimd_des.results.recording"),
     "aimd_des.registry": ("aimd_des", "aimd_des.scenario.models"),
     "aimd_des.response": ("aimd_des.lowlevel", "aimd_des.dynamics.response"),
     "aimd_des.simulation": ("aimd_des", "aimd_des.engine.simulation"),
-    "aimd_des.stored": ("aimd_des.scenario.stored_run",),
+    "aimd_des.stored": (
+        "aimd_des.scenario",
+        "aimd_des.scenario.stored_run",
+    ),
     "aimd_des.streams": ("aimd_des.lowlevel", "aimd_des.utils.rng"),
     "aimd_des.system": ("aimd_des.lowlevel", "aimd_des.engine.system"),
-    "aimd_des.tracking": ("aimd_des.results.tracking",),
     "aimd_des.transport": ("aimd_des.lowlevel", "aimd_des.engine.delivery"),
 }
 

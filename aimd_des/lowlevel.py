@@ -3,14 +3,16 @@
 These names are promised like those of `aimd_des` itself. Nothing else inside the package is.
 """
 
-from aimd_des.channel import Broadcast, Channel, Copies, Draws, Link
+from aimd_des.channel import Broadcast, Channel, Copies, DrawnLink, Draws, Link
 from aimd_des.dynamics.response import response_probability
 from aimd_des.engine.control_unit import ControlUnit
 from aimd_des.engine.delivery import Agent, ProcessGenerator, Signal
 from aimd_des.engine.environment import Kind, OrderedEnvironment
 from aimd_des.engine.system import System
+from aimd_des.problem.lookup import agent_indices
 from aimd_des.utils.portable_math import exp, expm1, exps, log, log1p, logs, standard_normal
 from aimd_des.utils.rng import Purpose, generator, key, uniforms
+from aimd_des.utils.validation import FloatArray
 
 __all__ = [
     "Agent",
@@ -18,7 +20,9 @@ __all__ = [
     "Channel",
     "ControlUnit",
     "Copies",
+    "DrawnLink",
     "Draws",
+    "FloatArray",
     "Kind",
     "Link",
     "OrderedEnvironment",
@@ -26,6 +30,7 @@ __all__ = [
     "Purpose",
     "Signal",
     "System",
+    "agent_indices",
     "exp",
     "expm1",
     "exps",

@@ -11,10 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aimd_des.problem.costs import PolynomialCosts
-from aimd_des.problem.problem import Problem, Resource
-from aimd_des.scenario.models import model
-from aimd_des.utils import validation
+from aimd_des import PolynomialCosts, Problem, Resource, checks, model
 
 __all__ = ["classic_aimd"]
 
@@ -61,7 +58,7 @@ def classic_aimd(
     >>> theory.event_mean(problem.capacity, problem.increase, problem.decrease).round(6).tolist()
     [[0.25], [0.75]]
     """
-    alpha = validation.array("increase", increase, ("n_agents",), low=0.0, low_open=True)
-    beta = validation.per_agent("decrease", decrease, low=0.0, high=1.0, high_open=True)
+    alpha = checks.array("increase", increase, ("n_agents",), low=0.0, low_open=True)
+    beta = checks.per_agent("decrease", decrease, low=0.0, high=1.0, high_open=True)
     costs = PolynomialCosts([2], np.full((len(alpha), 1, 1), 0.5))
     return Problem([Resource("share", capacity, alpha, beta, normalization=1.0)], costs)

@@ -37,14 +37,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from aimd_des.problem.costs import PolynomialCosts
-from aimd_des.problem.optimum import solve_optimum
-from aimd_des.problem.problem import Problem, Resource
-from aimd_des.scenario.models import model
-from aimd_des.utils import rng, validation
-from aimd_des.utils.errors import InputError
-from aimd_des.utils.rng import Purpose
-from aimd_des.utils.validation import FloatArray
+from aimd_des import InputError, PolynomialCosts, Problem, Resource, checks, lowlevel, model, solve_optimum
+from aimd_des.lowlevel import FloatArray, Purpose
 
 __all__ = ["EVENING_PEAK", "Vehicles", "capacity_left", "daily_base_load", "ev_charging", "vehicle_schedule"]
 
@@ -93,9 +87,9 @@ class Vehicles:
     energy: FloatArray
 
     def __post_init__(self) -> None:
-        arrival = validation.array("arrival", self.arrival, ("n_vehicles",), low=0.0)
-        departure = validation.array("departure", self.departure, arrival.shape)
-        energy = validation.array("energy", self.energy, arrival.shape, low=0.0, low_open=True)
+        arrival = checks.array("arrival", self.arrival, ("n_vehicles",), low=0.0)
+        departure = checks.array("departure", self.departure, arrival.shape)
+        energy = checks.array("energy", self.energy, arrival.shape, low=0.0, low_open=True)
         for i in np.flatnonzero(departure <= arrival):
             after = f"after the arrival at {arrival[i]:g}"
             raise InputError.of(f"departure[{i}]", float(departure[i]), after)
@@ -133,8 +127,8 @@ def vehicle_schedule(seed: int = 0, n_vehicles: int = 40) -> Vehicles:
     InputError
         If an argument is outside its range.
     """
-    n = validation.integer("n_vehicles", n_vehicles, low=1)
-    uniform = rng.generator(seed, Purpose.PROBLEM).random((n, 3))
+    n = checks.integer("n_vehicles", n_vehicles, low=1)
+    uniform = lowlevel.generator(seed, Purpose.PROBLEM).random((n, 3))
     low, high = ndtr(-_CUT), ndtr(_CUT)
     arrival, departure, energy = ndtri(low + (high - low) * uniform).T
     return Vehicles(
@@ -186,7 +180,7 @@ def daily_base_load(step: int = 15) -> tuple[FloatArray, FloatArray]:
     >>> len(minute), float(minute[base_load.argmax()]), round(float(base_load.max()), 6)
     (96, 390.0, 0.95)
     """
-    every = validation.integer("step", step, low=1, high=_DAY)
+    every = checks.integer("step", step, low=1, high=_DAY)
     if _DAY % every:
         raise InputError.of("step", every, f"a divisor of {_DAY}")
     minute = np.arange(0, _DAY, every, dtype=np.float64)
@@ -220,8 +214,8 @@ def capacity_left(base_load: FloatArray, n_houses: float) -> FloatArray:
     """
     usable = _TRANSFORMER * _POWER_FACTOR
     shape = ("n_times",) if np.ndim(base_load) else ()
-    load = validation.array("base_load", base_load, shape, low=0.0, high=usable, high_open=True)
-    return np.asarray(validation.number("n_houses", n_houses, low=0.0, low_open=True) * (usable - load))
+    load = checks.array("base_load", base_load, shape, low=0.0, high=usable, high_open=True)
+    return np.asarray(checks.number("n_houses", n_houses, low=0.0, low_open=True) * (usable - load))
 
 
 @model
@@ -273,17 +267,17 @@ def ev_charging(
     """
     vehicles = vehicle_schedule(seed, n_vehicles)
     n, urgency = len(vehicles), vehicles.urgency
-    houses = validation.number("houses_per_vehicle", houses_per_vehicle, low=0.0, low_open=True)
-    when = validation.number("minute", minute, low=0.0, high=_DAY)
+    houses = checks.number("houses_per_vehicle", houses_per_vehicle, low=0.0, low_open=True)
+    when = checks.number("minute", minute, low=0.0, high=_DAY)
     capacity = float(capacity_left(_load_at(np.array(when)), n * houses))
-    given = validation.array("chargers", chargers, ("n_chargers",), low=0.0, low_open=True)
+    given = checks.array("chargers", chargers, ("n_chargers",), low=0.0, low_open=True)
     ratings = np.resize(given, n)  # zeros where none are given
     if ratings.sum() <= capacity:
         left = f"together more than the {capacity:g} kW that are left"
         raise InputError.of("chargers", list(chargers), left, "nothing needs to be shared")
     coefficients = [0.5 / urgency, 1.0 / (_STEEPNESS * urgency * ratings ** (_STEEPNESS - 2))]
     costs = PolynomialCosts([2, _STEEPNESS], np.stack(coefficients, axis=1)[:, None, :])
-    largest = validation.number("probability", probability, low=0.0, high=1.0, low_open=True)
+    largest = checks.number("probability", probability, low=0.0, high=1.0, low_open=True)
     return _problem(costs, capacity, largest)
 
 

@@ -18,13 +18,8 @@ Response probabilities at it are Gamma^j nu^j / x_i^j: they differ by a factor o
 
 import numpy as np
 
-from aimd_des.problem.costs import CoupledCosts, PolynomialCosts
-from aimd_des.problem.problem import Problem, Resource
-from aimd_des.scenario.models import model
-from aimd_des.utils import rng, validation
-from aimd_des.utils.errors import InputError
-from aimd_des.utils.rng import Purpose
-from aimd_des.utils.validation import FloatArray
+from aimd_des import CoupledCosts, InputError, PolynomialCosts, Problem, Resource, checks, lowlevel, model
+from aimd_des.lowlevel import FloatArray, Purpose
 
 __all__ = ["random_convex", "random_optimum"]
 
@@ -50,7 +45,7 @@ def _draw(seed: int, n: int, m: int) -> tuple[FloatArray, FloatArray]:
 
     Rows of agents come last, so that the first of them stay when more are added.
     """
-    generator = rng.generator(seed, Purpose.PROBLEM)
+    generator = lowlevel.generator(seed, Purpose.PROBLEM)
     of_resources = generator.random((3, m))
     return of_resources, generator.random((n, 5 * m + 3 + m * m))
 
@@ -167,8 +162,8 @@ def random_convex(
     n, m = _sizes(n_agents, n_resources)
     if not isinstance(coupled, bool | np.bool_):
         raise InputError.of("coupled", coupled, "True or False")
-    largest = validation.number("probability", probability, low=0.0, high=1.0, low_open=True)
-    duration = validation.number("steps", steps, low=1.0)
+    largest = checks.number("probability", probability, low=0.0, high=1.0, low_open=True)
+    duration = checks.number("steps", steps, low=1.0)
     of_resources, draws = _draw(seed, n, m)
     scale = 10.0 ** _between(_LOG_SCALE, of_resources[0])
     increase = scale / (duration * _between(_STEPS, of_resources[1]))
@@ -206,6 +201,4 @@ def random_optimum(seed: int = 0, n_agents: int = 20, n_resources: int = 2) -> F
 
 
 def _sizes(n_agents: int, n_resources: int) -> tuple[int, int]:
-    return validation.integer("n_agents", n_agents, low=1), validation.integer(
-        "n_resources", n_resources, low=1
-    )
+    return checks.integer("n_agents", n_agents, low=1), checks.integer("n_resources", n_resources, low=1)

@@ -19,13 +19,8 @@ from typing import Literal
 
 import numpy as np
 
-from aimd_des.problem.costs import PolynomialCosts
-from aimd_des.problem.problem import Problem, Resource
-from aimd_des.scenario.models import model
-from aimd_des.utils import rng, validation
-from aimd_des.utils.errors import InputError
-from aimd_des.utils.rng import Purpose
-from aimd_des.utils.validation import FloatArray
+from aimd_des import InputError, PolynomialCosts, Problem, Resource, checks, lowlevel, model
+from aimd_des.lowlevel import FloatArray, Purpose
 
 __all__ = ["INCREASES", "PRICES", "smart_cameras"]
 
@@ -45,7 +40,7 @@ def _coefficients(n: int, seed: int) -> FloatArray:
 
     One row of five uniform numbers a camera, so that the first cameras stay when more are added.
     """
-    draws = rng.generator(seed, Purpose.PROBLEM).random((n, 5))
+    draws = lowlevel.generator(seed, Purpose.PROBLEM).random((n, 5))
     lowest, choices = np.array([10, 25, 22, 1]), np.array([11, 11, 11, 5])
     a, b, c, d = (lowest + np.floor(choices * draws[:, :4])).T
     kind = np.floor(3 * draws[:, 4]).astype(int)
@@ -90,7 +85,7 @@ def smart_cameras(
     InputError
         If an argument is outside its range.
     """
-    n = validation.integer("n_cameras", n_cameras, low=1)
+    n = checks.integer("n_cameras", n_cameras, low=1)
     if not isinstance(increase, str) or increase not in INCREASES:
         raise InputError.of("increase", increase, f"one of {', '.join(map(repr, INCREASES))}")
     scale = n / _PAPER_CAMERAS

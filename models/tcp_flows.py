@@ -26,12 +26,8 @@ from typing import Literal
 
 import numpy as np
 
-from aimd_des.problem.costs import PolynomialCosts
-from aimd_des.problem.problem import Problem, Resource
-from aimd_des.scenario.models import model
-from aimd_des.utils import validation
-from aimd_des.utils.errors import InputError
-from aimd_des.utils.validation import FloatArray
+from aimd_des import InputError, PolynomialCosts, Problem, Resource, checks, model
+from aimd_des.lowlevel import FloatArray
 
 __all__ = ["tcp_flows"]
 
@@ -91,13 +87,13 @@ def tcp_flows(
     >>> theory.reweighted_optimum(reno, 1 / reno.increase).allocation.round(6).tolist()
     [[10.0], [30.0]]
     """
-    shares = validation.array("weights", weights, ("n_flows",), low=0.0, low_open=True)
-    total = validation.number("capacity", capacity, low=0.0, low_open=True)
+    shares = checks.array("weights", weights, ("n_flows",), low=0.0, low_open=True)
+    total = checks.number("capacity", capacity, low=0.0, low_open=True)
     costs, increase = _law(law, shares)
     fair = (total * shares / shares.sum())[:, None]
     steepness = costs.gradient(fair) / fair
     most = float(steepness.sum() / steepness.max())
-    wanted = validation.number(
+    wanted = checks.number(
         "responses",
         responses,
         low=0.0,

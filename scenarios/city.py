@@ -16,12 +16,11 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import BroadcastChannel, Recording, Result, solve_optimum
+from aimd_des import BroadcastChannel, Recording, Result, metrics, solve_optimum
 from aimd_des.latency import Exponential
+from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour, shared_legend
-from aimd_des.results import metrics
 from aimd_des.study import replicate
-from aimd_des.utils.validation import FloatArray
 from models import smart_cameras
 from scenarios.common import figures
 from scenarios.common.command import Finding, command

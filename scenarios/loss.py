@@ -16,9 +16,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aimd_des import Crossing, Sampled, theory
+from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour, shared_legend
 from aimd_des.study import jackknife
-from aimd_des.utils.validation import FloatArray
 from scenarios.common import figures
 from scenarios.common.command import Finding, command
 from scenarios.common.measure import Measures, Run, distance, measure_all

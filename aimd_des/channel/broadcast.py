@@ -107,18 +107,50 @@ class DrawnLink:
     latest: FloatArray | None
 
     def draw(self, broadcast: Broadcast, departure: float) -> Copies:
-        """Draw when copies arrive if nothing is in their way."""
+        """Draw when copies arrive if nothing is in their way.
+
+        Parameters
+        ----------
+        broadcast : Broadcast
+            What is sent.
+        departure : float
+            When it leaves.
+
+        Returns
+        -------
+        Copies
+            Times of arrival, inf for a copy that is lost.
+        """
         raise NotImplementedError
 
     def keep_order(self, copies: Copies) -> None:
-        """Let copies that leave now overtake nobody on their links."""
+        """Let copies that leave now overtake nobody on their links.
+
+        Parameters
+        ----------
+        copies : Copies
+            Times of arrival, changed in place.
+        """
         if self.latest is not None:
             for arrival in copies:
                 if arrival is not None:
                     put_in_order(self.latest, arrival)
 
     def transmit(self, broadcast: Broadcast, departure: float) -> Copies:
-        """Say what becomes of a broadcast where nothing is cut."""
+        """Say what becomes of a broadcast where nothing is cut.
+
+        Parameters
+        ----------
+        broadcast : Broadcast
+            What is sent.
+        departure : float
+            When it leaves.
+
+        Returns
+        -------
+        Copies
+            Times of arrival, in order where links keep it.
+        """
         copies = self.draw(broadcast, departure)
         self.keep_order(copies)
         return copies

@@ -13,10 +13,11 @@ from aimd_des.plots.maps import heat_map
 from aimd_des.plots.network import network_map
 from aimd_des.plots.paper import paper_figures
 from aimd_des.plots.signals import demand_and_signals, signal_raster
-from aimd_des.plots.style import colour, shared_legend
+from aimd_des.plots.style import REFERENCE, colour, frame, number_axis, shared_legend
 from aimd_des.plots.tracking import tracking_error, tracking_level
 
 __all__ = [
+    "REFERENCE",
     "absolute_error",
     "average_allocations",
     "averages_against_optimum",
@@ -28,9 +29,11 @@ __all__ = [
     "derivatives",
     "error_decay",
     "error_histogram",
+    "frame",
     "heat_map",
     "instantaneous_allocations",
     "network_map",
+    "number_axis",
     "paper_figures",
     "relative_error",
     "shared_legend",

@@ -122,7 +122,17 @@ def _percent(share: float, _position: int | None = None) -> str:
 
 
 def number_axis(axis: Axis, *, percent: bool = False, whole: bool = False) -> None:
-    """Let an axis show plain numbers with grouped digits, at 1, 2 and 5 where it is logarithmic and short."""
+    """Let an axis show plain numbers with grouped digits, at 1, 2 and 5 where it is logarithmic and short.
+
+    Parameters
+    ----------
+    axis : Axis
+        The x or y axis of a panel.
+    percent : bool
+        Whether numbers are shares, to be shown in percent.
+    whole : bool
+        Whether there are ticks at integers only.
+    """
     if axis.get_scale() == "log":
         low, high = axis.get_view_interval()
         subs = (1.0,) if high / low > 200 else (1.0, 2.0, 5.0)
@@ -150,7 +160,13 @@ def colour_bar(axes: Axes, drawn: ScalarMappable, label: str) -> None:
 
 
 def frame(axes: Axes) -> None:
-    """Give axes the light grid and the open frame that all panels have."""
+    """Give axes the light grid and the open frame that all panels have.
+
+    Parameters
+    ----------
+    axes : Axes
+        The panel.
+    """
     axes.grid(visible=True, color="0.9", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)

@@ -38,7 +38,25 @@ def agent_index(problem: Problem, agent: str | int) -> int:
 
 
 def agent_indices(problem: Problem, agents: Agents) -> list[int]:
-    """Find agents."""
+    """Find agents.
+
+    Parameters
+    ----------
+    problem : Problem
+        Whose agents they are.
+    agents : str, int, or sequence of str or int
+        Names or indices.
+
+    Returns
+    -------
+    list of int
+        Their indices, in the order given.
+
+    Raises
+    ------
+    InputError
+        If there is no such agent, none at all, or one twice.
+    """
     # One that is no list is looked up, or refused, as one agent.
     given: list[Any] = list(agents) if validation.axes(agents) else [agents]  # type: ignore[arg-type]  # it has elements
     found = [agent_index(problem, agent) for agent in given]

@@ -1,7 +1,24 @@
-"""One run as data: complete, frozen, read from TOML and written beside every result."""
+"""One run as data: complete, frozen, read from TOML, written beside every result, and read back."""
 
 from aimd_des.scenario.file import load_scenario
 from aimd_des.scenario.messages import validate_scenario
+from aimd_des.scenario.run_folder import Place, check_folder, new_folder, write_run
 from aimd_des.scenario.scenario import Scenario
+from aimd_des.scenario.schema import scenario_schema
+from aimd_des.scenario.settings import parse_setting, with_settings
+from aimd_des.scenario.stored_run import StoredRun, load_run
 
-__all__ = ["Scenario", "load_scenario", "validate_scenario"]
+__all__ = [
+    "Place",
+    "Scenario",
+    "StoredRun",
+    "check_folder",
+    "load_run",
+    "load_scenario",
+    "new_folder",
+    "parse_setting",
+    "scenario_schema",
+    "validate_scenario",
+    "with_settings",
+    "write_run",
+]

@@ -55,7 +55,7 @@ def validate_scenario(
     --------
     >>> validate_scenario({"until": 5, "model": "models.smart_cameras", "sede": 3}, "mine")
     Traceback (most recent call last):
-    aimd_des.utils.errors.InputError: mine: sede: unknown key 'sede'; did you mean 'seed'?
+    aimd_des.InputError: mine: sede: unknown key 'sede'; did you mean 'seed'?
     """
     return checked(Scenario, data, source, lines)
 

@@ -20,7 +20,7 @@ import pandas as pd
 from aimd_des._version import __version__
 from aimd_des.results.frames import categorical, safe_names
 from aimd_des.results.result import Result
-from aimd_des.scenario import Scenario
+from aimd_des.scenario.scenario import Scenario
 from aimd_des.utils.checksums import checksum, checksums_of, read_checksums, write_checksums
 from aimd_des.utils.errors import InputError
 
@@ -55,7 +55,27 @@ class Place:
 
 
 def check_folder(folder: Path, *, overwrite: bool, mark: str = PROVENANCE) -> Place:
-    """Refuse a folder that cannot be written, before anything runs."""
+    """Refuse a folder that cannot be written, before anything runs.
+
+    Parameters
+    ----------
+    folder : Path
+        Where results shall go.
+    overwrite : bool
+        Whether earlier results may be replaced.
+    mark : str
+        The file by which a folder is recognised as one that this program wrote.
+
+    Returns
+    -------
+    Place
+        What `new_folder` and `write_run` take.
+
+    Raises
+    ------
+    InputError
+        If it is a file, holds something that may not be replaced, or cannot be written.
+    """
     if folder.exists() and not folder.is_dir():
         raise InputError.of("output folder", str(folder), "a folder", "it is a file; choose another name")
     target = folder.resolve()
@@ -103,6 +123,21 @@ def new_folder(place: Place) -> Iterator[Path]:
     """Give a temporary folder that takes its place once its block has ended well.
 
     What has come to that place since it was checked stays there: the new folder then gets a name beside it.
+
+    Parameters
+    ----------
+    place : Place
+        As `check_folder` has found it.
+
+    Yields
+    ------
+    Path
+        The temporary folder.
+
+    Raises
+    ------
+    InputError
+        If the place has been taken meanwhile; it says where the folder is.
     """
     target = place.target
     target.parent.mkdir(parents=True, exist_ok=True)

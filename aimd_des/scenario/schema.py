@@ -13,7 +13,13 @@ _DIALECT = "http://json-schema.org/draft-07/schema#"
 
 
 def scenario_schema() -> dict[str, Any]:
-    """Describe scenario files for programs."""
+    """Describe scenario files for programs.
+
+    Returns
+    -------
+    dict
+        A JSON Schema (draft 7) with all keys, kinds and meanings.
+    """
     return file_schema(Scenario, "Scenario of aimd-des")
 
 

@@ -56,6 +56,23 @@ def check_depth(data: Mapping[str, Any], source: str) -> None:
 def with_settings(data: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
     """Set values in nested data, and leave the data as they are.
 
+    Parameters
+    ----------
+    data : mapping
+        Tables and lists, as of a scenario file.
+    settings : mapping of str to object
+        A value for each dotted key.
+
+    Returns
+    -------
+    dict
+        The data with the values set.
+
+    Raises
+    ------
+    InputError
+        If a key leads into something that is no table, or to an element that is not there.
+
     Examples
     --------
     >>> with_settings({"channel": {"loss": 0.1}}, {"channel.loss": 0.2, "clocks.jitter": 0.5})
@@ -90,6 +107,21 @@ def _set(container: Any, key: str, parts: tuple[str, ...], depth: int, value: An
 
 def parse_setting(text: str) -> tuple[str, Any]:
     """Read ``key=value`` as it is given on the command line.
+
+    Parameters
+    ----------
+    text : str
+        A dotted key, and a value of TOML or a plain word.
+
+    Returns
+    -------
+    tuple of str and object
+        Key and value.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
 
     Examples
     --------

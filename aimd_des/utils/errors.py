@@ -70,4 +70,9 @@ class SimulationError(RuntimeError):
 
 
 class OverloadWarning(RuntimeWarning):
-    """Demand has run away from the capacity: `aimd_des.results.overload` says when that is so."""
+    """Demand has run away from the capacity; `result.run_away` says of which resources."""
+
+
+# Tracebacks show where users import them from.
+for _public in (InputError, OverloadWarning, SimulationError):
+    _public.__module__ = "aimd_des"

@@ -93,7 +93,31 @@ def number(
     high_open: bool = False,
     remedy: str = "",
 ) -> float:
-    """Return `value` as a float within the range, or refuse it by name."""
+    """Return `value` as a float within the range, or refuse it by name.
+
+    Parameters
+    ----------
+    field : str
+        What the value is called where it was given.
+    value : object
+        A number; truth values and texts are none.
+    low, high : float
+        Bounds, included unless told otherwise.
+    low_open, high_open : bool
+        Whether a bound is excluded.
+    remedy : str
+        What the refusal advises.
+
+    Returns
+    -------
+    float
+        The number.
+
+    Raises
+    ------
+    InputError
+        With the field, the value, the range and the remedy.
+    """
     allowed = _interval(low, high, low_open, high_open)
     value = _scalar(value)
     if isinstance(value, _NO_NUMBERS) or not isinstance(value, Real):
@@ -110,7 +134,29 @@ def number(
 def integer(
     field: str, value: object, *, low: int | None = None, high: int | None = None, remedy: str = ""
 ) -> int:
-    """Return `value` as an int within the range, or refuse it by name."""
+    """Return `value` as an int within the range, or refuse it by name.
+
+    Parameters
+    ----------
+    field : str
+        What the value is called where it was given.
+    value : object
+        An integer; truth values and floats are none.
+    low, high : int, optional
+        Bounds, included.
+    remedy : str
+        What the refusal advises.
+
+    Returns
+    -------
+    int
+        The integer.
+
+    Raises
+    ------
+    InputError
+        With the field, the value, the range and the remedy.
+    """
     allowed = "an integer"
     if low is not None:
         allowed += f" of at least {low}"
@@ -136,7 +182,33 @@ def array(
     high_open: bool = False,
     remedy: str = "",
 ) -> FloatArray:
-    """Return `value` as a read-only float array, or refuse it by name and by element."""
+    """Return `value` as a read-only float array, or refuse it by name and by element.
+
+    Parameters
+    ----------
+    field : str
+        What the value is called where it was given.
+    value : object
+        Numbers, as NumPy reads them.
+    shape : sequence of int or str
+        A length for each axis, or a word where any length will do.
+    low, high : float
+        Bounds, included unless told otherwise.
+    low_open, high_open : bool
+        Whether a bound is excluded.
+    remedy : str
+        What the refusal advises.
+
+    Returns
+    -------
+    ndarray
+        A copy of the numbers that cannot be written.
+
+    Raises
+    ------
+    InputError
+        With the field, the value, the range and the remedy.
+    """
     wanted = f"({', '.join(str(length) for length in shape)}{',' if len(shape) == 1 else ''})"
     try:
         raw = np.asarray(value) if _laid_out(value) or isinstance(value, Real) else None
@@ -169,7 +241,31 @@ def per_agent(
     high_open: bool = False,
     remedy: str = "",
 ) -> float | FloatArray:
-    """Return a scalar for all agents as a float, or one value per agent as a read-only (n,) array."""
+    """Return a scalar for all agents as a float, or one value per agent as a read-only (n,) array.
+
+    Parameters
+    ----------
+    field : str
+        What the value is called where it was given.
+    value : object
+        A number, or a number for each agent.
+    low, high : float
+        Bounds, included unless told otherwise.
+    low_open, high_open : bool
+        Whether a bound is excluded.
+    remedy : str
+        What the refusal advises.
+
+    Returns
+    -------
+    float or ndarray, shape (n,)
+        The number or the numbers.
+
+    Raises
+    ------
+    InputError
+        With the field, the value, the range and the remedy.
+    """
     bounds: _Bounds = {"low": low, "high": high, "low_open": low_open, "high_open": high_open}
     if axes(value):
         clean = array(field, value, ("n_agents",), **bounds, remedy=remedy)

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des import BroadcastChannel, Problem, Recording, Result, solve_optimum, topology
-from aimd_des.channel import Channel
 from aimd_des.loss import Bernoulli, CommonMode, GilbertElliott
-from aimd_des.utils.validation import FloatArray
+from aimd_des.lowlevel import Channel, FloatArray
 from scenarios.common.measure import late, noted, quietly, sensed
 
 # Of the total, for what is rounding and no excess.

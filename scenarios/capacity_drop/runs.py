@@ -8,11 +8,11 @@ import numpy as np
 from scipy.special import ndtr
 
 from aimd_des import PolynomialCosts, Problem, Recording, solve_optimum, theory
-from aimd_des.dynamics.averaging import Averaging, Cumulative, Forgetting, Window
+from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
 from aimd_des.interventions import CapacityRamp, CapacityStep
-from aimd_des.results.metrics import relative_error
+from aimd_des.lowlevel import FloatArray
+from aimd_des.metrics import relative_error
 from aimd_des.study import jackknife, mean_and_error
-from aimd_des.utils.validation import FloatArray
 from scenarios.common.measure import sensed
 from scenarios.common.systems import memory_alone
 from scenarios.common.tables import estimate

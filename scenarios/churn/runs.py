@@ -5,12 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aimd_des import BroadcastChannel, Recording, Result
-from aimd_des.dynamics.averaging import Averaging, Cumulative, Forgetting, Window
+from aimd_des import BroadcastChannel, Recording, Result, lowlevel
+from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
 from aimd_des.interventions import Absence, Crash, Intervention, Join
 from aimd_des.latency import Constant
-from aimd_des.utils import rng
-from aimd_des.utils.validation import FloatArray
+from aimd_des.lowlevel import FloatArray
 from scenarios.common.measure import quietly, sensed
 from scenarios.common.systems import memory_alone
 
@@ -93,8 +92,8 @@ def schedule(
     Draw k of camera i has the address (k, i): runs of the same seed share it, whatever their mean stay.
     Continuous agents have no clocks, so that the stream of the clocks is free for this.
     """
-    key = rng.key(seed, rng.Purpose.CLOCK)
-    here = rng.uniforms(key, 0, 0, N) < PRESENT
+    key = lowlevel.key(seed, lowlevel.Purpose.CLOCK)
+    here = lowlevel.uniforms(key, 0, 0, N) < PRESENT
     found: list[Intervention] = []
     if np.isinf(stay):
         away = np.flatnonzero(~here).tolist()
@@ -102,7 +101,7 @@ def schedule(
     time, number = np.zeros(N), 0
     while (time < until).any():
         number += 1
-        lasts = np.where(here, stay, AWAY * stay) * -np.log1p(-rng.uniforms(key, 0, number, N))
+        lasts = np.where(here, stay, AWAY * stay) * -np.log1p(-lowlevel.uniforms(key, 0, number, N))
         for i in np.flatnonzero(~here & (time < until)).tolist():
             end = float(time[i] + lasts[i])
             found.append(returns(i, float(time[i]), end) if number > 1 else Join(i, end))

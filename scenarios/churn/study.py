@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from aimd_des import theory
+from aimd_des.lowlevel import FloatArray
 from aimd_des.study import jackknife, mean_and_error, replicate
-from aimd_des.utils.validation import FloatArray
 from scenarios.churn.figure import figure_of, still
 from scenarios.churn.runs import (
     ALPHA,

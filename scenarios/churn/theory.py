@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from aimd_des import PolynomialCosts, Problem, solve_optimum, theory
-from aimd_des.utils.validation import FloatArray
+from aimd_des.lowlevel import FloatArray
 from scenarios.churn.runs import ALPHA, CAPACITY, GROUP, LATENCY, PRESENT, PROBLEM, N, Size, together_event
 from scenarios.common.fluid import flow
 

@@ -16,9 +16,8 @@ from rich.console import Console
 from rich.table import Table
 
 import aimd_des
-from aimd_des import InputError
-from aimd_des.scenario.run_folder import Place, check_folder, new_folder
-from aimd_des.utils import validation
+from aimd_des import InputError, checks
+from aimd_des.scenario import Place, check_folder, new_folder
 
 _DPI = 200
 
@@ -78,7 +77,7 @@ def command(name: str, study: Callable[..., Finding], question: str) -> click.Co
     def call(quick: bool, seed: int, out: Path, overwrite: bool, runs: Path | None) -> None:
         console = Console(width=None if sys.stdout.isatty() else 118, highlight=False)
         try:
-            seed = validation.integer("seed", seed, low=0)
+            seed = checks.integer("seed", seed, low=0)
             place = check_folder(out, overwrite=overwrite, mark=f"{name}.json")
             with console.status(question):
                 found = study(quick, seed, runs)

@@ -6,8 +6,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des.plots import colour
-from aimd_des.plots.style import REFERENCE, frame, number_axis
+from aimd_des.plots import REFERENCE, colour, frame, number_axis
 
 __all__ = [
     "MARKS",

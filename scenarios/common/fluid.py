@@ -15,10 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from aimd_des import Problem
-from aimd_des.dynamics.averaging import Averaging, Cumulative, Forgetting, Window
+from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
 from aimd_des.interventions import Absence, Crash, UnusualActivity
-from aimd_des.problem.lookup import agent_indices
-from aimd_des.utils.validation import FloatArray
+from aimd_des.lowlevel import FloatArray, agent_indices
 
 Change = Absence | Crash | UnusualActivity
 

@@ -16,24 +16,22 @@ from aimd_des import (
     Clocks,
     Crossing,
     Fleet,
+    OverloadWarning,
     Problem,
     Recording,
     Result,
     Sampled,
     Simulation,
+    metrics,
     run_synchronous,
     solve_optimum,
 )
-from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.system import System
 from aimd_des.interventions import CapacityStep
 from aimd_des.latency import Constant
 from aimd_des.loss import Bernoulli
-from aimd_des.results import metrics
+from aimd_des.lowlevel import FloatArray, ProcessGenerator, System
 from aimd_des.study import replicate
 from aimd_des.theory import reweighted_optimum
-from aimd_des.utils.errors import OverloadWarning
-from aimd_des.utils.validation import FloatArray
 from scenarios.common.tables import summarise
 
 _COLUMNS = ("signals", "utilisation", "misallocation", "peak", "saturated")

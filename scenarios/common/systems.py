@@ -3,7 +3,7 @@
 import numpy as np
 
 from aimd_des import PolynomialCosts, Problem
-from aimd_des.utils.validation import FloatArray
+from aimd_des.lowlevel import FloatArray
 from models.smart_cameras import smart_cameras
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from aimd_des import study
-from aimd_des.utils.validation import FloatArray
+from aimd_des.lowlevel import FloatArray
 
 
 def summarise(rows: Sequence[Mapping[str, Any]], labels: Sequence[str]) -> pd.DataFrame:

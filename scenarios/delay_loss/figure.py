@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter
 
-from aimd_des.utils.validation import FloatArray
+from aimd_des.lowlevel import FloatArray
 
 
 class Map(NamedTuple):

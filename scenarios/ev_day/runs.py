@@ -9,14 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from aimd_des import BroadcastChannel, Problem, Recording, Result, theory
-from aimd_des.dynamics.averaging import Cumulative, Forgetting
-from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import Kind
-from aimd_des.engine.system import System
+from aimd_des.averaging import Cumulative, Forgetting
 from aimd_des.interventions import CapacityProfile, Join, leave
 from aimd_des.latency import Exponential
 from aimd_des.loss import Bernoulli
-from aimd_des.utils.validation import FloatArray
+from aimd_des.lowlevel import FloatArray, Kind, ProcessGenerator, System
 from models.ev_charging import Vehicles, capacity_left, daily_base_load, ev_charging, vehicle_schedule
 from scenarios.common.measure import sensed
 

@@ -7,8 +7,7 @@ import networkx as nx
 import numpy as np
 
 from aimd_des import BroadcastChannel, Problem, Recording, topology
-from aimd_des.channel import Channel
-from aimd_des.utils.validation import FloatArray
+from aimd_des.lowlevel import Channel, FloatArray
 from scenarios.common.measure import late, noted, quietly, sensed
 
 TREE, FLOOD, OWN = "shortest-path tree", "flooding", "own links, as lossy as the tree"

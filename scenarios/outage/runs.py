@@ -7,7 +7,7 @@ import numpy as np
 
 from aimd_des import BroadcastChannel, Recording, Result, solve_optimum, theory
 from aimd_des.interventions import CapacityStep, Failover, Intervention, Partition
-from aimd_des.utils.validation import FloatArray
+from aimd_des.lowlevel import FloatArray
 from scenarios.common.measure import sensed
 from scenarios.common.systems import memory_alone
 

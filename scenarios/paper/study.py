@@ -15,13 +15,13 @@ from aimd_des import (
     Recording,
     Result,
     Simulation,
+    checks,
     run_synchronous,
     solve_optimum,
 )
 from aimd_des.plots import paper_figures
-from aimd_des.scenario.run_folder import Place
+from aimd_des.scenario import Place
 from aimd_des.study import replicate
-from aimd_des.utils import validation
 from models.smart_cameras import smart_cameras
 from scenarios.common import command as common
 from scenarios.common.command import Finding, command
@@ -49,9 +49,9 @@ _EVENT_DRIVEN_STEPS = 300
 
 def run(steps: int = FULL[0], draws: int = FULL[1], seed: int = 0, runs: Path | None = None) -> PaperStudy:
     """Run so many steps, at least 1, of so many draws of the costs, at least 2; others are refused."""
-    steps = validation.integer("steps", steps, low=1)
-    draws = validation.integer("draws", draws, low=2)
-    seed = validation.integer("seed", seed, low=0)
+    steps = checks.integer("steps", steps, low=1)
+    draws = checks.integer("draws", draws, low=2)
+    seed = checks.integer("seed", seed, low=0)
     (outcomes,) = replicate([partial(_draw, steps, seed)], draws, seed, workers=1, out=runs)
     measures, results, optima = zip(*outcomes, strict=True)
     compared = min(steps, _EVENT_DRIVEN_STEPS)

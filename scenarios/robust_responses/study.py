@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 
 from aimd_des import BroadcastChannel, Crossing, Fleet, Problem, Recording, Sampled, Simulation, theory
-from aimd_des.dynamics.loss_compensation import EstimatedLoss, KnownLoss
+from aimd_des.compensation import EstimatedLoss, KnownLoss
+from aimd_des.lowlevel import FloatArray
 from aimd_des.study import jackknife, replicate
-from aimd_des.utils.validation import FloatArray
 from models.smart_cameras import smart_cameras
 from scenarios.common.command import Finding, command
 from scenarios.common.measure import distance, quietly

@@ -1,8 +1,8 @@
 """Closed forms for `robust_responses`: what agents believe they lose, and what hold-offs come to."""
 
 from aimd_des import Problem, theory
-from aimd_des.dynamics.loss_compensation import compensation_factor
-from aimd_des.utils.validation import FloatArray
+from aimd_des.compensation import compensation_factor
+from aimd_des.lowlevel import FloatArray
 from scenarios.common.measure import distance
 from scenarios.common.systems import memory_alone
 

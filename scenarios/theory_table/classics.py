@@ -7,10 +7,7 @@ from typing import Any
 import numpy as np
 
 from aimd_des import Crossing, PolynomialCosts, Problem, Recording, Resource, Result, Simulation, theory
-from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import Kind
-from aimd_des.engine.system import System
-from aimd_des.utils.validation import FloatArray
+from aimd_des.lowlevel import FloatArray, Kind, ProcessGenerator, System
 from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated
 
 _TWO_PERCENT = Rule("relative", 0.02, "within 2 %")

@@ -3,8 +3,7 @@
 import pandas as pd
 from matplotlib.figure import Figure
 
-from aimd_des.plots import colour, shared_legend
-from aimd_des.plots.style import REFERENCE, frame, number_axis
+from aimd_des.plots import REFERENCE, colour, frame, number_axis, shared_legend
 
 
 def deviations(table: pd.DataFrame) -> Figure:

@@ -6,9 +6,9 @@ from typing import Any, Literal
 import numpy as np
 
 from aimd_des import Crossing, Problem, Sampled, theory
-from aimd_des.problem.costs import weighted_costs
+from aimd_des.costs import weighted_costs
+from aimd_des.lowlevel import FloatArray
 from aimd_des.study import jackknife
-from aimd_des.utils.validation import FloatArray
 from models.smart_cameras import smart_cameras
 from scenarios.common.measure import Measures, Run, distance, measure
 from scenarios.common.systems import memory_alone, spread

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from aimd_des.lowlevel import FloatArray
 from aimd_des.study import mean_and_error
-from aimd_des.utils.validation import FloatArray
 
 
 @dataclass(frozen=True)

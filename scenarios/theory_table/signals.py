@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from aimd_des import Crossing, Problem, Sampled, solve_optimum, theory
-from aimd_des.utils.validation import FloatArray
+from aimd_des.lowlevel import FloatArray
 from models.smart_cameras import smart_cameras
 from scenarios.common.measure import Measures, Run, measure
 from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated

@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from aimd_des import Problem, Recording, solve_optimum, theory
-from aimd_des.dynamics.averaging import Averaging, Cumulative, Forgetting, Window
+from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
+from aimd_des.costs import weighted_costs
 from aimd_des.interventions import UnusualActivity
-from aimd_des.problem.costs import weighted_costs
-from aimd_des.utils.validation import FloatArray
+from aimd_des.lowlevel import FloatArray
 from scenarios.common.fluid import flow
 from scenarios.common.measure import quietly, sensed
 from scenarios.common.systems import memory_alone

@@ -11,9 +11,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour
 from aimd_des.study import jackknife, mean_and_error, replicate
-from aimd_des.utils.validation import FloatArray
 from scenarios.common import figures
 from scenarios.common.command import Finding, command
 from scenarios.common.tables import estimate, pick, said, shown

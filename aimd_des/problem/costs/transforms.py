@@ -20,6 +20,23 @@ __all__ = ["weighted_costs"]
 def weighted_costs(costs: Costs, weights: npt.ArrayLike) -> Costs:
     """Scale the costs of each agent.
 
+    Parameters
+    ----------
+    costs : Costs
+        Of one of the three families.
+    weights : array_like, shape (n,) or (n, m)
+        Greater than 0; with a column for each resource only for `PolynomialCosts`.
+
+    Returns
+    -------
+    Costs
+        Of the same family.
+
+    Raises
+    ------
+    InputError
+        If the weights do not fit these costs.
+
     Examples
     --------
     >>> costs = PolynomialCosts([2], [[[1.0]], [[1.0]]])

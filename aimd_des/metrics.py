@@ -1,0 +1,5 @@
+"""The measures that summaries are made of, for averages of one's own."""
+
+from aimd_des.results.metrics import consensus_spread, cost_ratio, relative_error, utilisation
+
+__all__ = ["consensus_spread", "cost_ratio", "relative_error", "utilisation"]
