@@ -78,6 +78,28 @@ def test_every_public_name_is_in_the_api() -> None:
     assert listed - described == set()
 
 
+def test_the_page_on_design_shows_the_wings_as_they_are() -> None:
+    wings = extension("wings")
+    below = wings.arrows(ROOT / "aimd_des")
+    text = (DOCS / "design.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)` \| .+? \| ?(.*?) ?\|$", text, re.MULTILINE)
+    assert {wing: set(re.findall(r"\w+", others)) for wing, others in rows} == wings.needed(below)
+    drawn = wings.PICTURE.read_text(encoding="utf-8")
+    assert drawn == wings.picture(below), "draw it anew: python docs/_extensions/wings.py"
+
+
+def test_wings_stand_on_floors_and_arrows_go_through_gaps() -> None:
+    wings = extension("wings")
+    below: dict[str, set[str]] = {"a": set(), "b": {"a"}, "c": {"a", "b"}, "d": {"a"}, "e": {"c", "d"}}
+    assert wings.floors(below) == {"a": 1, "b": 2, "d": 2, "c": 3, "e": 4}
+    assert wings.needed(below) == {"a": set(), "b": {"a"}, "c": {"b"}, "d": {"a"}, "e": {"c", "d"}}
+    assert ["e", "e>d@3", "d"] in wings.chains(below)
+    heights = {node: y for node, (_, y) in wings.middles(below).items()}
+    assert heights["e"] < heights["c"] == heights["e>d@3"] < heights["b"] == heights["d"] < heights["a"]
+    with pytest.raises(ValueError, match=r"a circle of imports among \['a', 'b'\]"):
+        wings.floors({"a": {"b"}, "b": {"a"}, "c": set()})
+
+
 SCENARIOS = extension("scenario_gallery").sources(ROOT / "scenarios")
 
 
