@@ -27,6 +27,7 @@ ORDER = [
     "results",
     "metrics",
     "engine",
+    "control_units",
     "lowlevel",
     "synchronous",
     "plots",

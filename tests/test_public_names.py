@@ -41,6 +41,9 @@ FACES = {
     "compensation": """
         Compensation EstimatedLoss KnownLoss compensation_factor
     """,
+    "control_units": """
+        Crossing Sampled
+    """,
     "costs": """
         Costs CoupledCosts CustomCosts PolynomialCosts weighted_costs
     """,
