@@ -23,7 +23,31 @@ _Panel = tuple[str, Callable[[Axes], Axes]]
 
 
 def paper_figures(results: Result | Sequence[Result], optimum: Optimum | None = None) -> dict[str, Figure]:
-    """Draw the paper's four figures."""
+    """Draw the paper's four figures.
+
+    Parameters
+    ----------
+    results : Result or sequence of Result
+        The run to draw; of several, the first, and all of them where capacity events are counted.
+        Best recorded with ``Recording("auto", "auto", tail=100)``: a panel for which too little
+        was recorded says so.
+    optimum : Optimum, optional
+        What stands for the optimum of the first run's problem at its end; the one in force unless given.
+
+    Returns
+    -------
+    dict of str to Figure
+        ``figure1``: averages of some agents, their demand over the last 100 units of time, profile
+        of the derivatives.  ``figure2``: distance of the averages from the optimum, relative error,
+        cost ratio.  ``figure3``: for each resource a histogram of the distances at the end.
+        ``figure4``: sum of the averages, sum of the demands over the last 40 units of time,
+        capacity events.
+
+    Raises
+    ------
+    InputError
+        If there is no run, their resources differ, or the optimum is for another number of agents.
+    """
     return {name: draw() for name, draw in figure_makers(results, optimum).items()}
 
 
