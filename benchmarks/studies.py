@@ -12,9 +12,9 @@ from typing import Any
 
 import tomli_w
 
+from aimd_des.results.measures import MEASURES
 from aimd_des.scenario import Scenario
 from aimd_des.study import Study, run_study
-from aimd_des.study.columns import MEASURES
 from aimd_des.study.points import Run, expand, run_of
 from aimd_des.study.run_tables import run_schema, run_table, summary_of
 from aimd_des.study.store import parquet, write_file

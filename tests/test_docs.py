@@ -12,6 +12,7 @@ from types import ModuleType
 import pytest
 from docutils import nodes
 
+from aimd_des.results.measures import FIRST, MEASURES
 from tests.test_public_names import FACES, TOP
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -181,3 +182,10 @@ def test_formulas_that_would_be_misread_are_refused(text: str) -> None:
     assert len(seen) == 1
     assert mathml._formula(nodes.math("x", r"\frac{1}{2}\,\dot{x}")).startswith("<math")
     assert len(seen) == 1
+
+
+def test_the_page_on_the_model_says_of_each_measure_what_the_table_says() -> None:
+    page = (ROOT / "docs" / "model.md").read_text(encoding="utf-8")
+    rows = "".join(f"| `{one.name}` | {one.unit} | {one.meaning} |\n" for one in MEASURES.values())
+    assert f"|---|---|---|\n{rows}\n" in page
+    assert set(FIRST) <= set(MEASURES)

@@ -115,7 +115,7 @@ def test_the_verdict_is_that_of_the_summary() -> None:
         summary["misallocation"].max(),
         summary["overshoot_peak"].max(),
     )
-    assert [found.name for found in page.verdicts] == ["Utilisation", "Misallocation", "Overshoot"]
+    assert [found.name for found in page.verdicts] == ["Utilisation", "Misallocation", "Overshoot peak"]
     assert [found.number for found in page.verdicts] == [percent(value) for value in worst]
     (table,) = page.tables
     assert [row[0] for row in table.rows] == [name.replace("_", " ") for name in summary.columns]

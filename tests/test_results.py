@@ -16,6 +16,7 @@ from aimd_des import (
     solve_optimum,
 )
 from aimd_des.engine.simulation import Simulation
+from aimd_des.results.measures import MEASURES
 from tests.conftest import quietly, random_problem, resource
 
 N, M, STEPS = 4, 2, 60
@@ -143,32 +144,14 @@ def test_the_digest_hangs_on_every_number(change: Any, problem: Problem, result:
     assert changed.digest != result.digest
 
 
-MEASURES = [
-    "signals",
-    "delivered",
-    "lost",
-    "in_flight",
-    "responses",
-    "saturated",
-    "utilisation",
-    "relative_error",
-    "misallocation",
-    "consensus_spread",
-    "cost_ratio",
-    "overshoot_peak",
-    "overshoot_time",
-    "overshoot_mean",
-]
-
-
 def test_the_summary_has_a_row_for_each_resource_and_a_column_for_each_measure(result: Result) -> None:
     summary = result.summary()
     assert summary.index.tolist() == ["memory", "disk"]
     assert summary.index.name == "resource"
-    assert [name for name in summary.columns if name in MEASURES] == MEASURES
-    counts, others = MEASURES[:6], MEASURES[6:]
-    assert {str(summary[name].dtype) for name in counts} == {"int64"}
-    assert {str(summary[name].dtype) for name in others} == {"float64"}
+    assert list(summary.columns) == list(MEASURES)
+    kinds = {"integer": "int64", "number": "float64"}
+    for name, measure in MEASURES.items():
+        assert str(summary[name].dtype) == kinds[measure.kind]
     assert summary.notna().all(axis=None)
 
 

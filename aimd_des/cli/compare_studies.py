@@ -22,6 +22,7 @@ _MOST_POINTS = 5
 
 def compare_studies(first: Path, second: Path, measures: Sequence[str] = ()) -> None:
     """Print in which keys two studies differ, and the differences of means at the points that both have."""
+    from aimd_des.results.measures import measure_words
     from aimd_des.study import load_study
 
     one, other = load_study(first), load_study(second)
@@ -41,7 +42,7 @@ def compare_studies(first: Path, second: Path, measures: Sequence[str] = ()) -> 
     for name in names:
         rows = [[*labels, *_difference(*(group[labels][name] for group in groups))] for labels in shared]
         say()
-        print_table(name.replace("_", " "), [*points, *HEADS, "difference", "from"], rows, labels=len(points))
+        print_table(measure_words(name), [*points, *HEADS, "difference", "from"], rows, labels=len(points))
     _print_unmatched(groups, axes)
 
 

@@ -6,6 +6,7 @@ from difflib import get_close_matches
 from aimd_des.cli.printing import say
 from aimd_des.cli.scenario_diff import HEADS, differences, print_differences
 from aimd_des.cli.terminal_tables import print_pairs, print_table
+from aimd_des.results.measures import measure_words
 from aimd_des.scenario.stored_run import StoredRun
 from aimd_des.utils.errors import InputError
 
@@ -35,12 +36,10 @@ def _written_out(run: StoredRun) -> str:
 
 def print_measures(title: str, run: StoredRun, measures: Sequence[str] = ()) -> None:
     """Print a line for each measure and a column for each resource."""
-    rows = [[_words(name), *(of[name] for of in run.measures.values())] for name in _chosen(run, measures)]
+    rows = [
+        [measure_words(name), *(of[name] for of in run.measures.values())] for name in _chosen(run, measures)
+    ]
     print_table(title, ["measure", *run.measures], rows)
-
-
-def _words(name: str) -> str:
-    return name.replace("_", " ")
 
 
 def _chosen(run: StoredRun, measures: Sequence[str]) -> list[str]:
@@ -72,7 +71,7 @@ def compare_runs(first: StoredRun, second: StoredRun, measures: Sequence[str] = 
     print_differences(found, "The scenarios and the versions are the same.")
     say()
     rows = [
-        [_words(name), resource, *pair, pair[1] - pair[0]]
+        [measure_words(name), resource, *pair, pair[1] - pair[0]]
         for name in names
         for resource in shared
         for pair in [(first.measures[resource][name], second.measures[resource][name])]

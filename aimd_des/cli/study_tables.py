@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["chosen_measures", "is_study", "show_study"]
 
-# What is shown unless measures are chosen, where a study keeps it.
-_MAIN = ("utilisation", "misallocation", "cost_ratio", "overshoot_peak")
+# How many of the measures are shown unless they are chosen.
+_MOST_MEASURES = 4
 _MOST_FAILURES = 10
 
 
@@ -27,13 +27,14 @@ def is_study(folder: Path) -> bool:
 
 def chosen_measures(kept: Sequence[str], measures: Sequence[str]) -> list[str]:
     """Take the measures that are asked for, or those that matter most."""
+    from aimd_des.results.measures import FIRST
     from aimd_des.study.columns import known_measure
 
     for name in measures:
         known_measure("measure", name)
         if name not in kept:
             raise InputError.of("measure", name, f"one that the study keeps: {', '.join(kept)}")
-    return list(measures) or [name for name in _MAIN if name in kept] or list(kept)
+    return list(measures) or [name for name in FIRST[:_MOST_MEASURES] if name in kept] or list(kept)
 
 
 def show_study(folder: Path, measures: Sequence[str] = (), by: Sequence[str] = ()) -> None:
@@ -81,6 +82,7 @@ def _about(results: "StudyResults") -> list[tuple[str, Any]]:
 
 def _means(runs: "pd.DataFrame", axes: list[str], names: list[str]) -> tuple[list[str], list[list[Any]]]:
     """Make a row for each point and resource."""
+    from aimd_des.results.measures import measure_words
     from aimd_des.study import summarise
 
     points = [*axes, "resource"]
@@ -95,7 +97,7 @@ def _means(runs: "pd.DataFrame", axes: list[str], names: list[str]) -> tuple[lis
         half_widths = (found["high"] - found["low"]) / 2.0
         cells = [interval(float(found["mean"][name]), float(half_widths[name])) for name in names]
         rows.append([*labels, int(found["replications"].max()), *cells])
-    return [*points, "replications", *(name.replace("_", " ") for name in names)], rows
+    return [*points, "replications", *map(measure_words, names)], rows
 
 
 def _print_failures(results: "StudyResults") -> None:

@@ -6,7 +6,8 @@ from typing import Any
 import pandas as pd
 
 from aimd_des.report.html_page import Chart, Choice, Page, Slider, Table
-from aimd_des.report.verdicts import MEASURES, shown, verdict
+from aimd_des.report.verdicts import JUDGED, shown, verdict
+from aimd_des.results.measures import measure_words
 from aimd_des.scenario.stored_run import StoredRun
 
 __all__ = ["report_run"]
@@ -58,7 +59,7 @@ def report_run(run: StoredRun) -> Page:
             "resources",
             run.run_away if name == "utilisation" else (),
         )
-        for name in MEASURES
+        for name in JUDGED
     ]
     return Page(
         kind="Run",
@@ -120,7 +121,7 @@ def _spoken(table: Any) -> str:
 def _measures(run: StoredRun) -> Table:
     names = list(run.measures)
     rows = [
-        [measure.replace("_", " "), *(shown(run.measures[name][measure]) for name in names)]
+        [measure_words(measure), *(shown(run.measures[name][measure]) for name in names)]
         for measure in next(iter(run.measures.values()), {})
     ]
     return Table("All measures of each resource", ["measure", *names], rows)

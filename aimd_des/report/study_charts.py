@@ -8,7 +8,8 @@ import pandas as pd
 
 from aimd_des.report.charts import chosen, data, finished, resource_colour, slid
 from aimd_des.report.html_page import Chart, Choice, Slider
-from aimd_des.report.verdicts import MEASURES, Measure
+from aimd_des.report.verdicts import JUDGED
+from aimd_des.results.measures import MEASURES
 
 __all__ = ["Along", "line_chart", "map_chart", "study_controls"]
 
@@ -49,15 +50,14 @@ def study_controls(
         controls += [
             Choice("up", "Map: up", numbered, "1"),
             Choice(
-                "measure", "Map: measure", [(str(k), _title(name)) for k, name in enumerate(measures)], "0"
+                "measure",
+                "Map: measure",
+                [(str(k), MEASURES[name].title) for k, name in enumerate(measures)],
+                "0",
             ),
             Choice("of", "Map: resource", [(str(k), name) for k, name in enumerate(resources)], "0"),
         ]
     return controls
-
-
-def _title(measure: str) -> str:
-    return MEASURES[measure].title if measure in MEASURES else measure.replace("_", " ").capitalize()
 
 
 def _parameters(axes: Sequence[Along], start: Sequence[int]) -> list[alt.Parameter]:
@@ -92,15 +92,15 @@ def line_chart(
     frame: pd.DataFrame, name: str, axes: Sequence[Along], resources: Sequence[str], start: Sequence[int]
 ) -> Chart:
     """Show one measure along an axis, with the confidence intervals of its means."""
-    measure = MEASURES.get(name, Measure(_title(name), "", "", abs, str))
+    measure = MEASURES[name]
     base = (
         alt.Chart(data(frame))
         .transform_filter(_here(axes, ["along"]))
         .transform_calculate(x="datum['i' + along]", at="labels[toNumber(along)][datum['i' + along]]")
     )
     x_axis = alt.X(**_ordinal("x", "along"))
-    share = alt.Axis(format="%") if name in MEASURES else alt.Axis()
-    y_axis = alt.Y("mean:Q", title=measure.unit or None, axis=share, scale=alt.Scale(zero=False))
+    share = alt.Axis(format="%") if name in JUDGED else alt.Axis()
+    y_axis = alt.Y("mean:Q", title=measure.unit, axis=share, scale=alt.Scale(zero=False))
     colours = resource_colour(resources)
     band = base.mark_area(opacity=0.2).encode(x_axis, alt.Y("low:Q"), alt.Y2("high:Q"), colours)
     line = base.mark_line(point={"size": 40, "filled": True}).encode(
@@ -133,7 +133,7 @@ def map_chart(
         alt.param(name="other", expr="up != along ? up : along == '0' ? '1' : '0'"),
         chosen("measure", "0"),
         chosen("of", "0"),
-        alt.param(name="titles", value=[_title(name) for name in measures]),
+        alt.param(name="titles", value=[MEASURES[name].title for name in measures]),
     ]
     base = (
         alt.Chart(data(frame))

@@ -8,12 +8,12 @@ import pandas as pd
 import tomli_w
 
 from aimd_des.report.html_page import Chart, Choice, Page, Slider, Table, Verdict
-from aimd_des.report.verdicts import MEASURES, shown, verdict
+from aimd_des.report.verdicts import JUDGED, shown, verdict
+from aimd_des.results.measures import FIRST, measure_words
 from aimd_des.study import StudyResults, summarise
 
 __all__ = ["report_study"]
 
-_MORE = ("overshoot_time", "relative_error", "consensus_spread", "cost_ratio", "signals")
 _MOST_FAILURES = 20
 _MOST_MEASURES = 8
 
@@ -33,8 +33,8 @@ def report_study(results: StudyResults) -> Page:
     """
     study, runs = results.study, results.runs
     kept = study.columns()
-    main = [name for name in MEASURES if name in kept]
-    measures = [name for name in dict.fromkeys((*main, *_MORE, *kept)) if name in kept][:_MOST_MEASURES]
+    main = [name for name in JUDGED if name in kept]
+    measures = [name for name in dict.fromkeys((*main, *FIRST, *kept)) if name in kept][:_MOST_MEASURES]
     names = [axis.name for axis in study.axes]
     table = summarise(runs, [*names, "resource"], measures) if len(runs) else None
     charts: list[Chart] = []
@@ -145,7 +145,7 @@ def _points(table: pd.DataFrame, names: Sequence[str], main: Sequence[str]) -> T
         half = (of["high"] - of["low"]) / 2.0
         cells = [_interval(float(of["mean"][name]), float(half[name])) for name in main]
         rows.append([*map(shown, labels), f"{int(of['replications'].max()):,}", *cells])
-    heads = [*names, "resource", "replications", *(name.replace("_", " ") for name in main)]
+    heads = [*names, "resource", "replications", *map(measure_words, main)]
     title = "Means at every point, with the half-widths of their 95 % confidence intervals"
     return Table(title, heads, rows, labels=len(names) + 1)
 

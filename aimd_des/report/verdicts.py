@@ -5,30 +5,25 @@ from math import isfinite, isnan
 from typing import Any, NamedTuple
 
 from aimd_des.report.html_page import Verdict
+from aimd_des.results.measures import MEASURES
 
-__all__ = ["MEASURES", "Measure", "percent", "shown", "verdict"]
+__all__ = ["JUDGED", "percent", "shown", "verdict"]
 
 
-class Measure(NamedTuple):
-    """How a measure is shown.
+class Judgement(NamedTuple):
+    """How the page judges a measure.
 
     Attributes
     ----------
-    title : str
-        Its name.
-    unit : str
-        In which the axes of charts show it.
-    meaning : str
-        In a sentence or two.
+    more : str
+        What to know besides its meaning.
     badness : callable
         Is the larger the worse a value is.
     words : callable
         Says a value of it, as a share.
     """
 
-    title: str
-    unit: str
-    meaning: str
+    more: str
     badness: Callable[[float], float]
     words: Callable[[float], str]
 
@@ -58,29 +53,16 @@ def _exceeded(peak: float) -> str:
 
 
 #: The three of the verdict, in its order.
-MEASURES = {
-    "utilisation": Measure(
-        "Utilisation",
-        "share of the capacity",
-        "The sum of the averages over the capacity. Demand swings below the capacity like the teeth of a saw,"
-        " so even a run without fault does not use all of it.",
+JUDGED = {
+    "utilisation": Judgement(
+        "Demand swings below the capacity like the teeth of a saw, so even a run without fault does not use"
+        " all of it.",
         lambda share: abs(share - 1.0),
         _used,
     ),
-    "misallocation": Measure(
-        "Misallocation",
-        "share of what is used",
-        "How far the averages are from the optimum for what is used: the sum of the differences over the sum"
-        " of the optimum. Half of it would have to change hands.",
-        abs,
-        _shared,
-    ),
-    "overshoot_peak": Measure(
-        "Overshoot",
-        "highest demand over the capacity",
-        "The highest total demand over the capacity: what signals that come late, or not at all, let happen.",
-        abs,
-        _exceeded,
+    "misallocation": Judgement("Half of it would have to change hands.", abs, _shared),
+    "overshoot_peak": Judgement(
+        "It is what signals that come late, or not at all, let happen.", abs, _exceeded
     ),
 }
 
@@ -107,13 +89,13 @@ def verdict(
     name: str, values: Mapping[str, float], among: str, run_away: Collection[str] = ()
 ) -> Verdict | None:
     """Say the worst of several values in words."""
-    measure = MEASURES[name]
+    measure, judgement = MEASURES[name], JUDGED[name]
     known = {of: value for of, value in values.items() if isfinite(value)}
     if not known:
         return None
-    worst = max(known, key=lambda of: (of in run_away, measure.badness(known[of])))
+    worst = max(known, key=lambda of: (of in run_away, judgement.badness(known[of])))
     others = [value for of, value in known.items() if of != worst]
-    words = [measure.words(known[worst])]
+    words = [judgement.words(known[worst])]
     if worst in run_away:
         words.append("In the second half of the run demand has run away from it.")
     if others:
@@ -122,4 +104,6 @@ def verdict(
         words.append(f"This is the worst of the {among}: {worst}. The others: {span}.")
     else:
         words.append(f"This is {worst}.")
-    return Verdict(measure.title, percent(known[worst]), " ".join(words), measure.meaning)
+    return Verdict(
+        measure.title, percent(known[worst]), " ".join(words), f"{measure.meaning} {judgement.more}"
+    )

@@ -7,8 +7,8 @@ average are in the units of the resource, times in steps or units of time.
 import math
 import warnings
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
-from functools import cache, cached_property
+from collections.abc import Sequence
+from functools import cached_property
 from hashlib import sha256
 from typing import Any
 
@@ -16,21 +16,18 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from aimd_des.problem.optimum import Optimum, solve_optimum
+from aimd_des.problem.optimum import Optimum
 from aimd_des.problem.problem import Problem
-from aimd_des.results import metrics
 from aimd_des.results.event_log import EventLog
 from aimd_des.results.frames import categorical
+from aimd_des.results.measures import MEASURES, Measured
 from aimd_des.results.overload import Opportunities, overload_words, run_away
 from aimd_des.results.run_data import Account, Observations, Piece, Signals
-from aimd_des.results.tracking import PieceOptima, piece_problem, pieces_frame, tracking_frame
+from aimd_des.results.tracking import PieceOptima, pieces_frame, tracking_frame
 from aimd_des.utils.errors import InputError, OverloadWarning
 from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Result"]
-
-# Measures of the averages of those who are here at the end.
-_OF_THOSE_HERE = {"utilisation", "relative_error", "misallocation", "consensus_spread", "cost_ratio"}
 
 
 class Result:
@@ -291,12 +288,8 @@ class Result:
         Returns
         -------
         DataFrame
-            Index: resource.  Columns: signals, bits (what they cost), delivered, lost, in_flight
-            and duplicated (copies), responses, saturated (responses with probability above 1), utilisation,
-            relative_error, misallocation (relative error against the optimum for the capacities
-            actually used), consensus_spread, cost_ratio (of all resources together, repeated),
-            overshoot_peak, overshoot_time, overshoot_mean (over the capacity, over all time, and
-            over the capacity).  What is measured of those who are here is NaN where nobody is.
+            Index: resource.  Columns: the measures, which the page on the model lists with their units and
+            meanings.  What is measured of those who are here is NaN where nobody is.
 
         Raises
         ------
@@ -329,50 +322,17 @@ class Result:
         InputError
             As `summary` does.
         """
-        last, account, overshoot = self.history[-1], self.account, self.observations.overshoot
-        average, counts = (
-            self.average_at_end[last.present],
-            self.signals_sent.counts(self.problem.n_resources),
-        )
+        last = self.history[-1]
         if optimum is not None:
             self.optimum_of(last, optimum)  # refuses one that does not fit, whatever is measured
-
-        @cache
-        def problem() -> Problem:
-            return piece_problem(self.problem, last)
-
-        @cache
-        def best() -> FloatArray:
-            found = self.optimum_of(last, optimum)
-            assert found is not None  # noqa: S101 - asked for where somebody is here
-            return found.allocation
-
-        def misallocation() -> FloatArray:
-            used = average.sum(axis=0)
-            if not (used > 0).all():
-                return np.full(len(used), np.nan)
-            return metrics.relative_error(average, solve_optimum(problem(), capacity=used).allocation)
-
-        ways: dict[str, Callable[[], Any]] = {
-            "signals": lambda: counts,
-            "bits": lambda: self.bits_per_signal * counts,
-            "delivered": lambda: account.delivered.sum(axis=1),
-            "lost": lambda: account.lost.sum(axis=1),
-            "in_flight": lambda: account.in_flight.sum(axis=1),
-            "duplicated": lambda: account.duplicated.sum(axis=1),
-            "responses": lambda: account.responses.sum(axis=1),
-            "saturated": lambda: account.saturated.sum(axis=1),
-            "utilisation": lambda: metrics.utilisation(average, last.capacity),
-            "relative_error": lambda: metrics.relative_error(average, best()),
-            "misallocation": misallocation,
-            "consensus_spread": lambda: metrics.consensus_spread(problem().costs, average),
-            "cost_ratio": lambda: np.full(len(counts), metrics.cost_ratio(problem().costs, average, best())),
-            "overshoot_peak": lambda: overshoot.peak,
-            "overshoot_time": lambda: overshoot.time,
-            "overshoot_mean": lambda: overshoot.mean,
-        }
-        missing = set() if last.present.any() else _OF_THOSE_HERE
-        return {
-            name: np.full(len(counts), np.nan) if name in missing else ways[name]()
-            for name in (ways if names is None else names)
-        }
+        run = Measured(
+            problem=self.problem,
+            last=last,
+            everybody=self.average_at_end,
+            signals=self.signals_sent.counts(self.problem.n_resources),
+            bits_per_signal=self.bits_per_signal,
+            account=self.account,
+            overshoot=self.observations.overshoot,
+            optimum=lambda: self.optimum_of(last, optimum),
+        )
+        return {name: MEASURES[name].of(run) for name in (MEASURES if names is None else names)}

@@ -5,11 +5,12 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
+from aimd_des.results.measures import MEASURES
 from aimd_des.scenario.base import described
 from aimd_des.scenario.messages import refused
 from aimd_des.scenario.old_keys import axis_with_new_keys
 from aimd_des.scenario.parameters import as_data
-from aimd_des.study.columns import LABELS, MEASURES
+from aimd_des.study.columns import LABELS
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 

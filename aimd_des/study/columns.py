@@ -1,34 +1,14 @@
 """The columns of a study: those that say which run a row is of, and those that measure it."""
 
 from difflib import get_close_matches
-from typing import Literal
 
+from aimd_des.results.measures import MEASURES
 from aimd_des.utils.errors import InputError
 
-__all__ = ["FRAMES", "LABELS", "MEASURES", "known_frame", "known_measure"]
+__all__ = ["FRAMES", "LABELS", "known_frame", "known_measure"]
 
 #: What a row is of, besides the axes; no axis may have such a name.
 LABELS = ("point", "replication", "seed", "key", "digest", "resource", "until")
-
-#: The columns of `Result.summary`, and what they hold.
-MEASURES: dict[str, Literal["integer", "number"]] = {
-    "signals": "integer",
-    "bits": "integer",
-    "delivered": "integer",
-    "lost": "integer",
-    "in_flight": "integer",
-    "duplicated": "integer",
-    "responses": "integer",
-    "saturated": "integer",
-    "utilisation": "number",
-    "relative_error": "number",
-    "misallocation": "number",
-    "consensus_spread": "number",
-    "cost_ratio": "number",
-    "overshoot_peak": "number",
-    "overshoot_time": "number",
-    "overshoot_mean": "number",
-}
 
 #: The frames of a result.
 FRAMES = ("signals", "demand", "allocations", "events", "pieces", "tracking")

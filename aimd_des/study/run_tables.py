@@ -10,11 +10,11 @@ import pyarrow as pa
 
 from aimd_des.problem.optimum import Optimum, solve_optimum
 from aimd_des.problem.problem import Problem
+from aimd_des.results.measures import MEASURES
 from aimd_des.results.result import Result
 from aimd_des.results.tracking import is_unchanged
 from aimd_des.scenario import Scenario
 from aimd_des.study.axis import Axis
-from aimd_des.study.columns import MEASURES
 from aimd_des.study.points import problem_words
 from aimd_des.study.study import Study
 
@@ -33,9 +33,6 @@ __all__ = [
 SCENARIO = b"aimd_des.scenario"
 #: And where the versions that made it, as JSON.
 VERSIONS = b"aimd_des.versions"
-
-# Measures that hold the averages against the optimum of the problem.
-_NEED_OPTIMUM = {"relative_error", "cost_ratio"}
 
 _KINDS = {"boolean": pa.bool_(), "number": pa.float64(), "string": pa.string(), "integer": pa.int64()}
 
@@ -61,7 +58,7 @@ def plan_schema(study: Study) -> pa.Schema:
 def run_schema(study: Study) -> pa.Schema:
     """Describe the columns of a run's rows."""
     texts = [pa.field(name, pa.string()) for name in ("key", "digest", "resource")]
-    measures = [pa.field(name, _KINDS[MEASURES[name]]) for name in study.columns()]
+    measures = [pa.field(name, _KINDS[MEASURES[name].kind]) for name in study.columns()]
     return pa.schema(
         [
             *list(plan_schema(study))[:-1],
@@ -90,7 +87,7 @@ def summary_of(scenario: Scenario, result: Result, names: Sequence[str]) -> dict
     """Measure a run, with the optimum of its problem solved only once for all runs that share it."""
     # Where interventions have left another problem, the run has one of its own.
     own = not is_unchanged(result.problem, result.history[-1])
-    shared = not own and not _NEED_OPTIMUM.isdisjoint(names)
+    shared = not own and any(MEASURES[name].needs_optimum for name in names)
     optimum = _optimum(_Described(problem_words(scenario), result.problem)) if shared else None
     measures = result.measures(optimum, names)
     return {

@@ -7,13 +7,14 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
+from aimd_des.results.measures import MEASURES
 from aimd_des.scenario import validate_scenario
 from aimd_des.scenario.messages import checked
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.parameters import as_data
 from aimd_des.scenario.settings import split_key, with_settings
 from aimd_des.study.axis import Axis, Setting, StudyTable, Value
-from aimd_des.study.columns import MEASURES, known_frame, known_measure
+from aimd_des.study.columns import known_frame, known_measure
 from aimd_des.study.condition import Condition
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError

@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 from pandas.api.types import is_numeric_dtype
 
-from aimd_des.study.columns import LABELS, MEASURES
+from aimd_des.results.measures import MEASURES
+from aimd_des.study.columns import LABELS
 from aimd_des.study.statistics.intervals import quantile
 from aimd_des.utils.errors import InputError
 

@@ -1,0 +1,286 @@
+"""What is measured of a run: the one table that results, studies, reports and the command line read.
+
+`Measured` holds what the measures are taken of; each row of `MEASURES` takes one number for each resource
+from it, or one for all resources together, repeated.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.problem.optimum import Optimum, solve_optimum
+from aimd_des.problem.problem import Problem
+from aimd_des.results import metrics
+from aimd_des.results.run_data import Account, Piece
+from aimd_des.results.tracking import piece_problem
+from aimd_des.utils.validation import FloatArray
+
+__all__ = ["FIRST", "MEASURES", "Measure", "Measured", "measure_words"]
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A run at its end, as the measures see it.
+
+    Attributes
+    ----------
+    problem : Problem
+        Of the whole run.
+    last : Piece
+        What is in force at the end.
+    everybody : ndarray, shape (n, m)
+        Averages at the end, in units of the resources.
+    signals : ndarray of int, shape (m,)
+        How many were broadcast.
+    bits_per_signal : int
+        What a signal costs.
+    account : Account
+        Copies and responses.
+    overshoot : Overshoot
+        Over the whole run.
+    optimum : callable
+        Gives the optimum that the averages are held against, None where nobody is here.
+    """
+
+    problem: Problem
+    last: Piece
+    everybody: FloatArray
+    signals: npt.NDArray[np.int64]
+    bits_per_signal: int
+    account: Account
+    overshoot: metrics.Overshoot
+    optimum: Callable[[], Optimum | None]
+
+    @cached_property
+    def average(self) -> FloatArray:
+        """Averages of those who are here, shape (n_here, m)."""
+        return self.everybody[self.last.present]
+
+    @cached_property
+    def in_force(self) -> Problem:
+        """The problem at the end, for those who are here."""
+        return piece_problem(self.problem, self.last)
+
+    @cached_property
+    def best(self) -> FloatArray:
+        """What those who are here should hold, shape (n_here, m)."""
+        found = self.optimum()
+        assert found is not None  # noqa: S101 - asked for where somebody is here
+        return found.allocation
+
+    def misallocation(self) -> FloatArray:
+        """Compare with the optimum for what is used; that optimum is solved here."""
+        used = self.average.sum(axis=0)
+        if not (used > 0).all():
+            return np.full(len(used), np.nan)
+        return metrics.relative_error(self.average, solve_optimum(self.in_force, capacity=used).allocation)
+
+    def cost_ratio(self) -> FloatArray:
+        """Compare the cost of all resources together, and say it of each."""
+        ratio = metrics.cost_ratio(self.in_force.costs, self.average, self.best)
+        return np.full(len(self.signals), ratio)
+
+
+class Measure(NamedTuple):
+    """One column of the summary.
+
+    Attributes
+    ----------
+    name : str
+        Of the column.
+    kind : {"integer", "number"}
+        What it holds.
+    title : str
+        Its name for people.
+    unit : str
+        What its numbers count, or are shares of.
+    meaning : str
+        In one sentence.
+    function : callable
+        From a `Measured` to a value for each resource.
+    of_those_here : bool
+        Whether it is taken of the agents that are here at the end, and so is NaN where nobody is.
+    needs_optimum : bool
+        Whether it holds the averages against the optimum of the problem in force.
+    """
+
+    name: str
+    kind: Literal["integer", "number"]
+    title: str
+    unit: str
+    meaning: str
+    function: Callable[[Measured], npt.NDArray[Any]]
+    of_those_here: bool = False
+    needs_optimum: bool = False
+
+    def of(self, run: Measured) -> npt.NDArray[Any]:
+        """Measure a run, shape (m,)."""
+        if self.of_those_here and not run.last.present.any():
+            return np.full(len(run.signals), np.nan)
+        return self.function(run)
+
+
+_TABLE = (
+    Measure(
+        "signals",
+        "integer",
+        "Signals",
+        "signals",
+        "Capacity signals that were broadcast.",
+        lambda run: run.signals,
+    ),
+    Measure(
+        "bits",
+        "integer",
+        "Bits",
+        "bits",
+        "What the signals cost: one bit each, and those of a running number where there is one.",
+        lambda run: run.bits_per_signal * run.signals,
+    ),
+    Measure(
+        "delivered",
+        "integer",
+        "Delivered",
+        "copies",
+        "Copies of signals that arrived, duplicates not counted.",
+        lambda run: run.account.delivered.sum(axis=1),
+    ),
+    Measure(
+        "lost",
+        "integer",
+        "Lost",
+        "copies",
+        "Copies of signals that the channel lost.",
+        lambda run: run.account.lost.sum(axis=1),
+    ),
+    Measure(
+        "in_flight",
+        "integer",
+        "In flight",
+        "copies",
+        "Copies of signals that were under way when the run ended.",
+        lambda run: run.account.in_flight.sum(axis=1),
+    ),
+    Measure(
+        "duplicated",
+        "integer",
+        "Duplicated",
+        "copies",
+        "Duplicates that arrived besides the copies.",
+        lambda run: run.account.duplicated.sum(axis=1),
+    ),
+    Measure(
+        "responses",
+        "integer",
+        "Responses",
+        "responses",
+        "Decreases of demand by which agents responded to signals.",
+        lambda run: run.account.responses.sum(axis=1),
+    ),
+    Measure(
+        "saturated",
+        "integer",
+        "Saturated",
+        "responses",
+        "Responses whose probability was above 1, and which were therefore certain.",
+        lambda run: run.account.saturated.sum(axis=1),
+    ),
+    Measure(
+        "utilisation",
+        "number",
+        "Utilisation",
+        "share of the capacity",
+        "The sum of the averages over the capacity.",
+        lambda run: metrics.utilisation(run.average, run.last.capacity),
+        of_those_here=True,
+    ),
+    Measure(
+        "relative_error",
+        "number",
+        "Relative error",
+        "share of the optimum",
+        "The sum of the absolute differences between averages and optimum, over the sum of the optimum.",
+        lambda run: metrics.relative_error(run.average, run.best),
+        of_those_here=True,
+        needs_optimum=True,
+    ),
+    Measure(
+        "misallocation",
+        "number",
+        "Misallocation",
+        "share of what is used",
+        "How far the averages are from the optimum for what is used: the sum of the absolute differences over"
+        " the sum of that optimum.",
+        lambda run: run.misallocation(),
+        of_those_here=True,
+    ),
+    Measure(
+        "consensus_spread",
+        "number",
+        "Consensus spread",
+        "share of the mean derivative",
+        "The standard deviation of the derivatives of the costs across agents, over their mean.",
+        lambda run: metrics.consensus_spread(run.in_force.costs, run.average),
+        of_those_here=True,
+    ),
+    Measure(
+        "cost_ratio",
+        "number",
+        "Cost ratio",
+        "total cost over optimal cost",
+        "The cost of all agents over that of the optimum, for all resources together: below 1 where capacity"
+        " is left unused.",
+        lambda run: run.cost_ratio(),
+        of_those_here=True,
+        needs_optimum=True,
+    ),
+    Measure(
+        "overshoot_peak",
+        "number",
+        "Overshoot peak",
+        "highest demand over the capacity",
+        "The highest total demand over the capacity in force; what it is for no time, between two events of"
+        " one instant, does not count.",
+        lambda run: run.overshoot.peak,
+    ),
+    Measure(
+        "overshoot_time",
+        "number",
+        "Overshoot time",
+        "share of time",
+        "The share of time for which total demand was above the capacity, integrated and not sampled.",
+        lambda run: run.overshoot.time,
+    ),
+    Measure(
+        "overshoot_mean",
+        "number",
+        "Overshoot mean",
+        "share of the capacity",
+        "The time average of what exceeds the capacity, over the capacity, integrated and not sampled.",
+        lambda run: run.overshoot.mean,
+    ),
+)
+
+#: The columns of `Result.summary`, in their order.
+MEASURES = {measure.name: measure for measure in _TABLE}
+
+#: What is shown where there is no room for all, the most telling first.
+FIRST = (
+    "utilisation",
+    "misallocation",
+    "cost_ratio",
+    "overshoot_peak",
+    "overshoot_time",
+    "relative_error",
+    "consensus_spread",
+    "signals",
+)
+
+
+def measure_words(name: str) -> str:
+    """Write the name of a measure, or of a column of the user's own, for people."""
+    return MEASURES[name].title.lower() if name in MEASURES else name.replace("_", " ")
