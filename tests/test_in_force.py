@@ -26,7 +26,7 @@ from aimd_des import (
 from aimd_des.report import report_run
 from aimd_des.report.html_page import render
 from aimd_des.scenario import load_scenario
-from aimd_des.scenario.stored_run import load_run
+from aimd_des.scenario.run_folder import load_run
 from tests.command_line import invoke, run, said, write
 from tests.conftest import quietly, random_problem
 from tests.reports import values

@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 
 from aimd_des import InputError, Result
 from aimd_des.scenario import Scenario, load_scenario
-from aimd_des.scenario.run_folder import PROVENANCE, Place, check_folder, new_folder, write_run
-from aimd_des.scenario.stored_run import load_run
+from aimd_des.scenario.run_folder import load_run, write_run
 from aimd_des.utils.checksums import SUMS, read_checksums
+from aimd_des.utils.folders import PROVENANCE, Place, check_folder, new_folder
 from tests.conftest import INLINE, quietly
 
 FILES = [

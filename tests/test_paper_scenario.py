@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from matplotlib.image import imread
 
 from aimd_des import InputError, load_scenario, run_synchronous, solve_optimum
-from aimd_des.scenario.run_folder import check_folder
+from aimd_des.utils.folders import check_folder
 from models.smart_cameras import smart_cameras
 from scenarios import paper
 from scenarios.paper.table import CAPACITY_EVENTS, table

@@ -14,7 +14,7 @@ from aimd_des.report import report_run, report_study, write_page
 from aimd_des.report.html_page import render
 from aimd_des.report.run_charts import demand_charts
 from aimd_des.report.verdicts import percent, shown, verdict
-from aimd_des.scenario.stored_run import load_run
+from aimd_des.scenario.run_folder import load_run
 from tests.command_line import everything, invoke, refusal, run, write
 from tests.conftest import INLINE
 from tests.reports import HOSTILE, HOSTILE_SCENARIO, MEASURES, Parsed, results_of, study_of, values

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from aimd_des.report import report_run, report_study, write_page
-from aimd_des.scenario.stored_run import load_run
+from aimd_des.scenario.run_folder import load_run
 from tests.command_line import run, write
 from tests.reports import HOSTILE, HOSTILE_SCENARIO, results_of, study_of
 

@@ -12,7 +12,7 @@ import pytest
 from aimd_des import InputError
 from aimd_des.report import report_run
 from aimd_des.results.frames import name_as_written, safe_names
-from aimd_des.scenario.stored_run import load_run
+from aimd_des.scenario.run_folder import load_run
 from aimd_des.utils.checksums import SUMS, checksums_of, read_checksums, verified, write_checksums
 from tests.command_line import invoke, refusal, run, said, write
 from tests.conftest import INLINE
@@ -187,6 +187,14 @@ FORMULAS = [
     "'=x",
     "\u2028 line",
 ]
+
+
+def test_a_report_solves_for_no_optimum(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("the folder has the optimum")
+
+    monkeypatch.setattr("aimd_des.problem.optimum.optimum.follow_central_path", refuse)
+    assert "shares" in [chart.id for chart in report_run(load_run(folder)).charts]
 
 
 def test_names_like_formulas_come_back_as_they_were() -> None:

@@ -34,6 +34,6 @@ def command(first: Path, second: Path, measures: tuple[str, ...]) -> None:
             raise Refusal(f"only {study} is the folder of a study; give those of two runs, or of two studies")
         else:
             from aimd_des.cli.run_tables import compare_runs
-            from aimd_des.scenario.stored_run import load_run
+            from aimd_des.scenario.run_folder import load_run
 
             compare_runs(load_run(first), load_run(second), measures)

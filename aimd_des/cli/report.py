@@ -42,7 +42,7 @@ def command(folder: Path, out: Path | None, overwrite: bool) -> None:
 
             page = report_study(load_study(folder))
         else:
-            from aimd_des.scenario.stored_run import load_run
+            from aimd_des.scenario.run_folder import load_run
 
             page = report_run(load_run(folder))
     with writing(path):

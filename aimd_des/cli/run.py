@@ -52,9 +52,9 @@ def command(
     from aimd_des.cli.run_tables import print_measures
     from aimd_des.results.overload import overload_words
     from aimd_des.scenario import load_scenario
-    from aimd_des.scenario.run_folder import check_folder, write_run
-    from aimd_des.scenario.stored_run import load_run
+    from aimd_des.scenario.run_folder import load_run, write_run
     from aimd_des.utils.errors import OverloadWarning
+    from aimd_des.utils.folders import check_folder
 
     folder = Path("results") / scenario.stem if out is None else out
     with refusing():

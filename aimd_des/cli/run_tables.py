@@ -7,7 +7,7 @@ from aimd_des.cli.printing import say
 from aimd_des.cli.scenario_diff import HEADS, differences, print_differences
 from aimd_des.cli.terminal_tables import print_pairs, print_table
 from aimd_des.results.measures import measure_words
-from aimd_des.scenario.stored_run import StoredRun
+from aimd_des.scenario.run_folder import StoredRun
 from aimd_des.utils.errors import InputError
 
 __all__ = ["compare_runs", "print_measures", "show_run"]

@@ -34,6 +34,6 @@ def command(folder: Path, measures: tuple[str, ...], axes: tuple[str, ...]) -> N
         if axes:
             raise Refusal(f"--by: has a meaning for the folder of a study only, and {folder} is none")
         from aimd_des.cli.run_tables import show_run
-        from aimd_des.scenario.stored_run import load_run
+        from aimd_des.scenario.run_folder import load_run
 
         show_run(load_run(folder), measures)

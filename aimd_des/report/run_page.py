@@ -8,7 +8,7 @@ import pandas as pd
 from aimd_des.report.html_page import Chart, Choice, Page, Slider, Table
 from aimd_des.report.verdicts import JUDGED, shown, verdict
 from aimd_des.results.measures import measure_words
-from aimd_des.scenario.stored_run import StoredRun
+from aimd_des.scenario.run_folder import StoredRun
 
 __all__ = ["report_run"]
 
@@ -23,7 +23,7 @@ def report_run(run: StoredRun) -> Page:
     Parameters
     ----------
     run : StoredRun
-        The folder that ``aimd-des run`` wrote, as `aimd_des.scenario.stored_run.load_run` reads it.
+        The folder that ``aimd-des run`` wrote, as `aimd_des.scenario.run_folder.load_run` reads it.
 
     Returns
     -------

@@ -2,11 +2,11 @@
 
 from aimd_des.scenario.file import load_scenario
 from aimd_des.scenario.messages import validate_scenario
-from aimd_des.scenario.run_folder import Place, check_folder, new_folder, write_run
+from aimd_des.scenario.run_folder import StoredRun, load_run, write_run
 from aimd_des.scenario.scenario import Scenario
 from aimd_des.scenario.schema import scenario_schema
 from aimd_des.scenario.settings import parse_setting, with_settings
-from aimd_des.scenario.stored_run import StoredRun, load_run
+from aimd_des.utils.folders import Place, check_folder, new_folder
 
 __all__ = [
     "Place",

@@ -1,227 +1,52 @@
-"""The folder of a run: scenario, summary and frames, written whole or not at all, and then its figures."""
+"""The folder of a run: scenario, summary, frames and figures, as they are written and as they are read back.
 
+The numbers are written first, whole or not at all, and then the figures.  Among the frames is the optimum
+that the run is held against, so that whoever reads a folder need not solve for it again.
+"""
+
+import csv
 import json
-import os
 import platform
-import shutil
-import tempfile
+import tomllib
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
-from io import BytesIO
+from io import BytesIO, StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from aimd_des._version import __version__
-from aimd_des.results.frames import categorical, safe_names
+from aimd_des.results.frames import categorical, columns_now, name_as_written, safe_names
 from aimd_des.results.result import Result
+from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.scenario import Scenario
-from aimd_des.utils.checksums import checksum, checksums_of, read_checksums, write_checksums
+from aimd_des.utils import validation
+from aimd_des.utils.checksums import (
+    SUMS,
+    checksum,
+    checksums_of,
+    read_checksums,
+    verified,
+    write_checksums,
+)
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.folders import PROVENANCE, Place, TakenError, new_folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Place", "check_folder", "library_versions", "new_folder", "write_run"]
+__all__ = ["StoredRun", "library_versions", "load_run", "write_run"]
 
-#: The file by which a folder is recognised as one that this program wrote.
-PROVENANCE = "run.json"
+Number = int | float
+
+_SCENARIO, _SUMMARY = "scenario.toml", "summary.csv"
+_REMEDY = "run the scenario again"
 _DPI = 160
 _LIBRARIES = ("numpy", "scipy", "numba", "simpy", "pandas")
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where results shall go, and what was there before anything ran: only that may be replaced.
-
-    Attributes
-    ----------
-    folder : Path
-        As the user names it.
-    target : Path
-        The same without links.
-    held : mapping of str to tuple of int
-        What earlier results consist of: for each file and folder by which it is known again.
-    """
-
-    folder: Path
-    target: Path
-    held: Mapping[str, tuple[int, ...]]
-
-
-def check_folder(folder: Path, *, overwrite: bool, mark: str = PROVENANCE) -> Place:
-    """Refuse a folder that cannot be written, before anything runs.
-
-    Parameters
-    ----------
-    folder : Path
-        Where results shall go.
-    overwrite : bool
-        Whether earlier results may be replaced.
-    mark : str
-        The file by which a folder is recognised as one that this program wrote.
-
-    Returns
-    -------
-    Place
-        What `new_folder` and `write_run` take.
-
-    Raises
-    ------
-    InputError
-        If it is a file, holds something that may not be replaced, or cannot be written.
-    """
-    if folder.exists() and not folder.is_dir():
-        raise InputError.of("output folder", str(folder), "a folder", "it is a file; choose another name")
-    target = folder.resolve()
-    held = _contents(target) if target.is_dir() else {}
-    if held and not overwrite:
-        raise InputError.of(
-            "output folder", str(folder), "new or empty", "choose another, or say --overwrite"
-        )
-    if held and not (folder / mark).is_file():
-        raise InputError.of(
-            "output folder",
-            str(folder),
-            "one that this program wrote",
-            f"it has no {mark}; remove it yourself",
-        )
-    above = next(path for path in target.parents if path.exists())
-    try:
-        with tempfile.TemporaryDirectory(prefix=".writable", dir=above):
-            pass
-    except OSError as error:
-        raise InputError(f"output folder {str(folder)!r}: cannot be written ({error.strerror})") from None
-    return Place(folder, target, held)
-
-
-def _contents(folder: Path) -> dict[str, tuple[int, ...]]:
-    """List what is below a folder, with what changes when a file is replaced or written again."""
-    found: dict[str, tuple[int, ...]] = {}
-    for above, folders, files in os.walk(folder, onerror=_raise):
-        for name in folders:
-            path = Path(above, name)
-            found[str(path.relative_to(folder))] = (path.lstat().st_ino,)
-        for name in files:
-            path = Path(above, name)
-            now = path.lstat()
-            found[str(path.relative_to(folder))] = (now.st_ino, now.st_size, now.st_mtime_ns)
-    return found
-
-
-def _raise(error: OSError) -> None:
-    raise error
-
-
-@contextmanager
-def new_folder(place: Place) -> Iterator[Path]:
-    """Give a temporary folder that takes its place once its block has ended well.
-
-    What has come to that place since it was checked stays there: the new folder then gets a name beside it.
-
-    Parameters
-    ----------
-    place : Place
-        As `check_folder` has found it.
-
-    Yields
-    ------
-    Path
-        The temporary folder.
-
-    Raises
-    ------
-    InputError
-        If the place has been taken meanwhile; it says where the folder is.
-    """
-    target = place.target
-    target.parent.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
-    try:
-        yield temporary
-        temporary.chmod(0o777 & ~_umask())
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise
-    try:
-        _take_place(temporary, place)
-    except OSError as failure:
-        kept = temporary.rename(temporary.with_name(temporary.name.removeprefix(".")))
-        why = "something has come there" if isinstance(failure, _TakenError) else failure.strerror
-        raise InputError(
-            f"output folder {str(place.folder)!r}: cannot be replaced any more ({why}) and was left alone; "
-            f"what was to be written there is in {str(place.folder.with_name(kept.name))!r}"
-        ) from None
-
-
-class _TakenError(OSError):
-    """A place holds something that was not there when it was checked."""
-
-
-def _take_place(temporary: Path, place: Place) -> None:
-    """Put one folder where another may be; if that fails, the other is there again."""
-    target = place.target
-    if not place.held:
-        _rename(temporary, target)
-        return
-    aside = Path(tempfile.mkdtemp(prefix=f".{target.name}.old.", dir=target.parent))
-    try:
-        old = target.rename(aside / target.name)
-    except BaseException:
-        aside.rmdir()
-        raise
-    # Nobody finds it there, so that what is seen now is what is removed.
-    try:
-        if _contents(old) != place.held:
-            raise _TakenError
-        _rename(temporary, target)
-    except BaseException:
-        try:
-            _rename(old, target)
-            aside.rmdir()
-        except OSError:  # others have come there in between
-            warnings.warn(f"{old}: holds what was at {place.folder} before", RuntimeWarning, stacklevel=4)
-        raise
-    _remove(old, place.held)
-
-
-def _rename(folder: Path, target: Path) -> None:
-    """Rename a folder; nothing but an empty folder may have its new name."""
-    with suppress(OSError):
-        target.rmdir()  # of an empty folder: not every system renames over it
-    try:
-        folder.rename(target)
-    except OSError as failure:
-        if os.path.lexists(target):
-            raise _TakenError from failure
-        raise
-
-
-def _remove(folder: Path, held: Mapping[str, tuple[int, ...]]) -> None:
-    """Remove what a folder is known to hold, and nothing else, and the folder above it."""
-    try:
-        for name in sorted(held, reverse=True):  # what is in a folder comes before it
-            path = folder / name
-            if path.is_dir() and not path.is_symlink():
-                path.rmdir()
-            else:
-                path.unlink()
-        folder.rmdir()
-        folder.parent.rmdir()
-    except OSError as failure:
-        said = f"{folder}: a part of the earlier results could not be removed ({failure.strerror})"
-        warnings.warn(said, RuntimeWarning, stacklevel=2)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def library_versions() -> dict[str, str]:
@@ -255,9 +80,9 @@ def write_run(place: Place, scenario: Scenario, result: Result, *, figures: bool
         For each figure that cannot be drawn: the numbers are there all the same.
     """
     with new_folder(place) as folder:
-        (folder / "scenario.toml").write_text(scenario.resolved().to_toml(), encoding="utf-8")
+        (folder / _SCENARIO).write_text(scenario.resolved().to_toml(), encoding="utf-8")
         summary = result.summary()
-        summary.set_axis(safe_names(summary.index)).rename_axis("resource").to_csv(folder / "summary.csv")
+        summary.set_axis(safe_names(summary.index)).rename_axis("resource").to_csv(folder / _SUMMARY)
         for name, frame in _frames(result).items():
             frame.to_parquet(folder / f"{name}.parquet", index=False)
         provenance = {
@@ -320,7 +145,7 @@ def _add_figures(place: Place, makers: Mapping[str, Callable[[], "Figure"]], sum
             draw().savefig(picture, dpi=_DPI)
             # By now the folder may be another run's, or somebody's who has made a new one.
             if read_checksums(place.target, "") != sums:
-                raise _TakenError(0, "the folder is no longer that of this run")
+                raise TakenError(0, "the folder is no longer that of this run")
             _write(path, picture.getvalue())
             sums = {**sums, path.name: checksum(picture.getvalue())}
             write_checksums(place.target, sums)
@@ -335,3 +160,164 @@ def _write(path: Path, content: bytes) -> None:
     except OSError:
         path.unlink(missing_ok=True)  # half a figure
         raise
+
+
+@dataclass(frozen=True)
+class StoredRun:
+    """A folder that `aimd-des run` wrote.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it is.
+    scenario : dict
+        What was run, every value spelled out.
+    digest : str
+        Of the result.
+    versions : dict of str to str
+        Of this program, Python and the libraries.
+    measures : dict of str to dict of str to number
+        For each resource, each measure by its name.
+    checksums : mapping of str to str, or None
+        Of the files, by their names; None for a folder without them.
+    run_away : tuple of str
+        The resources from whose capacity demand has run away.
+    """
+
+    folder: Path
+    scenario: dict[str, Any]
+    digest: str
+    versions: dict[str, str]
+    measures: dict[str, dict[str, Number]]
+    checksums: Mapping[str, str] | None
+    run_away: tuple[str, ...] = ()
+
+    def has(self, frame: str) -> bool:
+        """Tell whether a frame was written; earlier versions wrote fewer.
+
+        Parameters
+        ----------
+        frame : str
+            Its name.
+
+        Returns
+        -------
+        bool
+            Whether the folder has it.
+        """
+        return (self.folder / f"{frame}.parquet").is_file()
+
+    def frame(self, name: str) -> pd.DataFrame:
+        """Read a frame.
+
+        Parameters
+        ----------
+        name : str
+            Such as "signals".
+
+        Returns
+        -------
+        DataFrame
+            As the run wrote it.
+
+        Raises
+        ------
+        InputError
+            If it is not there, or not as the run wrote it.
+        """
+        content = _read(self.folder, f"{name}.parquet", self.checksums)
+        try:
+            frame = pd.read_parquet(BytesIO(content))
+        except Exception as damage:  # noqa: BLE001 - without a checksum, nobody knows what a damaged file does
+            path, cause = self.folder / f"{name}.parquet", " ".join(str(damage).split())
+            raise InputError(f"{path}: is damaged ({cause}); {_REMEDY}") from None
+        return frame.set_axis(columns_now(frame.columns), axis="columns")
+
+    def source(self) -> str:
+        """Read the scenario.
+
+        Returns
+        -------
+        str
+            As TOML.
+        """
+        return _text(self.folder, _SCENARIO, self.checksums)
+
+
+def load_run(folder: str | Path) -> StoredRun:
+    """Read the folder of a run.
+
+    Parameters
+    ----------
+    folder : str or Path
+        As `aimd-des run` wrote it.
+
+    Returns
+    -------
+    StoredRun
+        Its frames are read when they are asked for.
+
+    Raises
+    ------
+    InputError
+        If it is no such folder, or a file of it is damaged.
+
+    Warns
+    -----
+    UserWarning
+        If the folder has no checksums: an earlier version wrote it.
+    """
+    folder = validation.path("folder", folder)
+    sums = read_checksums(folder, _REMEDY)
+    text = {name: _text(folder, name, sums) for name in (PROVENANCE, _SCENARIO, _SUMMARY)}
+    name = PROVENANCE
+    try:
+        provenance = json.loads(text[name])
+        digest, versions = str(provenance["digest"]), dict(provenance["versions"])
+        run_away = tuple(map(str, provenance.get("run_away", ())))
+        name = _SCENARIO
+        scenario = with_new_keys(tomllib.loads(text[name]), silent=True)
+        name = _SUMMARY
+        head, *rows = csv.reader(StringIO(text[name], newline=""), strict=True)
+        place = head.index("resource")
+        measures = {
+            name_as_written(row[place]): {
+                key: _number(word) for key, word in zip(head, row, strict=True) if key != "resource"
+            }
+            for row in rows
+        }
+    except (ValueError, KeyError, TypeError, csv.Error, RecursionError) as damage:
+        raise InputError(f"{folder / name}: is damaged ({damage}); {_REMEDY}") from None
+    if sums is None:
+        said = (
+            f"{folder}: has no {SUMS}, so nothing tells whether its files are as they were written; {_REMEDY}"
+        )
+        warnings.warn(said, UserWarning, stacklevel=2)
+    return StoredRun(folder, scenario, digest, versions, measures, sums, run_away)
+
+
+def _read(folder: Path, name: str, sums: Mapping[str, str] | None) -> bytes:
+    try:
+        return verified(folder, name, sums, _REMEDY)
+    except FileNotFoundError:
+        raise InputError.of(
+            "folder", str(folder), "one that aimd-des run or aimd-des sweep wrote", f"it has no {name}"
+        ) from None
+
+
+def _text(folder: Path, name: str, sums: Mapping[str, str] | None) -> str:
+    content = _read(folder, name, sums)
+    try:
+        return content.decode()
+    except UnicodeDecodeError as error:
+        raise InputError(f"{folder / name}: cannot be read ({error})") from None
+
+
+def _number(word: str) -> Number:
+    """Read a number; pandas writes nothing for what is not a number."""
+    if not word:
+        return float("nan")
+    try:
+        return int(word)
+    except ValueError:
+        return float(word)

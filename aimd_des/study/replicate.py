@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des._version import RESULT_VERSION
-from aimd_des.scenario.run_folder import check_folder
 from aimd_des.study.seal import write_file
 from aimd_des.study.workers import Processes
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError, SimulationError
+from aimd_des.utils.folders import check_folder
 from aimd_des.utils.validation import FloatArray
 
 __all__ = ["jackknife", "mean_and_error", "replicate"]
@@ -88,7 +88,7 @@ def _share(
 def _files(folder: Path, calls: list[_Call[_Outcome]]) -> list[Path]:
     """Name the file of each outcome, in a folder that is ours."""
     if not (folder / _MARK).is_file():
-        check_folder(folder, overwrite=False)
+        check_folder(folder, overwrite=False, mark=_MARK)
         folder.mkdir(parents=True, exist_ok=True)
         write_file(folder / _MARK, b"Outcomes of aimd_des.study.replicate, by job and seed.\n")
     files = []
