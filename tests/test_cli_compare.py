@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from aimd_des.cli.scenario_diff import differences, flat
-from aimd_des.cli.terminal_tables import shown
+from aimd_des.utils.formatting import measured
 from tests.command_line import digest, refusal, run, said, words, write
 from tests.conftest import INLINE
 
@@ -37,7 +37,7 @@ def test_the_keys_that_differ_are_named_and_measures_are_side_by_side() -> None:
     for name in first:
         for resource in ("memory", "disk"):
             one, other = first[name].to_dict()[resource], second[name].to_dict()[resource]
-            expected = [*name.split("_"), resource, shown(one), shown(other), shown(other - one)]
+            expected = [*name.split("_"), resource, measured(one), measured(other), measured(other - one)]
             assert expected in rows
 
 

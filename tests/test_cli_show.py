@@ -6,8 +6,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from aimd_des.cli.terminal_tables import shown
 from aimd_des.utils.checksums import checksums_of, write_checksums
+from aimd_des.utils.formatting import measured
 from tests.command_line import refusal, run, said, words, write
 
 pytestmark = pytest.mark.usefixtures("own_folder")
@@ -31,7 +31,7 @@ def test_a_run_is_shown_with_all_its_measures() -> None:
     summary = pd.read_csv("out/summary.csv", index_col="resource")
     assert ["measure", "memory", "disk"] in rows
     for name, column in summary.items():
-        assert [*str(name).split("_"), *map(shown, column.tolist())] in rows
+        assert [*str(name).split("_"), *map(measured, column.tolist())] in rows
 
 
 def test_a_model_is_shown_with_its_parameters() -> None:

@@ -13,9 +13,9 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from aimd_des.cli.terminal_tables import interval, shown
-from aimd_des.cli.terminal_tables import said as setting
 from aimd_des.study import Study, load_study, run_study
+from aimd_des.utils.formatting import given as setting
+from aimd_des.utils.formatting import interval, measured
 from tests.command_line import refusal, run, said, words, write
 from tests.conftest import INLINE, quietly
 
@@ -145,7 +145,11 @@ def test_pairs_where_seeds_are_equal() -> None:
             at(runs, latency, 0.2, "disk").set_index("replication")["utilisation"] for runs in (one, other)
         )
         first = first[second.index]
-        cells = [shown(float(first.mean())), shown(float(second.mean())), *t_interval(second - first).split()]
+        cells = [
+            measured(float(first.mean())),
+            measured(float(second.mean())),
+            *t_interval(second - first).split(),
+        ]
         assert [setting(latency), "0.2", "disk", *cells, "pairs:", "2"] in rows
 
 
@@ -156,7 +160,7 @@ def test_welch_where_seeds_differ() -> None:
         test = stats.ttest_ind(other[name], one[name], equal_var=False).confidence_interval(0.95)
         mean = float(other[name].mean() - one[name].mean())
         cells = interval(mean, (test.high - test.low) / 2).split()
-        means = [shown(float(part[name].mean())) for part in (one, other)]
+        means = [measured(float(part[name].mean())) for part in (one, other)]
         assert ["0.5", "0.2", "memory", *means, *cells, "Welch:", "3,", "3"] in rows
 
 

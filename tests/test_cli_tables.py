@@ -6,7 +6,8 @@ import sys
 
 import pytest
 
-from aimd_des.cli.terminal_tables import interval, plus_minus, print_pairs, print_table, said, shown
+from aimd_des.cli.terminal_tables import plus_minus, plus_or_minus, print_pairs, print_table
+from aimd_des.utils.formatting import given, interval, measured
 
 
 @pytest.mark.parametrize(
@@ -29,7 +30,7 @@ from aimd_des.cli.terminal_tables import interval, plus_minus, print_pairs, prin
     ],
 )
 def test_what_was_measured_has_four_digits(value: object, text: str) -> None:
-    assert shown(value) == text
+    assert measured(value) == text
 
 
 @pytest.mark.parametrize(
@@ -48,7 +49,7 @@ def test_what_was_measured_has_four_digits(value: object, text: str) -> None:
     ],
 )
 def test_what_was_set_is_short(value: object, text: str) -> None:
-    assert said(value) == text
+    assert given(value) == text
 
 
 @pytest.mark.parametrize(
@@ -85,7 +86,7 @@ def test_a_table_that_is_too_wide_is_shown_in_parts(
     whole = [word for line in lines for word in line.split()]
     for row in ROWS:
         for value in row[1:]:
-            assert whole.count(shown(value)) == 1, value
+            assert whole.count(measured(value)) == 1, value
     heads = sum(line.startswith("measure ") and "resource" in line for line in lines)
     assert heads == {30: 12, 80: 3, 200: 1}[width]
 
@@ -113,7 +114,7 @@ def test_a_terminal_that_knows_only_ascii_gets_ascii(monkeypatch: pytest.MonkeyP
     with io.TextIOWrapper(io.BytesIO(), encoding="ascii") as stdout:
         monkeypatch.setattr(sys, "stdout", stdout)
         assert plus_minus() == "+/-"
-        print_table("Title", ["a", "b"], [["x", interval(1.0, 0.1)]])
+        print_table("Title", ["a", "b"], [["x", plus_or_minus(1.0, 0.1)]])
         stdout.flush()
         out = stdout.buffer.getvalue().decode("ascii")  # type: ignore[attr-defined]
     assert "1.00 +/- 0.10" in out

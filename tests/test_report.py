@@ -13,8 +13,9 @@ from aimd_des import InputError
 from aimd_des.report import report_run, report_study, write_page
 from aimd_des.report.html_page import render
 from aimd_des.report.run_charts import demand_charts
-from aimd_des.report.verdicts import percent, shown, verdict
+from aimd_des.report.verdicts import verdict
 from aimd_des.scenario.run_folder import load_run
+from aimd_des.utils.formatting import percent, short
 from tests.command_line import everything, invoke, refusal, run, write
 from tests.conftest import INLINE
 from tests.reports import HOSTILE, HOSTILE_SCENARIO, MEASURES, Parsed, results_of, study_of, values
@@ -236,7 +237,7 @@ def test_numbers_are_written_short() -> None:
         "–",
         "∞",
     ]
-    assert [shown(value) for value in (0.123456, 12345.6, 7, True, "x", float("nan"))] == [
+    assert [short(value) for value in (0.123456, 12345.6, 7, True, "x", float("nan"))] == [
         "0.1235",
         "12,346",
         "7",

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 from aimd_des.cli.printing import say
 from aimd_des.cli.scenario_diff import HEADS, differences, print_differences
 from aimd_des.cli.study_tables import chosen_measures
-from aimd_des.cli.terminal_tables import interval, plus_minus, print_pairs, print_table, said
+from aimd_des.cli.terminal_tables import plus_minus, plus_or_minus, print_pairs, print_table
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.formatting import given
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,7 +84,7 @@ def _difference(first: "pd.Series[float]", second: "pd.Series[float]") -> list[A
     else:
         found, how = None, "no values"
     means = [float(one.mean()), float(other.mean())]
-    return [*means, "" if found is None else interval(found.mean, found.half_width), how]
+    return [*means, "" if found is None else plus_or_minus(found.mean, found.half_width), how]
 
 
 def _print_unmatched(groups: Sequence[Mapping[tuple[Any, ...], "pd.DataFrame"]], axes: list[str]) -> None:
@@ -98,5 +99,5 @@ def _print_unmatched(groups: Sequence[Mapping[tuple[Any, ...], "pd.DataFrame"]],
 def _point(labels: Sequence[Any], axes: Sequence[str]) -> str:
     """Name a point by its axes; where there are none, by the resource."""
     return ", ".join(
-        f"{name} {said(value)}" for name, value in zip(axes or ["resource"], labels, strict=False)
+        f"{name} {given(value)}" for name, value in zip(axes or ["resource"], labels, strict=False)
     )

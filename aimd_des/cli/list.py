@@ -57,9 +57,9 @@ def _print_topic(topic: str, found: list[Entry]) -> None:
 
 def _short(default: str) -> str:
     """Shorten a long list; all of it is in the JSON."""
-    from aimd_des.cli.terminal_tables import said
+    from aimd_des.utils.formatting import given
 
-    return said(json.loads(default)) if default.startswith("[") else default
+    return given(json.loads(default)) if default.startswith("[") else default
 
 
 def _plain(text: str) -> str:

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from aimd_des.cli.printing import say
-from aimd_des.cli.terminal_tables import print_table, said
+from aimd_des.cli.terminal_tables import print_table
+from aimd_des.utils.formatting import given
 
 __all__ = ["HEADS", "differences", "flat", "print_differences"]
 
@@ -26,7 +27,7 @@ def differences(first: Any, second: Any) -> list[list[str]]:
     found = []
     for key in dict.fromkeys([*one, *other]):
         if one.get(key) != other.get(key) or (key in one) != (key in other):
-            words = [said(table[key]) if key in table else "-" for table in (one, other)]
+            words = [given(table[key]) if key in table else "-" for table in (one, other)]
             if words[0] == words[1]:  # what differs is in digits, or values, that are not shown
                 words = _closer(one[key], other[key])
             found.append([key, *words])
@@ -38,7 +39,7 @@ def _closer(first: Any, second: Any) -> list[str]:
     if not (isinstance(first, list) and isinstance(second, list)):
         return [repr(first), repr(second)]
     differing = sum(one != other for one, other in zip(first, second, strict=False))
-    return [f"{said(first)}", f"{said(second)}, {differing} of them different"]
+    return [f"{given(first)}", f"{given(second)}, {differing} of them different"]
 
 
 def flat(table: Any, above: str = "") -> dict[str, Any]:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from aimd_des.cli.printing import say
-from aimd_des.cli.terminal_tables import interval, plus_minus, print_pairs, print_table
+from aimd_des.cli.terminal_tables import plus_minus, plus_or_minus, print_pairs, print_table
 from aimd_des.utils.errors import InputError
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def _means(runs: "pd.DataFrame", axes: list[str], names: list[str]) -> tuple[lis
     for labels, part in table.groupby(points, observed=True, sort=False):
         found = part.set_index("measure")
         half_widths = (found["high"] - found["low"]) / 2.0
-        cells = [interval(float(found["mean"][name]), float(half_widths[name])) for name in names]
+        cells = [plus_or_minus(float(found["mean"][name]), float(half_widths[name])) for name in names]
         rows.append([*labels, int(found["replications"].max()), *cells])
     return [*points, "replications", *map(measure_words, names)], rows
 

@@ -1,7 +1,6 @@
-"""Tables in the terminal: numbers with four digits, and several parts where a line is too short."""
+"""Tables in the terminal, in several parts where a line is too short."""
 
 from collections.abc import Iterator, Sequence
-from math import floor, isfinite, log10
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -10,59 +9,13 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from aimd_des.utils.formatting import given, interval, measured
 from aimd_des.utils.terminal_text import fit
 
-__all__ = ["interval", "plus_minus", "print_pairs", "print_table", "said", "shown"]
+__all__ = ["plus_minus", "plus_or_minus", "print_pairs", "print_table"]
 
-_DIGITS = 4
-_LONGEST_LIST = 6
 _PADDING = 3  # on both sides of a column together
 _NARROWEST = 20
-
-
-def shown(value: Any) -> str:
-    """Write what was measured."""
-    if isinstance(value, int):
-        return f"{value:,d}"
-    if isinstance(value, float):
-        return _number(value)
-    return value or ""
-
-
-def _number(value: float) -> str:
-    if not isfinite(value):
-        return str(value)
-    decimals = _DIGITS - 1 - _magnitude(value)
-    return f"{value:.{_DIGITS - 1}e}" if decimals > 6 or decimals < -6 else f"{value:,.{max(decimals, 0)}f}"
-
-
-def _magnitude(value: float) -> int:
-    """Find the power of ten of the first digit."""
-    return floor(log10(abs(value))) if value else 0
-
-
-def said(value: Any) -> str:
-    """Write what was set."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {_inner(item)}" for key, item in value.items())
-    if isinstance(value, list):
-        return _list(value)
-    return str(value)
-
-
-def _inner(value: Any) -> str:
-    """Write a value that stands in a table: one that is a table itself is put into parentheses."""
-    return f"({said(value)})" if isinstance(value, dict) else said(value)
-
-
-def _list(values: Sequence[Any]) -> str:
-    if len(values) <= _LONGEST_LIST:
-        return f"[{', '.join(map(_inner, values))}]"
-    return f"[{_inner(values[0])}, {_inner(values[1])}, ... {_inner(values[-1])}] ({len(values)} values)"
 
 
 def plus_minus() -> str:
@@ -70,17 +23,9 @@ def plus_minus() -> str:
     return "+/-" if Console().options.ascii_only else "±"
 
 
-def interval(mean: float, half_width: float) -> str:
-    """Write a mean with what it is known to."""
-    if not (isfinite(mean) and isfinite(half_width)):
-        return shown(mean)
-    if half_width == 0:
-        return f"{shown(mean)} {plus_minus()} 0"
-    decimals = 1 - _magnitude(half_width)
-    if decimals > 6:
-        return f"{mean:.3e} {plus_minus()} {half_width:.1e}"
-    decimals = max(decimals, 0)
-    return f"{mean:,.{decimals}f} {plus_minus()} {half_width:,.{decimals}f}"
+def plus_or_minus(mean: float, half_width: float) -> str:
+    """Write a mean with what it is known to, with signs that the terminal can show."""
+    return interval(mean, half_width, plus_minus())
 
 
 def print_pairs(title: str, pairs: Sequence[tuple[str, Any]]) -> None:
@@ -90,7 +35,7 @@ def print_pairs(title: str, pairs: Sequence[tuple[str, Any]]) -> None:
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
     for name, value in pairs:
-        table.add_row(_styled(name), _styled(said(value)))
+        table.add_row(_styled(name), _styled(given(value)))
     console.print(_styled(title, "bold"))
     console.print(table)
 
@@ -99,7 +44,7 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]
     """Print a table, in several parts one below the other where it is wider than the terminal."""
     console = Console()
     heads = [*map(fit, columns)]
-    cells = [[*map(fit, map(said, row[:labels])), *map(fit, map(shown, row[labels:]))] for row in rows]
+    cells = [[*map(fit, map(given, row[:labels])), *map(fit, map(measured, row[labels:]))] for row in rows]
     right = [_is_numeric([row[place] for row in rows]) for place in range(len(columns))]
     console.print(_styled(title, "bold"))
     for number, part in enumerate(_parts(_least_widths(heads, cells, right), labels, console.width)):
@@ -129,7 +74,7 @@ def _table(*, show_header: bool = True) -> Table:
 
 
 def _is_numeric(values: Sequence[Any]) -> bool:
-    """Tell whether a column holds numbers, or texts that are written from numbers by `interval`."""
+    """Tell whether a column holds numbers, or texts that are written from numbers by `plus_or_minus`."""
     return all(
         value is None or isinstance(value, int | float) or str(value)[:1] in "-0123456789" for value in values
     )

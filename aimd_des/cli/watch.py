@@ -8,6 +8,7 @@ import click
 from aimd_des.cli.errors import INTERRUPTED, refusing
 from aimd_des.cli.printing import say
 from aimd_des.cli.set_option import changes, check_command, set_option
+from aimd_des.utils.formatting import grouped
 
 if TYPE_CHECKING:
     from aimd_des.scenario import Scenario
@@ -62,7 +63,7 @@ def _watch(scenario: "Scenario", speed: float | None) -> None:
             result = scenario.run(processes=[looker.process])
             view.end(last_look(result))
     except KeyboardInterrupt:
-        say(f"Stopped at time {looker.reached:,.6g} of {scenario.until:,.6g}.", err=True)
+        say(f"Stopped at time {grouped(looker.reached)} of {grouped(scenario.until)}.", err=True)
         raise SystemExit(INTERRUPTED) from None
     say(f"digest {result.digest}")
 

@@ -9,6 +9,7 @@ from aimd_des.plots.in_force import NEVER, NOBODY, Look, measured
 from aimd_des.problem.optimum import Optimum
 from aimd_des.results import metrics
 from aimd_des.results.result import Result
+from aimd_des.utils import formatting
 from aimd_des.utils.validation import FloatArray
 
 __all__ = ["absolute_error", "cost_ratio", "error_histogram", "relative_error"]
@@ -168,7 +169,7 @@ def error_histogram(axes: Axes, result: Result, optimum: Optimum | None, resourc
     axes.text(
         0.98,
         0.97,
-        f"dashed: mean, {100 * mean / best.mean():.1f} % of the mean optimum",
+        f"dashed: mean, {formatting.percent(mean / best.mean(), decimals=1)} of the mean optimum",
         transform=axes.transAxes,
         ha="right",
         va="top",

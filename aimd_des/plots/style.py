@@ -11,6 +11,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from aimd_des.problem.problem import Problem, Resource
 from aimd_des.results.result import Result
+from aimd_des.utils import formatting
 
 __all__ = [
     "REFERENCE",
@@ -114,11 +115,11 @@ def shared_legend(figure: Figure) -> Legend | None:
 
 
 def _number(value: float, _position: int | None = None) -> str:
-    return f"{value:,.10g}"
+    return formatting.grouped(value, 10)
 
 
 def _percent(share: float, _position: int | None = None) -> str:
-    return f"{100 * share:.10g} %"
+    return formatting.percent(share, 10)
 
 
 def number_axis(axis: Axis, *, percent: bool = False, whole: bool = False) -> None:

@@ -9,6 +9,7 @@ import pandas as pd
 from aimd_des.plots.selection import looks
 from aimd_des.report.charts import REFERENCE, chosen, data, finished, resource_colour, slid
 from aimd_des.report.html_page import Chart, Choice, Slider
+from aimd_des.utils.formatting import grouped
 
 __all__ = ["demand_charts", "over_capacity", "settling_chart", "share_chart", "window_controls"]
 
@@ -24,9 +25,9 @@ _START, _PART = 50, 20
 
 def window_controls(until: float) -> list[Slider | Choice]:
     """Make the controls of the window of time that is shown."""
-    starts = [f"{until * k / _POSITIONS:,.6g}" for k in range(_POSITIONS + 1)]
+    starts = [grouped(until * k / _POSITIONS) for k in range(_POSITIONS + 1)]
     lengths = [
-        (repr(until / part), "the whole run" if part == 1 else f"{until / part:,.6g}") for part in _PARTS
+        (repr(until / part), "the whole run" if part == 1 else grouped(until / part)) for part in _PARTS
     ]
     return [
         Slider("window", "From time", starts, _START),

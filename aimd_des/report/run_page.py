@@ -6,9 +6,10 @@ from typing import Any
 import pandas as pd
 
 from aimd_des.report.html_page import Chart, Choice, Page, Slider, Table
-from aimd_des.report.verdicts import JUDGED, shown, verdict
+from aimd_des.report.verdicts import JUDGED, verdict
 from aimd_des.results.measures import measure_words
 from aimd_des.scenario.run_folder import StoredRun
+from aimd_des.utils.formatting import short
 
 __all__ = ["report_run"]
 
@@ -102,7 +103,7 @@ def _facts(run: StoredRun, agents: int, names: list[str]) -> list[tuple[str, str
         ("Agents", f"{agents:,}"),
         ("Resources", ", ".join(names)),
         ("Dynamics", str(said.get("dynamics", ""))),
-        ("Time", shown(said["until"])),
+        ("Time", short(said["until"])),
         ("Seed", str(said.get("seed", ""))),
         ("Control unit", _spoken(unit)),
         ("Channel", _spoken(channel)),
@@ -114,14 +115,14 @@ def _facts(run: StoredRun, agents: int, names: list[str]) -> list[tuple[str, str
 def _spoken(table: Any) -> str:
     """Write a table of the scenario in one line."""
     if not isinstance(table, Mapping):
-        return shown(table)
+        return short(table)
     return ", ".join(f"{key.replace('_', ' ')} {_spoken(value)}" for key, value in table.items())
 
 
 def _measures(run: StoredRun) -> Table:
     names = list(run.measures)
     rows = [
-        [measure_words(measure), *(shown(run.measures[name][measure]) for name in names)]
+        [measure_words(measure), *(short(run.measures[name][measure]) for name in names)]
         for measure in next(iter(run.measures.values()), {})
     ]
     return Table("All measures of each resource", ["measure", *names], rows)

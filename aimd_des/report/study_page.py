@@ -8,9 +8,10 @@ import pandas as pd
 import tomli_w
 
 from aimd_des.report.html_page import Chart, Choice, Page, Slider, Table, Verdict
-from aimd_des.report.verdicts import JUDGED, shown, verdict
+from aimd_des.report.verdicts import JUDGED, verdict
 from aimd_des.results.measures import FIRST, measure_words
 from aimd_des.study import StudyResults, summarise
+from aimd_des.utils.formatting import interval, short
 
 __all__ = ["report_study"]
 
@@ -89,7 +90,7 @@ def _charts(
         place = {position: k for k, position in enumerate(positions)}
         placed[f"i{number}"] = [place[row] for row in table[columns].itertuples(index=False, name=None)]
     placed["resource"] = table["resource"].astype(str)
-    along = [Along(name, tuple(", ".join(map(shown, one)) for one in values)) for name, _, values in axes]
+    along = [Along(name, tuple(", ".join(map(short, one)) for one in values)) for name, _, values in axes]
     start = [int(placed[f"i{number}"].iloc[0]) for number in range(len(axes))]
     charts = []
     for name in main:
@@ -134,7 +135,7 @@ def _verdicts(table: pd.DataFrame, names: Sequence[str], main: Sequence[str]) ->
 def _where(labels: dict[str, Any]) -> str:
     """Name a point and a resource."""
     resource = labels.pop("resource")
-    return ", ".join([*(f"{name} {shown(value)}" for name, value in labels.items()), str(resource)])
+    return ", ".join([*(f"{name} {short(value)}" for name, value in labels.items()), str(resource)])
 
 
 def _points(table: pd.DataFrame, names: Sequence[str], main: Sequence[str]) -> Table:
@@ -144,14 +145,14 @@ def _points(table: pd.DataFrame, names: Sequence[str], main: Sequence[str]) -> T
         of = part.set_index("measure")
         half = (of["high"] - of["low"]) / 2.0
         cells = [_interval(float(of["mean"][name]), float(half[name])) for name in main]
-        rows.append([*map(shown, labels), f"{int(of['replications'].max()):,}", *cells])
+        rows.append([*map(short, labels), f"{int(of['replications'].max()):,}", *cells])
     heads = [*names, "resource", "replications", *map(measure_words, main)]
     title = "Means at every point, with the half-widths of their 95 % confidence intervals"
     return Table(title, heads, rows, labels=len(names) + 1)
 
 
 def _interval(mean: float, half: float) -> str:
-    return f"{shown(mean)} ± {half:.2g}" if np.isfinite(half) else shown(mean)
+    return interval(mean, half) if np.isfinite(half) else short(mean)
 
 
 def _failures(results: StudyResults) -> list[Table]:
@@ -159,7 +160,7 @@ def _failures(results: StudyResults) -> list[Table]:
     if not len(failed):
         return []
     heads = [*(axis.name for axis in results.study.axes), "replication", "message"]
-    rows = [[shown(cell) for cell in row] for row in failed[heads].itertuples(index=False, name=None)]
+    rows = [[short(cell) for cell in row] for row in failed[heads].itertuples(index=False, name=None)]
     title = f"Runs that failed: {len(failed):,}"
     if len(rows) > _MOST_FAILURES:
         title += f", of which the first {_MOST_FAILURES} are listed"
@@ -174,10 +175,10 @@ def _facts(results: StudyResults) -> list[tuple[str, str]]:
         f", {count:,} {word}" for count, word in ((failed, "failed"), (missing, "missing")) if count
     )
     axes = [
-        (f"Axis {axis.name}", ", ".join(shown(value) for value, _ in axis.settings())) for axis in study.axes
+        (f"Axis {axis.name}", ", ".join(short(value) for value, _ in axis.settings())) for axis in study.axes
     ]
     base = [
-        (key.capitalize(), shown(study.scenario[key]))
+        (key.capitalize(), short(study.scenario[key]))
         for key in ("model", "dynamics", "until")
         if key in study.scenario
     ]

@@ -1,13 +1,14 @@
 """The numbers that matter, and what they say in words."""
 
 from collections.abc import Callable, Collection, Mapping
-from math import isfinite, isnan
-from typing import Any, NamedTuple
+from math import isfinite
+from typing import NamedTuple
 
 from aimd_des.report.html_page import Verdict
 from aimd_des.results.measures import MEASURES
+from aimd_des.utils.formatting import percent
 
-__all__ = ["JUDGED", "percent", "shown", "verdict"]
+__all__ = ["JUDGED", "verdict"]
 
 
 class Judgement(NamedTuple):
@@ -65,24 +66,6 @@ JUDGED = {
         "It is what signals that come late, or not at all, let happen.", abs, _exceeded
     ),
 }
-
-
-def percent(share: float, digits: int = 3) -> str:
-    """Write a share as a percentage."""
-    if not isfinite(share):
-        return "–" if isnan(share) else "∞"
-    return f"{float(f'{100.0 * share:.{digits}g}'):,.10g} %"
-
-
-def shown(value: Any) -> str:
-    """Write a value for a table."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float):
-        if not isfinite(value):
-            return "–" if isnan(value) else "∞"
-        return f"{value:,.4g}" if abs(value) < 1e4 else f"{value:,.0f}"
-    return f"{value:,d}" if isinstance(value, int) else str(value)
 
 
 def verdict(

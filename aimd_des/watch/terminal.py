@@ -16,6 +16,7 @@ from rich.text import Text
 
 from aimd_des.plots.style import colour, resource_label
 from aimd_des.problem.problem import Problem
+from aimd_des.utils.formatting import grouped, percent
 from aimd_des.utils.terminal_text import fit
 from aimd_des.watch.monitor import Look
 
@@ -89,7 +90,7 @@ class PlainView:
             f" misallocation {_percent(look.misallocation[j])}"
             for j, resource in enumerate(self._problem.resources)
         ]
-        self._write(f"time {look.time:,.6g} of {self._until:,.6g}: {'; '.join(parts)}")
+        self._write(f"time {grouped(look.time)} of {grouped(self._until)}: {'; '.join(parts)}")
 
     def end(self, look: Look) -> None:
         """Write the last line."""
@@ -178,7 +179,7 @@ class LiveView:
         """Say what is run, and how far it is."""
         clock = Table.grid(padding=(0, 1))
         bar = ProgressBar(total=self._until, completed=look.time, width=20)
-        clock.add_row(Text(f"time {look.time:,.6g} of {self._until:,.6g}"), bar)
+        clock.add_row(Text(f"time {grouped(look.time)} of {grouped(self._until)}"), bar)
         return [*([Text(fit(self._title), style="bold")] if self._title else []), clock]
 
 
@@ -188,7 +189,7 @@ def _style(resource: int) -> str:
 
 
 def _percent(share: float) -> str:
-    return "-" if np.isnan(share) else f"{100.0 * share:.1f} %"
+    return percent(share, decimals=1, missing="-")
 
 
 def _bar(share: float, width: int, style: str, plain: bool) -> Text:
