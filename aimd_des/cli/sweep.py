@@ -79,7 +79,7 @@ def command(
         with refusing(study):
             _list(design, folder)
         return
-    from aimd_des.cli.study_progress import StudyProgress
+    from aimd_des.cli.progress import StudyProgress
     from aimd_des.study.run import run_study
 
     options = [("--set", setting) for setting in settings]
