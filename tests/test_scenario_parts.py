@@ -26,7 +26,8 @@ from aimd_des import (
     topology,
 )
 from aimd_des.scenario import Scenario, load_scenario, validate_scenario
-from aimd_des.scenario.kind_tables import NetworkTable
+from aimd_des.scenario.dry_run import check_to_run
+from aimd_des.scenario.kind_tables import KindTable, NetworkTable
 from aimd_des.scenario.schema import scenario_schema
 from models import smart_cameras
 from tests.conftest import ROOT, quietly
@@ -589,3 +590,29 @@ def test_not_more_than_a_page_of_mistakes_is_told() -> None:
     lines = str(refusal.value).splitlines()
     assert len(lines) == 21
     assert lines[-1] == "here: and 31 keys more are refused"
+
+
+def test_each_part_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the check of its own table; the channel, the dry run and the run get the same."""
+    made: list[str] = []
+    make = KindTable.make
+
+    def counted(table: KindTable) -> Any:
+        made.append(table.of.name)
+        return make(table)
+
+    monkeypatch.setattr(KindTable, "make", counted)
+    losses = [{"kind": "bernoulli", "probability": 0.1}, {"kind": "common", "probability": 0.1}]
+    parts = {
+        "channel": {"latency": {"kind": "exponential", "mean": 0.1}, "loss": losses},
+        "averaging": {"kind": "forgetting", "time_constant": 5.0},
+        "compensation": {"kind": "known", "loss": 0.1},
+        "interventions": [{"kind": "capacity_step", "resource": "memory", "at": 3.0, "capacity": 1.0}],
+    }
+    scenario = Scenario.model_validate({"model": "models.smart_cameras", "until": 6.0, **parts})
+    check_to_run(scenario)
+    digest = quietly(scenario.run).digest
+    kinds = ["bernoulli", "capacity_step", "common", "exponential", "forgetting", "known", "sampled"]
+    assert sorted(made) == kinds
+    assert quietly(scenario.run).digest == digest
+    assert sorted(made) == kinds

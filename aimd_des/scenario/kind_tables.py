@@ -5,13 +5,13 @@ from functools import cache, reduce
 from operator import or_
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, ClassVar, Literal, Self, Union, cast, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Literal, Union, cast, get_args, get_origin
 
 import numpy.typing as npt
-from pydantic import Discriminator, Tag, create_model, model_validator
+from pydantic import Discriminator, Tag, create_model
 from pydantic.fields import Field
 
-from aimd_des.scenario.base import Integer, Table
+from aimd_des.scenario.base import Integer, Part
 from aimd_des.scenario.kinds import Kind, kinds_of
 from aimd_des.scenario.networks import refuse_vast
 from aimd_des.utils.errors import InputError
@@ -33,7 +33,7 @@ _OTHER_ARRAYS: dict[str, Any] = {"lost": _RECORD}
 _NUMBER, _LIST, _TABLES = "(number)", "(list)", "(tables)"
 
 
-class KindTable(Table):
+class KindTable(Part):
     """A table whose key `kind` says what it describes.
 
     Attributes
@@ -47,16 +47,7 @@ class KindTable(Table):
     of: ClassVar[Kind]
     form: ClassVar[str]
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        self.build_to_check()
-        return self
-
-    def build_to_check(self) -> None:
-        """Refuse, by making it, what cannot be made."""
-        self.build()
-
-    def build(self) -> Any:
+    def make(self) -> Any:
         """Make the object that the table describes."""
         given = {name: _for_call(self.of, name, value) for name, value in self if name != "kind"}
         if "path" in given:
@@ -72,8 +63,15 @@ class NetworkTable(KindTable):
 
     def build_to_check(self) -> None:
         """Refuse, by making it unless it is large, what cannot be made."""
-        if refuse_vast(self.of.name, dict(self)) <= _BUILT_AT_ONCE:
+        if self._is_small():
             self.build()
+
+    def build(self) -> Any:
+        """Give the network; one that is large is made anew, as it is not to be kept."""
+        return super().build() if self._is_small() else self.make()
+
+    def _is_small(self) -> bool:
+        return refuse_vast(self.of.name, dict(self)) <= _BUILT_AT_ONCE
 
 
 def _refuse_no_file(path: str) -> None:

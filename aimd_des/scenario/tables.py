@@ -1,9 +1,7 @@
 """The tables of a scenario without a kind: each checks itself by making the object that it describes."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, Self
-
-from pydantic import model_validator
+from typing import TYPE_CHECKING, Literal
 
 from aimd_des.channel import BroadcastChannel, Channel
 from aimd_des.channel.loss import Combined, Loss
@@ -11,7 +9,7 @@ from aimd_des.dynamics.clocks import Clocks
 from aimd_des.problem.costs import PolynomialCosts
 from aimd_des.problem.problem import Resource
 from aimd_des.results.recording import Recording
-from aimd_des.scenario.base import Table
+from aimd_des.scenario.base import Part, Table
 from aimd_des.scenario.kind_tables import KindTable, one_of
 
 __all__ = ["ChannelTable", "ClocksTable", "CostsTable", "RecordingTable", "ResourceChange", "ResourceTable"]
@@ -28,7 +26,7 @@ else:
     NetworkTable = one_of("network")
 
 
-class ResourceTable(Table):
+class ResourceTable(Part):
     """One of ``[[resources]]``: see `Resource`.
 
     Attributes
@@ -49,12 +47,7 @@ class ResourceTable(Table):
     threshold: float = 1.0
     unit: str = ""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        self.build()
-        return self
-
-    def build(self) -> Resource:
+    def make(self) -> Resource:
         """Make the object that the table describes."""
         return Resource(**dict(self))
 
@@ -81,7 +74,7 @@ class ResourceChange(Table):
         return replace(resource, **{name: value for name, value in self if value is not None})
 
 
-class CostsTable(Table):
+class CostsTable(Part):
     """``[costs]``: see `PolynomialCosts`.
 
     Attributes
@@ -95,17 +88,12 @@ class CostsTable(Table):
     exponents: list[int]
     coefficients: list[list[list[float]]]
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        self.build()
-        return self
-
-    def build(self) -> PolynomialCosts:
+    def make(self) -> PolynomialCosts:
         """Make the object that the table describes."""
         return PolynomialCosts(self.exponents, self.coefficients)
 
 
-class ChannelTable(Table):
+class ChannelTable(Part):
     """``[channel]``: see `BroadcastChannel`, or a network.
 
     Attributes
@@ -128,17 +116,21 @@ class ChannelTable(Table):
     fifo: bool = False
     network: NetworkTable | None = None
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def build_to_check(self) -> None:
+        """Refuse, by making it, what cannot be made."""
         if self.network is None:  # which has checked itself
             self.build()
-        return self
 
     def idle(self) -> tuple[str, ...]:
         """Name the keys that have no meaning over a network."""
         return () if self.network is None else ("latency", "loss", "duplication", "fifo")
 
     def build(self) -> Channel:
+        """Give the channel; a network is kept by its own table, if at all."""
+        made: Channel = self.make() if self.network is not None else super().build()
+        return made
+
+    def make(self) -> Channel:
         """Make the object that the table describes."""
         if self.network is not None:
             made: Channel = self.network.build()
@@ -159,7 +151,7 @@ class ChannelTable(Table):
         return given
 
 
-class ClocksTable(Table):
+class ClocksTable(Part):
     """``[clocks]``: see `Clocks`.
 
     Attributes
@@ -173,17 +165,12 @@ class ClocksTable(Table):
     drift: float | list[float] = 0.0
     jitter: float | list[float] = 0.0
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        self.build()
-        return self
-
-    def build(self) -> Clocks:
+    def make(self) -> Clocks:
         """Make the object that the table describes."""
         return Clocks(**dict(self))
 
 
-class RecordingTable(Table):
+class RecordingTable(Part):
     """``[recording]``: see `Recording`.
 
     Attributes
@@ -204,11 +191,6 @@ class RecordingTable(Table):
     overshoot: bool = True
     events: bool = False
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        self.build()
-        return self
-
-    def build(self) -> Recording:
+    def make(self) -> Recording:
         """Make the object that the table describes."""
         return Recording(**dict(self))
