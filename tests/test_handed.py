@@ -18,8 +18,7 @@ from aimd_des import (
     topology,
 )
 from aimd_des.channel import Copies
-from aimd_des.dynamics.averaging import Cumulative
-from aimd_des.dynamics.averaging_formulas import Memory
+from aimd_des.dynamics.averaging import Cumulative, Memory
 from aimd_des.dynamics.loss_compensation import Answering
 from tests.conftest import assert_same_run, quadratic_problem, quietly
 

@@ -1,22 +1,176 @@
-"""The choice of an average: over all of the past, over a window, or with forgetting.
+r"""How an agent averages its demand: over all of its past, over a window, or with forgetting.
 
 Where the problem changes, an average over all of the past adapts the more slowly the longer the run has
 lasted.  A short memory adapts fast, and pays with averages that scatter: see `theory.recovery_time` and
-`theory.averaging_spread`.  The formulas are in `memory`.
+`theory.averaging_spread`.
+
+Between two signals demand is a line, so averages are not stepped either.  With c the moments since the
+anchor, x and s the demand and what had been accumulated there, and the grain g (1 where demand counts tick
+by tick, 0 where it is integrated), what is accumulated at the moment at hand is
+
+    cumulative, window    s + c x + alpha c (c - g) / 2
+    forgetting            s E + x G + alpha L (c - G),    E = exp(-c r),    G = L (1 - E)
+
+with r one over the time constant T and L the sum of all weights: T where time is continuous,
+1 / (1 - exp(-1 / T)) where it has ticks.  Divided by the sum of the weights so far, L (1 - exp(-r age)), that
+is the average from the first moment on: what is not there yet weighs nothing.
+
+A window slides by parts: an agent keeps what it had accumulated at the last few multiples of length / parts,
+and subtracts the oldest that lies within the window.  A small device can hold that, and it is exact.
+
+The age of an agent is the time for which it has been active: absences count for nothing.  The formulas
+are compiled into kernels, and called as they stand by processes.
 """
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
-from aimd_des.dynamics.averaging_formulas import CUMULATIVE, FORGETTING, WINDOW, Memory
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
-from aimd_des.utils.portable_math import expm1
+from aimd_des.utils.jit import formula
+from aimd_des.utils.portable_math import exp, expm1
+from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Averaging", "Cumulative", "Forgetting", "Window"]
+__all__ = [
+    "CUMULATIVE",
+    "FORGETTING",
+    "WINDOW",
+    "Averaging",
+    "Cumulative",
+    "Forgetting",
+    "Memory",
+    "Window",
+    "accumulated_at",
+    "age_at",
+    "average_at",
+    "folded_at",
+    "keep_parts",
+    "time_average",
+]
 
 # A finer window slides no better, and costs memory.
 _MOST_PARTS = 1000
+
+#: Kinds of averaging.
+CUMULATIVE, WINDOW, FORGETTING = 0, 1, 2
+
+
+class Memory(NamedTuple):
+    """A way of averaging, for formulas.
+
+    Attributes
+    ----------
+    kind : int
+        `CUMULATIVE`, `WINDOW` or `FORGETTING`.
+    rate, span : float
+        Of forgetting: one over the time constant, and the sum of all weights.
+    part : float
+        Of a window: the length of a part.
+    parts : int
+        Of a window: how many; 0 else.
+    """
+
+    kind: int
+    rate: float
+    span: float
+    part: float
+    parts: int
+
+
+@formula
+def age_at(moment: float, origin: float, grain: float) -> float:
+    """Return for how long an agent has been active, the moment at hand included where it counts."""
+    return (moment - origin) + grain
+
+
+@formula
+def accumulated_at(accumulated: float, demand: float, increase: float, since: float, grain: float) -> float:
+    """Return the demand accumulated so far: a sum over ticks, or an integral over time."""
+    return accumulated + (since * demand + increase * (0.5 * since * (since - grain)))
+
+
+@formula
+def time_average(accumulated: float, age: float) -> float:
+    """Return the average over all of the past, 0 where no time has passed."""
+    return accumulated / age if age > 0.0 else 0.0
+
+
+@formula
+def folded_at(
+    memory: Memory, accumulated: float, demand: float, increase: float, since: float, grain: float
+) -> float:
+    """Return what is accumulated at the moment at hand, as the way of averaging has it."""
+    if memory.kind == FORGETTING:
+        if accumulated == 0.0 and demand == 0.0 and since <= grain:
+            return 0.0  # a tick that folds in nothing; the rounding of what follows would be taken for demand
+        kept = exp(-memory.rate * since)
+        grown = memory.span * -expm1(-memory.rate * since)
+        return accumulated * kept + (demand * grown + increase * (memory.span * (since - grown)))
+    return accumulated_at(accumulated, demand, increase, since, grain)
+
+
+@formula
+def _part_of(memory: Memory, age: float) -> int:
+    """Return how many parts of a window fit into an age."""
+    return int(age / memory.part)
+
+
+@formula
+def average_at(
+    memory: Memory,
+    parts: FloatArray,
+    resource: int,
+    agent: int,
+    folded: float,
+    accumulated: float,
+    demand: float,
+    increase: float,
+    anchor: float,
+    origin: float,
+    moment: float,
+    grain: float,
+) -> float:
+    """Return an agent's average at the moment at hand, 0 where no time has passed."""
+    age = age_at(moment, origin, grain)
+    if memory.kind == CUMULATIVE or age <= 0.0:
+        return time_average(folded, age)
+    if memory.kind == FORGETTING:
+        return folded / (memory.span * -expm1(-memory.rate * age))
+    first = _part_of(memory, age) - memory.parts + 1
+    if first < 1:
+        return folded / age
+    begin, before = first * memory.part, age_at(anchor, origin, grain)
+    if first > _part_of(memory, before):  # the window begins on the present line
+        earlier = accumulated_at(accumulated, demand, increase, begin - before, grain)
+    else:
+        earlier = parts[resource, agent, first % memory.parts]
+    return float((folded - earlier) / (age - begin))
+
+
+@formula
+def keep_parts(
+    memory: Memory,
+    parts: FloatArray,
+    resource: int,
+    agent: int,
+    accumulated: float,
+    demand: float,
+    increase: float,
+    anchor: float,
+    origin: float,
+    moment: float,
+    grain: float,
+) -> None:
+    """Note what had been accumulated at the boundaries of parts on the line that ends now."""
+    if memory.kind == WINDOW:
+        before, last = age_at(anchor, origin, grain), _part_of(memory, age_at(moment, origin, grain))
+        boundary = max(_part_of(memory, before) + 1, last - memory.parts + 1)
+        while boundary <= last:
+            since = boundary * memory.part - before
+            parts[resource, agent, boundary % memory.parts] = accumulated_at(
+                accumulated, demand, increase, since, grain
+            )
+            boundary += 1
 
 
 @runtime_checkable

@@ -14,7 +14,7 @@ probability lambda = Gamma * grad_j f(average) / average^j, eq. (prob_x).  The f
 the rule, written once: kernels compile them, processes call them as they stand.
 """
 
-from aimd_des.dynamics.averaging_formulas import (
+from aimd_des.dynamics.averaging import (
     CUMULATIVE,
     WINDOW,
     accumulated_at,

@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.dynamics.averaging import Averaging, Cumulative
-from aimd_des.dynamics.averaging_formulas import CUMULATIVE, FORGETTING, WINDOW, Memory
+from aimd_des.dynamics.averaging import CUMULATIVE, FORGETTING, WINDOW, Averaging, Cumulative, Memory
 from aimd_des.dynamics.loss_compensation import (
     ESTIMATED,
     KNOWN,
@@ -115,7 +114,7 @@ def law_of(
 def _memory_of(averaging: Averaging, grain: float) -> Memory:
     field = returned_values.said_by(averaging, "memory")
     memory = returned_values.instance(
-        field, averaging.memory(grain), Memory, "a Memory, see aimd_des.dynamics.averaging_formulas"
+        field, averaging.memory(grain), Memory, "a Memory, see aimd_des.dynamics.averaging"
     )
     if memory.kind not in (CUMULATIVE, WINDOW, FORGETTING):
         raise InputError.of(f"{field}.kind", memory.kind, "CUMULATIVE, WINDOW or FORGETTING")

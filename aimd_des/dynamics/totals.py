@@ -4,7 +4,7 @@ A total is always summed over the agents in index order at the look that needs i
 carried along: so it has the same bits however the agents are represented.
 """
 
-from aimd_des.dynamics.averaging_formulas import average_at, folded_at
+from aimd_des.dynamics.averaging import average_at, folded_at
 from aimd_des.dynamics.response import demand_at
 from aimd_des.dynamics.state import Law, State
 from aimd_des.utils.jit import formula, kernel

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from aimd_des.dynamics.averaging_formulas import (
+from aimd_des.dynamics.averaging import (
     CUMULATIVE,
     WINDOW,
     accumulated_at,

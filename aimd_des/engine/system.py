@@ -5,8 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from aimd_des.channel import Channel
-from aimd_des.dynamics.averaging import Averaging
-from aimd_des.dynamics.averaging_formulas import folded_at, keep_parts
+from aimd_des.dynamics.averaging import Averaging, folded_at, keep_parts
 from aimd_des.dynamics.clocks import Clocks
 from aimd_des.dynamics.loss_compensation import Compensation
 from aimd_des.dynamics.response import CONTINUOUS, DISCRETE

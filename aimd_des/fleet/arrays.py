@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.dynamics.clock_formulas import next_tick, tick_time
+from aimd_des.dynamics.clocks import next_tick, tick_time
 from aimd_des.dynamics.state import Law, State
 from aimd_des.fleet.in_flight import BLOCK, DUPLICATE, Flights
 from aimd_des.fleet.radix_heap import bits_of, put

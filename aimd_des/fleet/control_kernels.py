@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aimd_des.dynamics.clock_formulas import next_ticks
+from aimd_des.dynamics.clocks import next_ticks
 from aimd_des.dynamics.totals import observe_totals, total_of
 from aimd_des.engine.control_unit import MOST_AT_ONE_INSTANT, NEVER, adapted, soonest_crossing
 from aimd_des.engine.environment import Kind

@@ -6,7 +6,7 @@ In every round each agent answers the earliest of its copies that are due, and m
 
 import numpy as np
 
-from aimd_des.dynamics.averaging_formulas import (
+from aimd_des.dynamics.averaging import (
     CUMULATIVE,
     WINDOW,
     accumulated_at,
