@@ -10,7 +10,7 @@ import pytest
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PathCollection
-from matplotlib.colors import to_hex
+from matplotlib.colors import LogNorm, TwoSlopeNorm, to_hex
 from matplotlib.figure import Figure
 
 from aimd_des import (
@@ -326,6 +326,16 @@ def test_a_heat_map_diverges_only_from_a_middle() -> None:
     assert mesh.norm.vmax - 4.0 == 4.0 - mesh.norm.vmin == 4.0
 
 
+def test_heat_maps_with_one_norm_share_its_colours_and_have_no_bar() -> None:
+    axes = heat_map(empty_axes(), FRAME, "loss", "latency_mean", "peak", norm=LogNorm(4.0, 10.0))
+    (mesh,) = axes.collections
+    assert axes.figure.axes == [axes]
+    assert np.ma.filled(mesh.get_array(), -1.0).tolist() == [[4.0, 4.0, 5.0], [6.0, -1.0, 8.0]]
+    assert [text.get_text() for text in axes.texts] == ["2", "4", "5", "6", "8"]
+    around = heat_map(empty_axes(), FRAME, "loss", "latency_mean", "peak", norm=TwoSlopeNorm(4.0, 0.0, 9.0))
+    assert around.collections[0].get_cmap().name == "PuOr_r"
+
+
 def test_the_curve_of_theory_stands_between_the_cells() -> None:
     boundary = ([0.0, 0.05, 0.3, 0.5, 0.9], [1.0, 1.0, 5.5, 10.0, 19.0])
     axes = heat_map(empty_axes(), FRAME, "loss", "latency_mean", "peak", boundary=boundary)
@@ -350,6 +360,8 @@ def test_heat_maps_refuse_what_is_no_frame_of_numbers() -> None:
         heat_map(empty_axes(), FRAME, "los", "latency_mean", "peak")
     with pytest.raises(InputError, match="a column of numbers"):
         heat_map(empty_axes(), FRAME.assign(peak="high"), "loss", "latency_mean", "peak")
+    with pytest.raises(InputError, match="a norm of matplotlib"):
+        heat_map(empty_axes(), FRAME, "loss", "latency_mean", "peak", norm="log")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="as many x as y"):
         heat_map(empty_axes(), FRAME, "loss", "latency_mean", "peak", boundary=([0.0, 0.1], [1.0]))
     assert said(heat_map(empty_axes(), FRAME[:0], "loss", "latency_mean", "peak")).startswith(

@@ -10,7 +10,7 @@ from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.collections import QuadMesh
-from matplotlib.colors import CenteredNorm, Normalize
+from matplotlib.colors import CenteredNorm, LogNorm, Normalize, TwoSlopeNorm
 
 from aimd_des.plots import style
 from aimd_des.utils import validation
@@ -35,6 +35,7 @@ def heat_map(
     *,
     units: Mapping[str, str] | None = None,
     middle: float | None = None,
+    norm: Normalize | None = None,
     boundary: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
     boundary_label: str = "theory",
 ) -> Axes:
@@ -57,6 +58,9 @@ def heat_map(
         Of the columns, for the labels; what has none needs none.
     middle : float, optional
         A value that parts good from bad, such as 1 for demand over capacity: colours then diverge from it.
+    norm : Normalize, optional
+        How values become colours, for maps that shall be compared.  Such a map has no colour bar of its own;
+        what lies below a logarithmic norm has its least colour.
     boundary : pair of array_like, optional
         x and y along a curve of theory; placed between cells by linear interpolation.
     boundary_label : str
@@ -77,6 +81,8 @@ def heat_map(
             raise InputError.of("column", name, f"one of {', '.join(map(repr, frame.columns))}")
     if not pd.api.types.is_numeric_dtype(frame[value]):
         raise InputError.of("value", value, f"a column of numbers, not of {frame[value].dtype}")
+    if norm is not None and not isinstance(norm, Normalize):
+        raise InputError.of("norm", norm, "a norm of matplotlib.colors, such as Normalize(0.0, 1.0)")
     x_label, y_label, value_label = (
         style.axis_label(name.replace("_", " "), (units or {}).get(name, "")) for name in (x, y, value)
     )
@@ -86,31 +92,36 @@ def heat_map(
         return style.note(axes, "There is no run in this frame.")
     cells = frame.groupby([y, x], observed=True)[value].mean().unstack(x)  # noqa: PD010 - a table is wanted
     table = cells.to_numpy(dtype=np.float64)
-    drawn = _draw_cells(axes, table, middle)
+    least = norm.vmin if isinstance(norm, LogNorm) else None
+    seen = table if least is None else np.maximum(table, least)
+    drawn = _draw_cells(axes, seen, _norm(middle) if norm is None else norm)
     _name_cells(axes.xaxis, cells.columns)
     _name_cells(axes.yaxis, cells.index)
     if table.size <= _MOST_NUMBERS:
-        _write_numbers(axes, table, drawn)
+        _write_numbers(axes, table, drawn.to_rgba(seen))
     if boundary is not None:
         _draw_boundary(axes, cells, boundary, boundary_label)
-    style.colour_bar(axes, drawn, value_label)
+    if norm is None:
+        style.colour_bar(axes, drawn, value_label)
     axes.set_xlim(-0.5, table.shape[1] - 0.5)
     axes.set_ylim(-0.5, table.shape[0] - 0.5)
     return axes
 
 
-def _draw_cells(axes: Axes, table: FloatArray, middle: float | None) -> QuadMesh:
+def _norm(middle: float | None) -> Normalize:
+    return Normalize() if middle is None else CenteredNorm(vcenter=validation.number("middle", middle))
+
+
+def _draw_cells(axes: Axes, table: FloatArray, norm: Normalize) -> QuadMesh:
     """Colour the cells; what is behind those without a number is hatched."""
     axes.patch.set(facecolor=_MISSING, hatch="///", edgecolor="0.7")
-    norm = Normalize()
-    if middle is not None:
-        norm = CenteredNorm(vcenter=validation.number("middle", middle))
+    diverging = isinstance(norm, CenteredNorm | TwoSlopeNorm)
     rows, columns = table.shape
     return axes.pcolormesh(
         np.arange(columns + 1) - 0.5,
         np.arange(rows + 1) - 0.5,
         np.ma.masked_invalid(table),
-        cmap=_SEQUENTIAL if middle is None else _DIVERGING,
+        cmap=_DIVERGING if diverging else _SEQUENTIAL,
         norm=norm,
         edgecolors="white",
         linewidth=0.6,
@@ -124,13 +135,13 @@ def _name_cells(axis: Axis, values: "pd.Index[Any]") -> None:
     axis.set_ticks(places, [f"{value:g}" if numbers else style.plain(str(value)) for value in values[places]])
 
 
-def _write_numbers(axes: Axes, table: FloatArray, drawn: QuadMesh) -> None:
+def _write_numbers(axes: Axes, table: FloatArray, colours: FloatArray) -> None:
     """Write the values into the cells, in black or white, whichever stands out."""
     size = "small" if table.shape[1] <= 8 else "x-small"
     for (row, column), number in np.ndenumerate(table):
         if np.isfinite(number):
             # Weights of red, green and blue in what the eye sees as bright.
-            bright = float(np.dot(drawn.to_rgba(np.array(number))[:3], (0.299, 0.587, 0.114)))
+            bright = float(np.dot(colours[row, column, :3], (0.299, 0.587, 0.114)))
             shade, halo = ("black", "white") if bright > 0.5 else ("white", "black")
             text = axes.text(column, row, f"{number:.3g}", ha="center", va="center", fontsize=size, zorder=3)
             text.set(color=shade, path_effects=[patheffects.withStroke(linewidth=1.5, foreground=halo)])

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import LogNorm, Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter
 
+from aimd_des import plots
 from aimd_des.lowlevel import FloatArray
 
 
@@ -31,9 +31,6 @@ MAPS = (
     Map("signals", "signals per control period", "loss is paid in signals", "linear"),
     Map("saturated", "responses cut off at 1 (%)", "only where demand runs away", "linear"),
 )
-_COLOURS = {"around 1": "RdBu_r", "log": "viridis", "linear": "viridis"}
-# Legible on the darkest colour, too.
-_HALO = [withStroke(linewidth=3.2, foreground="white")]
 _LEAST = 0.1  # percent: what is smaller has one colour
 
 
@@ -44,14 +41,14 @@ def draw(means: pd.DataFrame, critical: Mapping[str, float], resource: str) -> F
     """
     figure = Figure(figsize=(10.4, 14.0), layout="constrained")
     figure.suptitle(
-        f"{resource} of the paper's system; dashed: the loss that is survived, by theory", fontsize="medium"
+        f"{resource} of the paper's system; the line is the loss that is survived, by theory",
+        fontsize="medium",
     )
     grid = figure.subplots(len(MAPS), len(critical), sharex=True, sharey=True, squeeze=False)
     for row, shown in zip(grid, MAPS, strict=True):
         norm = _norm(means[shown.measure].to_numpy(), shown.scale)
         for axes, (dynamics, loss) in zip(row, critical.items(), strict=True):
-            mesh = _draw_map(axes, means[means["dynamics"] == dynamics], shown, norm)
-            axes.axhline(loss, color="black", linestyle="--", linewidth=1.4, path_effects=_HALO)
+            mesh = _draw_map(axes, means[means["dynamics"] == dynamics], shown, norm, loss)
             axes.set_title(f"{dynamics}: {shown.message}", loc="left", fontsize="medium")
         bar = figure.colorbar(
             mesh, ax=list(row), pad=0.015, extend="min" if shown.scale == "log" else "neither"
@@ -59,17 +56,7 @@ def draw(means: pd.DataFrame, critical: Mapping[str, float], resource: str) -> F
         bar.set_label(shown.label)
         if shown.scale == "log":
             bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    for axes in grid[-1]:
-        axes.set_xlabel("latency (control periods)")
-    for axes in grid[:, 0]:
-        axes.set_ylabel("probability of loss")
     return figure
-
-
-def edges(centres: FloatArray) -> FloatArray:
-    """Put the borders of cells halfway between their centres, the outer ones as far as the next centre."""
-    middle = (centres[1:] + centres[:-1]) / 2.0
-    return np.concatenate([[2.0 * centres[0] - middle[0]], middle, [2.0 * centres[-1] - middle[-1]]])
 
 
 def _norm(values: FloatArray, scale: str) -> Normalize:
@@ -80,9 +67,11 @@ def _norm(values: FloatArray, scale: str) -> Normalize:
     return Normalize(0.0, max(float(values.max()), 1e-9))
 
 
-def _draw_map(axes: Axes, rows: pd.DataFrame, shown: Map, norm: Normalize) -> QuadMesh:
+def _draw_map(axes: Axes, rows: pd.DataFrame, shown: Map, norm: Normalize, loss: float) -> QuadMesh:
     """Draw one map, and return what a bar of colours is made from."""
-    cells = rows.pivot_table(shown.measure, "loss", "latency")
-    borders = (edges(cells.columns.to_numpy(dtype=float)), edges(cells.index.to_numpy(dtype=float)))
-    values = np.maximum(cells.to_numpy(), _LEAST) if shown.scale == "log" else cells.to_numpy()
-    return axes.pcolormesh(*borders, values, norm=norm, cmap=_COLOURS[shown.scale])
+    latencies = np.unique(rows["latency"])
+    across = (2.0 * latencies[0] - latencies[1], 2.0 * latencies[-1] - latencies[-2])  # beyond both ends
+    plots.heat_map(axes, rows, "latency", "loss", shown.measure, norm=norm, boundary=(across, (loss, loss)))
+    axes.set(xlabel="latency (control periods)", ylabel="probability of loss")
+    axes.label_outer()
+    return next(mesh for mesh in axes.collections if isinstance(mesh, QuadMesh))
