@@ -6,7 +6,7 @@ tick earlier than others, takes 12 % more signals. Clocks of different speeds sh
 fast clock adds more often, and the averages settle where theory puts them.
 """  # noqa: D400 - a question
 
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -123,11 +123,16 @@ def _pooled(outcomes: list[list[Measures]]) -> list[dict[str, Any]]:
     return rows
 
 
+@lru_cache
+def _predicted() -> theory.Prediction:
+    """Follow the walk of clocks in phase, which takes tenths of a second, once for all rows."""
+    return theory.predict(_PROBLEM, "discrete", latency=1.0)
+
+
 def _expected(measure: str, setting: _Setting, runs: list[Measures]) -> float:
     """Predict what there is a formula for, or NaN: in phase, and shares if fast clocks add more often."""
-    expected = theory.predict(_PROBLEM, "discrete", latency=1.0)
     if measure in ("signals", "utilisation") and setting == _SETTINGS[0]:
-        return float(getattr(expected, measure)[0])
+        return float(getattr(_predicted(), measure)[0])
     if measure != _BIAS or not setting.drift:
         return np.nan
     signals, repeated = (
