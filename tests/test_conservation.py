@@ -28,6 +28,7 @@ from aimd_des import (
     averaging,
     latency,
     loss,
+    run_synchronous,
 )
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import Kind
@@ -45,6 +46,7 @@ from aimd_des.interventions import (
 )
 from aimd_des.latency import Latency
 from aimd_des.loss import Loss
+from models import smart_cameras
 from tests.conftest import python, quietly, random_problem
 from tests.test_camera import tick_times
 
@@ -553,15 +555,28 @@ def test_the_same_seed_is_the_same_run_and_another_seed_another(configuration: C
     assert len(digests) == 20  # the problem is the same: it is the luck that differs
 
 
+def of_cameras() -> list[str]:
+    """Two runs of a model: by events, and by the synchronous algorithm."""
+    problem = smart_cameras(seed=3, n_cameras=7)
+    channel = BroadcastChannel(latency=1.5, loss=0.2)
+    results = (
+        Simulation(problem, channel=channel, seed=8).run(600),
+        run_synchronous(problem, steps=600, seed=8),
+    )
+    assert all(len(result.signals) > 100 for result in results)
+    return [result.digest for result in results]
+
+
 def test_another_process_gives_the_same_digests() -> None:
     program = f"""
-from tests.test_conservation import digest
+from tests.test_conservation import digest, of_cameras
 for configuration in {[asdict(example) for example in EXAMPLES]!r}:
     print(digest(**configuration))
+print(*of_cameras())
 """
     outcome = python("-c", program, PYTHONHASHSEED="321")
     assert outcome.returncode == 0, outcome.stderr
-    assert outcome.stdout.split() == [example.run().digest for example in EXAMPLES]
+    assert outcome.stdout.split() == [example.run().digest for example in EXAMPLES] + of_cameras()
 
 
 # -- the books themselves --------------------------------------------------------------------------------

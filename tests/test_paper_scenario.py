@@ -16,7 +16,7 @@ from models.smart_cameras import smart_cameras
 from scenarios import paper
 from scenarios.paper.table import CAPACITY_EVENTS, table
 from scenarios.paper.text import markdown, sentences
-from tests.conftest import ROOT, python
+from tests.conftest import ROOT
 
 STORED = Path(__file__).parent / "data" / "paper_quick.csv"
 RESOURCES = list(CAPACITY_EVENTS)
@@ -177,14 +177,6 @@ def test_nothing_is_left_of_a_run_that_fails(
     with pytest.raises(OSError, match="disk full"):
         paper.write(quick, check_folder(tmp_path / "paper", overwrite=False, mark=paper.MARK))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_scenarios_are_listed_with_their_first_lines() -> None:
-    listed = python("-m", "scenarios")
-    assert listed.returncode == 0
-    assert (paper.__doc__ or "").splitlines()[0] in listed.stdout
-    assert "python -m scenarios.paper" in listed.stdout
-    assert "common" not in listed.stdout
 
 
 def test_the_scenario_file_is_the_first_run_of_the_study() -> None:

@@ -18,6 +18,7 @@ from aimd_des import theory
 from aimd_des.engine.control_unit import Crossing
 from aimd_des.study import mean_and_error, replicate
 from models.smart_cameras import smart_cameras
+from scenarios import paper
 from scenarios.common.measure import Measures, Run, measure, measure_all
 from scenarios.common.systems import memory_alone, spread
 from scenarios.common.tables import summarise
@@ -117,6 +118,9 @@ def test_the_comparison_of_tables_sees_one_part_in_a_hundred_million(name: str) 
 def test_the_studies_are_listed_with_their_questions() -> None:
     listed = python("-m", "scenarios")
     assert listed.returncode == 0, listed.stderr
+    assert (paper.__doc__ or "").splitlines()[0] in listed.stdout
+    assert "python -m scenarios.paper" in listed.stdout
+    assert "common" not in listed.stdout
     for name in NAMES:
         line = next(line for line in listed.stdout.splitlines() if f"scenarios.{name} " in line)
         assert line.endswith("?")

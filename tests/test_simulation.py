@@ -26,7 +26,6 @@ from models import smart_cameras
 from tests.conftest import (
     assert_same_run,
     problems,
-    python,
     quadratic_problem,
     quietly,
     random_problem,
@@ -46,7 +45,8 @@ def simulate(problem: Problem, until: float, seed: int = 0, **parts: Any) -> Res
 # -- the same as the synchronous algorithm ---------------------------------------------------------------
 
 
-# Processes take some twenty seconds for it, and give what a fleet gives (see test_fleet): one seed for them.
+# Processes take long for it, and give what a fleet gives (see test_fleet): one seed and a third of the steps.
+STEPS = {AgentProcess: 10_000, Fleet: 30_000}
 SEEDS = [(AgentProcess, 0), *((Fleet, seed) for seed in range(5))]
 
 
@@ -57,11 +57,11 @@ SEEDS = [(AgentProcess, 0), *((Fleet, seed) for seed in range(5))]
 def test_behind_a_latency_of_up_to_a_period_it_is_the_synchronous_algorithm(
     latency: float, agents: Any, seed: int
 ) -> None:
-    problem = smart_cameras(seed=seed)
+    problem, steps = smart_cameras(seed=seed), STEPS[agents]
     recording = Recording(allocations=500.0, tail=100)
-    reference = run_synchronous(problem, steps=30_000, seed=seed, recording=recording)
-    assert len(reference.signals) > 25_000
-    run = simulate(problem, 30_000, seed, latency=latency, agents=agents, recording=recording)
+    reference = run_synchronous(problem, steps=steps, seed=seed, recording=recording)
+    assert len(reference.signals) > 0.8 * steps
+    run = simulate(problem, steps, seed, latency=latency, agents=agents, recording=recording)
     assert_same_run(run, reference)
 
 
@@ -400,24 +400,6 @@ def test_a_second_run_of_the_same_simulation_is_the_same() -> None:
 def test_another_seed_is_another_run() -> None:
     problem = random_problem(1, 5, 2)
     assert simulate(problem, 60, 4).digest != simulate(problem, 60, 5).digest
-
-
-def test_another_process_gives_the_same_run() -> None:
-    program = """
-from aimd_des import run_synchronous
-from aimd_des.channel import BroadcastChannel
-from aimd_des.engine.simulation import Simulation
-from models import smart_cameras
-problem = smart_cameras(seed=3, n_cameras=7)
-print(Simulation(problem, channel=BroadcastChannel(latency=1.5, loss=0.2), seed=8).run(600).digest)
-print(run_synchronous(problem, steps=600, seed=8).digest)
-"""
-    outcome = python("-c", program, PYTHONHASHSEED="123")
-    assert outcome.returncode == 0, outcome.stderr
-    problem = smart_cameras(seed=3, n_cameras=7)
-    here = simulate(problem, 600, 8, latency=1.5, loss=0.2), run_synchronous(problem, steps=600, seed=8)
-    assert outcome.stdout.split() == [result.digest for result in here]
-    assert all(len(result.signals) > 100 for result in here)
 
 
 # -- arguments -------------------------------------------------------------------------------------------
