@@ -85,7 +85,8 @@ def read(path: Path) -> pd.DataFrame:
 def test_the_command_writes_figure_and_stored_table(name: str, tmp_path: Path) -> None:
     main = import_module(f"scenarios.{name}").main
     out = tmp_path / "results" / name
-    done = CliRunner().invoke(main, ["--quick", "--out", str(out)])
+    # Kept runs, so that the table is made of what has been written down.
+    done = CliRunner().invoke(main, ["--quick", "--out", str(out), "--runs", str(tmp_path / "runs")])
     assert done.exit_code == 0, done.output
     figures = FIGURES.get(name, {f"{name}.png"})
     assert {path.name for path in out.iterdir()} == {f"{name}.json", "table.csv"} | figures

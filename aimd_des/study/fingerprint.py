@@ -6,7 +6,7 @@ import sys
 import sysconfig
 import textwrap
 from collections.abc import Iterator, Mapping
-from functools import partial
+from functools import cache, cached_property, partial
 from hashlib import sha256
 from pathlib import Path
 from types import BuiltinFunctionType, CellType, CodeType, FunctionType, MethodType, ModuleType
@@ -83,10 +83,43 @@ def _parts(value: Any) -> Iterator[Any]:
         yield value.__name__
     elif (function := getattr(value, "py_func", getattr(value, "__wrapped__", None))) is not None:
         yield function  # of what is compiled, or cached
+    elif (made := _made(value)) is not None:
+        yield from made
     else:
         yield type(value)
-        yield getattr(value, "__dict__", None)
-        yield [getattr(value, name, None) for name in getattr(type(value), "__slots__", ())]
+        yield _state(value)
+        yield [getattr(value, name, None) for name in _slots(type(value))]
+
+
+def _made(value: Any) -> list[Any] | None:
+    """Say what makes a thing anew that has a way of its own, such as a path, a date or a generator."""
+    if getattr(type(value), "__reduce__", None) == object.__reduce__:
+        return None
+    try:
+        parts = value.__reduce_ex__(2)
+    except Exception:  # noqa: BLE001 - of others: files, for one, raise TypeError
+        return None
+    return [list(part) if isinstance(part, Iterator) else part for part in parts]
+
+
+def _state(value: Any) -> dict[str, Any] | None:
+    """Take the attributes, but those that are kept from a first look on."""
+    held = getattr(value, "__dict__", None)
+    if held is None:
+        return None
+    kind = type(value)
+    return {
+        name: part
+        for name, part in held.items()
+        if not isinstance(inspect.getattr_static(kind, name, None), cached_property)
+    }
+
+
+def _slots(kind: type) -> Iterator[str]:
+    """Name the slots of a class and of those above it."""
+    for one in kind.__mro__:
+        names = vars(one).get("__slots__", ())
+        yield from (names,) if isinstance(names, str) else names
 
 
 def _is_own(module: str) -> bool:
@@ -160,6 +193,7 @@ def _names(code: CodeType) -> Iterator[str]:
             yield from _names(inner)
 
 
+@cache
 def _source(given: type | CodeType) -> str:
     """Read the source without comments and formatting; as it stands where it is a part of a line."""
     try:

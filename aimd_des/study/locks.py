@@ -7,10 +7,15 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-__all__ = ["exclusive", "private_folder"]
+from aimd_des.utils.errors import InputError
+
+__all__ = ["LOCK", "alone", "exclusive", "private_folder"]
+
+#: The file of the lock of a folder.
+LOCK = ".lock"
 
 # Between two tries, in seconds: who waits, waits for much longer.
 _PAUSE = 0.05
@@ -53,6 +58,18 @@ def exclusive(path: Path, *, wait: float) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Keep a folder of results for this process; refuse one that another has."""
+    with ExitStack() as lock:
+        try:
+            lock.enter_context(exclusive(folder / LOCK, wait=0.0))
+        except BlockingIOError:
+            allowed, remedy = "one that no other sweep is using", "wait for it, or choose another"
+            raise InputError.of("output folder", str(folder), allowed, remedy) from None
+        yield
 
 
 def _is_ours(descriptor: int) -> bool:

@@ -1,10 +1,12 @@
 """Replications of any function of a seed, for what no scenario file can say: paired, shared out, resumed."""
 
-import hashlib
 import os
 import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, as_completed
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -12,7 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des._version import RESULT_VERSION
-from aimd_des.study.seal import write_file
+from aimd_des.study.fingerprint import fingerprint
+from aimd_des.study.locks import LOCK, alone
+from aimd_des.study.outcomes import decoded, encoded
+from aimd_des.study.seal import is_left, read_sealed, sweep_left, write_file, write_sealed
 from aimd_des.study.workers import Processes
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError, SimulationError
@@ -38,33 +43,69 @@ def replicate(
 ) -> list[list[_Outcome]]:
     """Call every job with the same seeds, so that jobs share their luck and differences are paired.
 
+    Parameters
+    ----------
+    jobs : sequence of callable
+        Each takes a seed.  To be kept or shared, a job is a function of a module or a `functools.partial` of
+        one, its arguments can be pickled.
+    replications : int
+        Number of seeds, at least 1.
+    seed : int
+        The first seed, at least 0.
+    workers : int, optional
+        Number of processes; as many as there are processors unless given.
+    out : path, optional
+        Folder of the outcomes; what is there is not called again.  Then outcomes are data: numbers, strings,
+        arrays of them, and lists, tuples, mappings, NamedTuples and frozen dataclasses of such.
+
+    Returns
+    -------
+    list of list
+        The outcomes of each job, one a seed.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range, a job cannot be kept or shared, an outcome is no data, or the folder is
+        somebody else's, in use, or damaged.
+    SimulationError
+        If a worker process dies.
+
     Notes
     -----
-    Outcomes are kept by `pickle`, which runs what it reads: give only folders of your own.  They are
-    recognised by name and arguments of the job, the seed and the version of results; who changes the
-    code of a job removes the folder.
+    A folder has one JSON file a call, with a checksum.  It is known by the name of the job, its source with
+    all of one's own that it refers to, its arguments, the seed, and the version of results: where one of them
+    changes, the job is called again.  Reading a folder runs no code of it.
     """
     replications = validation.integer("replications", replications, low=1)
     seed = validation.integer("seed", seed, low=0)
     many = validation.integer("workers", (os.cpu_count() or 1) if workers is None else workers, low=1)
-    calls = [(job, number) for job in jobs for number in range(seed, seed + replications)]
-    files = None if out is None else _files(Path(out), calls)
-    found: dict[int, _Outcome] = {}
-    if files is not None:
-        found = {place: _read(file) for place, file in enumerate(files) if file.is_file()}
-    missing = [place for place in range(len(calls)) if place not in found]
+    numbers = range(seed, seed + replications)
+    calls = [(job, number) for job in jobs for number in numbers]
+    if out is not None or many > 1:
+        for job in jobs:
+            _check(job)
+    with ExitStack() as stack:
+        kept = None if out is None else stack.enter_context(_taken(Path(out)))
+        names = [] if kept is None else [name for job in jobs for name in _names(job, numbers)]
+        found: dict[int, _Outcome] = {}
+        if kept is not None:
+            found = {place: _read(kept, name) for place, name in enumerate(names) if (kept / name).is_file()}
+        missing = [place for place in range(len(calls)) if place not in found]
 
-    def take(place: int, outcome: _Outcome) -> None:
-        found[place] = outcome
-        if files is not None:
-            write_file(files[place], pickle.dumps(outcome, protocol=5))
+        def take(place: int, outcome: _Outcome) -> None:
+            if kept is not None:
+                content = encoded(outcome)
+                write_sealed(kept, names[place], content)
+                outcome = decoded(content)  # so that what is new has the form of what is read
+            found[place] = outcome
 
-    if many == 1:
-        for place in missing:
-            job, number = calls[place]
-            take(place, job(number))
-    elif missing:
-        _share(calls, missing, many, take)
+        if many == 1:
+            for place in missing:
+                job, number = calls[place]
+                take(place, job(number))
+        elif missing:
+            _share(calls, missing, many, take)
     outcomes = [found[place] for place in range(len(calls))]
     return [outcomes[first : first + replications] for first in range(0, len(calls), replications)]
 
@@ -85,28 +126,50 @@ def _share(
             pool.stop(executor)
 
 
-def _files(folder: Path, calls: list[_Call[_Outcome]]) -> list[Path]:
-    """Name the file of each outcome, in a folder that is ours."""
-    if not (folder / _MARK).is_file():
-        check_folder(folder, overwrite=False, mark=_MARK)
-        folder.mkdir(parents=True, exist_ok=True)
-        write_file(folder / _MARK, b"Outcomes of aimd_des.study.replicate, by job and seed.\n")
-    files = []
-    for job, number in calls:
-        try:
-            words = pickle.dumps((job, number, RESULT_VERSION), protocol=5)
-        except (pickle.PicklingError, AttributeError, TypeError) as error:
-            allowed = f"a function of a module, or a partial of one ({error})"
-            raise InputError.of("job", job, allowed) from None
-        files.append(folder / f"{hashlib.sha256(words).hexdigest()[:32]}.pickle")
-    return files
-
-
-def _read(file: Path) -> Any:
+def _check(job: Callable[[int], Any]) -> None:
+    """Refuse a job that cannot be sent to a process, nor known again: one without a name, say."""
     try:
-        return pickle.loads(file.read_bytes())  # noqa: S301 - the caller answers for the folder
-    except Exception as error:  # noqa: BLE001 - damaged pickles raise anything
-        raise InputError(f"{file}: cannot be read ({error}); remove it, and call again") from None
+        pickle.dumps(job, protocol=5)
+    except Exception as error:  # noqa: BLE001 - arguments of others may raise anything
+        allowed = f"a function of a module, or a partial of one, with data for arguments ({error})"
+        raise InputError.of("job", job, allowed) from None
+
+
+@contextmanager
+def _taken(folder: Path) -> Iterator[Path]:
+    """Keep a folder that is ours for this process; it is made if there is none."""
+    if not (folder / _MARK).is_file():
+        # What a process that was killed before it wrote the mark has left is no reason to refuse.
+        held = [path.name for path in folder.iterdir()] if folder.is_dir() else [""]
+        if any(name != LOCK and not is_left(name) for name in held):
+            check_folder(folder, overwrite=False)
+        folder.mkdir(parents=True, exist_ok=True)
+    with alone(folder):
+        sweep_left(folder)
+        write_file(folder / _MARK, b"Outcomes of aimd_des.study.replicate, by job and seed.\n")
+        yield folder
+
+
+def _names(job: Callable[[int], Any], seeds: Iterable[int]) -> list[str]:
+    """Name the file of each outcome by what is called: its name, source and arguments, and the seed."""
+    named: Any = job
+    while isinstance(named, partial):
+        named = named.func
+    name = getattr(named, "__module__", None), getattr(named, "__qualname__", type(named).__qualname__)
+    whole = fingerprint(job)
+    digests = [sha256(repr((name, whole, seed, RESULT_VERSION)).encode()).hexdigest() for seed in seeds]
+    return [f"{digest[:32]}.json" for digest in digests]
+
+
+def _read(folder: Path, name: str) -> Any:
+    remedy = "remove it, and call again"
+    content, sealed = read_sealed(folder, name, remedy)
+    try:
+        if not sealed:
+            raise ValueError("it has no checksum")
+        return decoded(content)
+    except Exception as error:  # noqa: BLE001 - whatever damage makes of it
+        raise InputError(f"{folder / name}: cannot be read ({error}); {remedy}") from None
 
 
 def mean_and_error(values: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:

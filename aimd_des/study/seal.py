@@ -6,6 +6,7 @@ the file below its folder: the file of another run is no substitute.
 """
 
 import os
+import re
 from hashlib import sha256
 from pathlib import Path
 from uuid import uuid4
@@ -14,7 +15,7 @@ import pyarrow as pa
 
 from aimd_des.utils.errors import InputError
 
-__all__ = ["read_sealed", "unsealed", "write_file", "write_sealed"]
+__all__ = ["is_left", "read_sealed", "sweep_left", "unsealed", "write_file", "write_sealed"]
 
 # What stands before and after the digest.  In JSON it is the last key, in TOML a comment at the end; in
 # Parquet it stands between the last page and the footer, where nothing points to.
@@ -26,6 +27,8 @@ _FORMS = {
 _DIGITS = 64
 # A Parquet file ends with the length of its footer, and four letters.
 _PARQUET_END = 8
+# What a process that was killed leaves: see `write_file`.
+_LEFT = re.compile(r"\..+\.[0-9a-f]{32}\.tmp")
 
 
 def _behind(content: bytes, suffix: str) -> int:
@@ -56,6 +59,18 @@ def write_file(path: Path, content: bytes | pa.Buffer) -> None:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+def is_left(name: str) -> bool:
+    """Tell whether a file is one that a process could not end."""
+    return _LEFT.fullmatch(name) is not None
+
+
+def sweep_left(folder: Path) -> None:
+    """Remove what processes that were killed have left; the folder must be ours, and nobody at work."""
+    for left in folder.glob(".*.tmp"):
+        if is_left(left.name):
+            left.unlink(missing_ok=True)
 
 
 def write_sealed(folder: Path, name: str, content: bytes | pa.Buffer) -> None:

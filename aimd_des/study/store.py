@@ -3,10 +3,9 @@
 import json
 import logging
 import os
-import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +16,8 @@ import tomli_w
 from aimd_des._version import RESULT_VERSION
 from aimd_des.results.frames import columns_now
 from aimd_des.study.columns import FRAMES
-from aimd_des.study.locks import exclusive
-from aimd_des.study.seal import read_sealed, write_file, write_sealed
+from aimd_des.study.locks import LOCK, alone
+from aimd_des.study.seal import is_left, read_sealed, sweep_left, write_file, write_sealed
 from aimd_des.study.study import Study
 from aimd_des.utils.errors import InputError
 
@@ -31,9 +30,6 @@ _FOLDERS = ("runs", "failed", *FRAMES)
 STUDY_FILE = "study.toml"
 _FILES = ("manifest.json", STUDY_FILE, "plan.parquet")
 _MANIFEST = {"runs", "result_version", "study"}
-_LOCK = ".lock"
-# What a process that was killed leaves: see `write_file`.
-_LEFT = re.compile(r"\..+\.[0-9a-f]{32}\.tmp")
 
 #: What is to be done about a damaged file of a run.
 AGAIN = "sweep again, which runs it again"
@@ -185,12 +181,7 @@ class Store:
         """Keep the folder for this process; it is made if there is none."""
         self.check(overwrite=overwrite)
         self.folder.mkdir(parents=True, exist_ok=True)
-        with ExitStack() as lock:
-            try:
-                lock.enter_context(exclusive(self.folder / _LOCK, wait=0.0))
-            except BlockingIOError:
-                allowed, remedy = "one that no other sweep is using", "wait for it, or choose another"
-                raise InputError.of("output folder", str(self.folder), allowed, remedy) from None
+        with alone(self.folder):
             if overwrite:
                 self._clear()
             self.tidy()
@@ -199,9 +190,7 @@ class Store:
     def tidy(self) -> None:
         """Remove what processes that were killed have left; the folder must be ours, and nobody at work."""
         for place in ("", *_FOLDERS):
-            for left in (self.folder / place).glob(".*.tmp"):
-                if _LEFT.fullmatch(left.name):
-                    left.unlink(missing_ok=True)
+            sweep_left(self.folder / place)
 
     def check(self, *, overwrite: bool = False) -> None:
         """Refuse a folder that is none, or somebody else's."""
@@ -211,9 +200,7 @@ class Store:
             )
         if self.folder.is_dir() and not self._is_ours(damaged=overwrite):
             others = [
-                path.name
-                for path in self.folder.iterdir()
-                if path.name != _LOCK and not _LEFT.fullmatch(path.name)
+                path.name for path in self.folder.iterdir() if path.name != LOCK and not is_left(path.name)
             ]
             if others:
                 reason = f"it has no manifest.json but {sorted(others)[0]!r}; choose another"

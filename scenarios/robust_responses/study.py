@@ -139,21 +139,21 @@ def _lowered(threshold: float) -> Problem:
     return Problem([memory], MEMORY.costs, agent_names=MEMORY.agent_names)
 
 
-def _measure(case: _Case, seed: int) -> tuple[pd.DataFrame, FloatArray]:
+def _measure(case: _Case, seed: int) -> tuple[dict[Any, dict[Any, Any]], FloatArray]:
     """Run; responses with a probability above 1 are counted in the summary instead of warned of."""
     simulation = Simulation(
         case.problem, agents=Fleet, seed=seed, recording=Recording(demand=[case.until]), **case.parts
     )
     result = quietly(simulation, case.until)
-    return result.summary(), result.average_at_end
+    return result.summary().to_dict("index"), result.average_at_end
 
 
-def _table(cases: Sequence[_Case], outcomes: list[list[tuple[pd.DataFrame, FloatArray]]]) -> pd.DataFrame:
+def _table(cases: Sequence[_Case], outcomes: list[list[Any]]) -> pd.DataFrame:
     rows, pooled = [], []
     for case, runs in zip(cases, outcomes, strict=True):
         compensated = case.labels["panel"] in ("loss, continuous", "loss, discrete")
         for summary, _ in runs:
-            for name, seen in summary.iterrows():
+            for name, seen in summary.items():
                 numbers = {measure: float(seen[column]) for measure, column in _MEASURES.items()}
                 for measure in ("signals", "bits"):
                     numbers[measure] /= case.until
