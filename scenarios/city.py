@@ -52,7 +52,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     cities = {cameras: city for cameras, (city,) in zip(sizes, outcomes, strict=True)}
     table = pd.DataFrame([row for city in cities.values() for row in city.rows])
     settings = {"seed": seed, "until": until, **_CHANNEL, "hold_off": _HOLD_OFF}
-    drawn = {"city": _figure(cities, table)}
+    drawn = {"city": partial(_figure, cities, table)}
     return Finding("city", settings, table, _shown(table), _findings(table), drawn)
 
 

@@ -95,7 +95,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         table,
         _shown(table),
         _findings(table),
-        {"clocks": _figure(table)},
+        {"clocks": partial(_figure, table)},
     )
 
 

@@ -6,6 +6,7 @@ the capacities, and pays with peaks of 5 to 12 % above them; ideal crossings nev
 Shares are about as right in all ways.
 """  # noqa: D400 - a question
 
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -72,7 +73,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         table,
         shown(table[table["measure"] != "saturated"], ["way", "resource", "measure"]),
         _findings(table),
-        {"continuous_vs_discrete": _figure(table, problem)},
+        {"continuous_vs_discrete": partial(_figure, table, problem)},
     )
 
 

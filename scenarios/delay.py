@@ -6,6 +6,7 @@ the latency. One that is as long as the latency lets demand run away from latenc
 repeats signals that are still on their way, which costs bits and little else.
 """  # noqa: D400 - a question
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +58,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
             table[table["measure"].isin([name for name, *_ in _PANELS])], ["setting", "latency", "measure"]
         ),
         _findings(table),
-        {"delay": _figure(table)},
+        {"delay": partial(_figure, table)},
     )
 
 

@@ -85,7 +85,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
             ["loss", "way", "mean_loss", "measure"],
         ),
         _findings(table),
-        {"loss": _figure(table)},
+        {"loss": partial(_figure, table)},
     )
 
 

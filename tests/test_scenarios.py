@@ -12,13 +12,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from aimd_des import theory
 from aimd_des.engine.control_unit import Crossing
 from aimd_des.study import mean_and_error, replicate
+from aimd_des.utils.folders import check_folder
 from models.smart_cameras import smart_cameras
 from scenarios import paper
+from scenarios.common.command import Finding, write
 from scenarios.common.measure import Measures, Run, measure, measure_all
 from scenarios.common.systems import memory_alone, spread
 from scenarios.common.tables import summarise
@@ -102,6 +105,18 @@ def test_the_command_writes_figure_and_stored_table(name: str, tmp_path: Path) -
     again = CliRunner().invoke(main, ["--quick", "--out", str(out)])
     assert again.exit_code == 2
     assert "--overwrite" in again.output
+
+
+def test_a_figure_that_fails_takes_no_number_along(tmp_path: Path) -> None:
+    def fail() -> Figure:
+        assert (out / "table.csv").is_file()
+        raise MemoryError("no room")
+
+    out, table = tmp_path / "found", pd.DataFrame({"mean": [1.0]})
+    found = Finding("made", {"seed": 0}, table, table, ["One."], {"one": fail, "two": Figure})
+    with pytest.warns(RuntimeWarning, match=r"one\.png: is missing \(MemoryError: no room\); all numbers"):
+        write(found, check_folder(out, overwrite=False, mark="made.json"))
+    assert {path.name for path in out.iterdir()} == {"made.json", "table.csv", "two.png"}
 
 
 @pytest.mark.parametrize("name", NAMES)

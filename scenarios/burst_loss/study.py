@@ -61,7 +61,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         table,
         shown(table[printed], ["links", "burst", "measure"]),
         _findings(table),
-        {"burst_loss": _figure(table, seed)},
+        {"burst_loss": partial(_figure, table, seed)},
     )
 
 

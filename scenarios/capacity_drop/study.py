@@ -51,7 +51,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         table,
         shown(table, ["costs", "way", "ramp", "measure"], ".4g"),
         _findings(table, age),
-        {"capacity_drop": _figure(table, pairs)},
+        {"capacity_drop": partial(_figure, table, pairs)},
     )
 
 

@@ -61,7 +61,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         table,
         shown(table, ["way", "stay", "measure"], ".3f"),
         _findings(table),
-        {"churn": figure_of(table, together, size)},
+        {"churn": partial(figure_of, table, together, size)},
     )
 
 

@@ -3,9 +3,11 @@
 import json
 import platform
 import sys
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -31,14 +33,18 @@ class Finding:
     table: pd.DataFrame  # all numbers, tidy
     shown: pd.DataFrame  # what is printed: text, one row a line
     findings: list[str]  # what the numbers say, in sentences
-    figures: dict[str, Figure] = field(default_factory=dict)  # by the name of their file
+    # What draws each figure, by the name of its file.
+    figures: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
     pages: dict[str, str] = field(default_factory=dict)  # texts to write beside, by the name of their file
     title: str = ""  # of what is printed; name and settings unless given
     record: dict[str, Any] = field(default_factory=dict)  # what the provenance holds besides
 
 
 def write(found: Finding, place: Place) -> None:
-    """Write figures, table and provenance into a folder, as `check_folder` has found it, all or nothing."""
+    """Write table, pages and provenance into a folder, as `check_folder` has found it, all or nothing.
+
+    Figures come last, one by one, so that nothing that befalls them takes the numbers along.
+    """
     provenance = {
         "scenario": found.name,
         **found.settings,
@@ -50,14 +56,21 @@ def write(found: Finding, place: Place) -> None:
             **{library: version(library) for library in ("numpy", "scipy", "numba", "simpy", "matplotlib")},
         },
     }
+    record = json.dumps(provenance, indent=2, ensure_ascii=False) + "\n"
     with new_folder(place) as folder:
-        for name, figure in found.figures.items():
-            figure.savefig(folder / f"{name}.png", dpi=_DPI)
         for name, page in found.pages.items():
             (folder / name).write_text(page, encoding="utf-8")
         found.table.to_csv(folder / "table.csv", index=False)
-        record = json.dumps(provenance, indent=2, ensure_ascii=False)
-        (folder / f"{found.name}.json").write_text(record + "\n", encoding="utf-8")
+        (folder / f"{found.name}.json").write_text(record, encoding="utf-8")
+    for name, draw in found.figures.items():
+        path = place.target / f"{name}.png"
+        try:
+            picture = BytesIO()
+            draw().savefig(picture, dpi=_DPI)
+            path.write_bytes(picture.getvalue())
+        except Exception as failure:  # noqa: BLE001 - whatever it is, the numbers are what was asked for
+            said = f"{place.folder / path.name}: is missing ({type(failure).__name__}: {failure})"
+            warnings.warn(f"{said}; all numbers are written", RuntimeWarning, stacklevel=2)
 
 
 class _Refusal(click.ClickException):

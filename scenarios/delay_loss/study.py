@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -41,7 +42,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         _shown(table),
         _findings(table),
         {
-            f"delay_loss_{name}": draw(_means(table, name), _lines(critical, name), name)
+            f"delay_loss_{name}": partial(draw, _means(table, name), _lines(critical, name), name)
             for name in dict.fromkeys(table["resource"].astype(str))
         },
     )

@@ -42,7 +42,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         table,
         shown(table, ["channel", "average", "measure"], ".3f"),
         _findings(table),
-        {"ev_day": _figure(table, nights)},
+        {"ev_day": partial(_figure, table, nights)},
     )
 
 

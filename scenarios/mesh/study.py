@@ -60,7 +60,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         table,
         shown(table[table["agent"] < 0], ["way", "longest_loss", "measure"]),
         _findings(table),
-        {"mesh": _figure(table)},
+        {"mesh": partial(_figure, table)},
     )
 
 

@@ -100,7 +100,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
             ".3f",
         ),
         _findings(table),
-        {"outage": _figure(table, watched)},
+        {"outage": partial(_figure, table, watched)},
     )
 
 

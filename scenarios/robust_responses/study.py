@@ -76,7 +76,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         table,
         shown(table[printed], ["panel", "setting", "at", "resource", "measure"]),
         findings(table, tuple(_UNITS)),
-        {"robust_responses": draw(table, limits)},
+        {"robust_responses": partial(draw, table, limits)},
     )
 
 

@@ -1,5 +1,6 @@
 """The study: what is run, and what is made of it."""
 
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -50,7 +51,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         table,
         digest(table),
         findings,
-        {"theory_table": deviations(table)},
+        {"theory_table": partial(deviations, table)},
         pages={"theory_table.md": page},
     )
 

@@ -60,7 +60,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         table,
         shown(table, ["camera", "averaging", "measure"], ".3g"),
         _findings(table, size),
-        {"unusual_activity": _figure(found, table, size)},
+        {"unusual_activity": partial(_figure, found, table, size)},
     )
 
 
