@@ -8,10 +8,10 @@ import networkx as nx
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import BroadcastChannel, Problem, Recording, Result, solve_optimum, topology
+from aimd_des import BroadcastChannel, Problem, Result, solve_optimum, topology
 from aimd_des.loss import Bernoulli, CommonMode, GilbertElliott
 from aimd_des.lowlevel import Channel, FloatArray
-from scenarios.common.measure import late, noted, quietly, sensed
+from scenarios.common.measure import late, run_late
 
 # Of the total, for what is rounding and no excess.
 _ROUNDING = 1e-9
@@ -67,16 +67,9 @@ class Outcome(NamedTuple):
 
 
 def run_one(run: Bursts, seed: int, looks: FloatArray) -> Result:
-    """Run, with total demand recorded at `looks`, and a note at the start of what is measured."""
-    simulation = sensed(
-        run.problem,
-        run.hold_off,
-        channel=run.channel(),
-        interventions=[noted(run.problem, run.start)],
-        seed=seed,
-        recording=Recording(demand=looks, allocations=[run.start]),
-    )
-    return quietly(simulation, run.until)
+    """Run, with total demand recorded at `looks`."""
+    span = run.start, run.until
+    return run_late(run.problem, run.hold_off, run.channel(), span, seed, looks)
 
 
 def measure(run: Bursts, seed: int) -> Outcome:

@@ -14,7 +14,7 @@ from aimd_des.lowlevel import FloatArray
 from aimd_des.metrics import relative_error
 from aimd_des.study import jackknife, mean_and_error
 from scenarios.common.measure import sensed
-from scenarios.common.systems import memory_alone
+from scenarios.common.systems import elasticity, memory_alone
 from scenarios.common.tables import estimate
 
 WITHIN = 0.05
@@ -185,7 +185,6 @@ def _spread(case: Drop) -> float:
     problem = _problem(case.costs)
     expected = theory.predict(problem, "continuous")
     x = expected.allocation
-    steep = x * np.einsum("ijj->ij", problem.costs.hessian(x)) / problem.costs.gradient(x)
     bent = case.costs == PAPER
     if bent and case.way != "forgetting":
         return np.nan
@@ -195,7 +194,7 @@ def _spread(case: Drop) -> float:
         x,
         problem.increase,
         problem.decrease,
-        elasticity=steep if bent else 1.0,
+        elasticity=elasticity(problem, x) if bent else 1.0,
         probability=expected.probability,
         **memory,
     )

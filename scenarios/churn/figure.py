@@ -8,7 +8,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aimd_des.plots import colour
-from aimd_des.study import mean_and_error
 from scenarios.churn.runs import KEPT, WAYS, Size, Together
 from scenarios.churn.theory import CRITICAL_STAY, fluid, kinds, optimum, steady
 from scenarios.common import figures
@@ -80,12 +79,8 @@ def _draw_return(axes: Axes, together: dict[str, list[Together]], size: Size) ->
     for place, (name, found) in enumerate(together.items()):
         shade = colour(4 + place)
         courses = [[part[:, agents].mean(axis=1) for part in (run.demand, run.average)] for run in found]
-        mean, error = mean_and_error(courses)
-        for k, width in ((0, 0.9), (1, 2.2)):
-            low, high = mean[k] - 2 * error[k], mean[k] + 2 * error[k]
-            axes.fill_between(times, low, high, color=shade, alpha=0.25, linewidth=0)
-            axes.plot(times, mean[k], color=shade, linewidth=width)
-            axes.plot(times, fluid(name, size)[k][:, agents].mean(axis=1), ":", color="black", linewidth=0.9)
+        flowing = [part[:, agents].mean(axis=1) for part in fluid(name, size)]
+        figures.course(axes, times, courses, flowing, shade)
         axes.plot([], [], color=shade, linewidth=2.2, label=f"{name} (thin: demand)")
     figures.level(axes, optimum()[agents].mean(), "--")
     figures.named(axes, "theory (fluid)", ":", color="black", linewidth=0.9)

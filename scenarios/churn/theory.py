@@ -10,6 +10,7 @@ from aimd_des import PolynomialCosts, Problem, solve_optimum, theory
 from aimd_des.lowlevel import FloatArray
 from scenarios.churn.runs import ALPHA, CAPACITY, GROUP, LATENCY, PRESENT, PROBLEM, N, Size, together_event
 from scenarios.common.fluid import flow
+from scenarios.common.systems import elasticity
 
 #: Of those who are present on average: what they can grow to before they go is the capacity.
 CRITICAL_STAY = CAPACITY / (PRESENT * N * ALPHA)
@@ -94,8 +95,7 @@ def optimum() -> FloatArray:
 @lru_cache
 def kinds() -> dict[str, list[int]]:
     """Sort cameras by who comes back, with which costs, and who has stayed."""
-    x = solve_optimum(PROBLEM).allocation
-    steep = (x[:, 0] * PROBLEM.costs.hessian(x)[:, 0, 0]) / PROBLEM.costs.gradient(x)[:, 0]
+    steep = elasticity(PROBLEM, solve_optimum(PROBLEM).allocation)[:, 0]
     return {
         "returning, quadratic costs": [i for i in GROUP if steep[i] < 1.0 + _ALIKE],
         "returning, costs of power 6": [i for i in GROUP if steep[i] > 5.0 - _ALIKE],

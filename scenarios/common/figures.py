@@ -7,10 +7,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aimd_des.plots import REFERENCE, colour, frame, number_axis
+from aimd_des.study import mean_and_error
 
 __all__ = [
     "MARKS",
     "REFERENCE",
+    "course",
     "dress",
     "frame",
     "level",
@@ -38,6 +40,16 @@ def points(
     axes.errorbar(
         x, scale * rows["mean"], 2.0 * scale * rows["standard_error"], label=label, **(usual | look)
     )
+
+
+def course(axes: Axes, time: Any, runs: Any, expected: Any, shade: str) -> None:
+    """Draw the mean of runs of a demand (thin) and an average, ± 2 standard errors, and what theory has."""
+    mean, error = mean_and_error(runs)
+    for k, width in ((0, 0.9), (1, 2.2)):
+        low, high = mean[k] - 2 * error[k], mean[k] + 2 * error[k]
+        axes.fill_between(time, low, high, color=shade, alpha=0.2, linewidth=0)
+        axes.plot(time, mean[k], color=shade, linewidth=width)
+        axes.plot(time, expected[k], ":", color="black", linewidth=0.9)
 
 
 def theory(axes: Axes, x: Any, rows: pd.DataFrame, place: int, *, scale: float = 1.0) -> None:

@@ -29,7 +29,7 @@ from aimd_des import (
 from aimd_des.interventions import CapacityStep
 from aimd_des.latency import Constant
 from aimd_des.loss import Bernoulli
-from aimd_des.lowlevel import FloatArray, ProcessGenerator, System
+from aimd_des.lowlevel import Channel, FloatArray, ProcessGenerator, System
 from aimd_des.study import replicate
 from aimd_des.theory import reweighted_optimum
 from scenarios.common.tables import summarise
@@ -125,11 +125,6 @@ def quietly(simulation: Simulation, until: float) -> Result:
         return simulation.run(until)
 
 
-def noted(problem: Problem, at: float) -> CapacityStep:
-    """Set the capacity of a single resource to what it is: totals are integrated exactly from there on."""
-    return CapacityStep(problem.resource_names[0], at, float(problem.capacity[0]))
-
-
 class Late(NamedTuple):
     """What is measured of one resource from a note on, over the capacity; `average` (n, 1) in its unit."""
 
@@ -141,8 +136,27 @@ class Late(NamedTuple):
     average: FloatArray
 
 
+def run_late(
+    problem: Problem, hold_off: float, channel: Channel, span: tuple[float, float], seed: int, looks: Any
+) -> Result:
+    """Run with total demand recorded at `looks`, and noted at the first instant of the span for `late`.
+
+    The capacity is set to what it is: totals are integrated exactly from there on.
+    """
+    start, until = span
+    simulation = sensed(
+        problem,
+        hold_off,
+        channel=channel,
+        interventions=[CapacityStep(problem.resource_names[0], start, float(problem.capacity[0]))],
+        seed=seed,
+        recording=Recording(demand=looks, allocations=[start]),
+    )
+    return quietly(simulation, until)
+
+
 def late(result: Result, start: float) -> Late:
-    """Measure a run with a note at its `start`, at which allocations are recorded."""
+    """Measure a run as `run_late` makes it."""
     span, seen = result.until - start, result.observations
     average = ((seen.average[-1] * result.until - seen.average[0] * start) / span).T
     over = seen.stretches[-1].overshoot()

@@ -12,6 +12,12 @@ def spread(low: float, high: float, n: int = 60) -> FloatArray:
     return np.random.default_rng(2018).permutation(np.linspace(low, high, n))
 
 
+def elasticity(problem: Problem, x: FloatArray) -> FloatArray:
+    """Compute how steep costs are at x, (n, m): x f'' / f', 1 for quadratic ones."""
+    gradient = problem.costs.gradient(x)
+    return np.asarray(x * np.einsum("ijj->ij", problem.costs.hessian(x)) / gradient)
+
+
 def memory_alone(n: int = 60, normalization: float = 1 / 90) -> Problem:
     """Take the memory of the paper's system of n cameras by itself: the costs do not couple resources."""
     full = smart_cameras(0, n_cameras=n, normalization=normalization)

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import networkx as nx
 import numpy as np
 
-from aimd_des import BroadcastChannel, Problem, Recording, topology
+from aimd_des import BroadcastChannel, Problem, topology
 from aimd_des.lowlevel import Channel, FloatArray
-from scenarios.common.measure import late, noted, quietly, sensed
+from scenarios.common.measure import late, run_late
 
 TREE, FLOOD, OWN = "shortest-path tree", "flooding", "own links, as lossy as the tree"
 
@@ -122,15 +122,7 @@ class Outcome(NamedTuple):
 
 def measure(run: Mesh, seed: int) -> Outcome:
     """Run and measure."""
-    simulation = sensed(
-        run.problem,
-        run.hold_off,
-        channel=run.channel(),
-        interventions=[noted(run.problem, run.start)],
-        seed=seed,
-        recording=Recording(demand="end", allocations=[run.start]),
-    )
-    result = quietly(simulation, run.until)
+    result = run_late(run.problem, run.hold_off, run.channel(), (run.start, run.until), seed, "end")
     found, account = late(result, run.start), result.account
     delivery = account.delivered[0] / (account.delivered[0] + account.lost[0])
     return Outcome(found.signals, found.utilisation, found.peak, found.time_above, found.average, delivery)

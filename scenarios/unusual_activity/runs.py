@@ -13,7 +13,7 @@ from aimd_des.interventions import UnusualActivity
 from aimd_des.lowlevel import FloatArray
 from scenarios.common.fluid import flow
 from scenarios.common.measure import quietly, sensed
-from scenarios.common.systems import memory_alone
+from scenarios.common.systems import elasticity, memory_alone
 
 _PROBLEM = memory_alone()
 WEIGHT, _HOLD_OFF = 0.2, 0.5
@@ -55,9 +55,7 @@ class Seen(NamedTuple):
 
 @lru_cache
 def _elasticity() -> FloatArray:
-    x = solve_optimum(_PROBLEM).allocation
-    curvature, slope = _PROBLEM.costs.hessian(x)[:, 0, 0], _PROBLEM.costs.gradient(x)[:, 0]
-    return np.asarray(x[:, 0] * curvature / slope)
+    return elasticity(_PROBLEM, solve_optimum(_PROBLEM).allocation)[:, 0]
 
 
 @lru_cache

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour
-from aimd_des.study import jackknife, mean_and_error, replicate
+from aimd_des.study import jackknife, replicate
 from scenarios.common import figures
 from scenarios.common.command import Finding, command
 from scenarios.common.tables import estimate, pick, said, shown
@@ -122,13 +122,8 @@ def _place(name: str) -> int:
 def _draw_course(axes: Axes, found: _Found, group: str, size: Size, title: str) -> None:
     cameras, times = groups()[group], size.times - size.begin
     for name in list(AVERAGINGS)[:2]:
-        mean, error = mean_and_error([[run.demand, run.average] for run in found[group, name]])
-        expected, shade = fluid(cameras, name, size), colour(_place(name))
-        for k, width in ((0, 0.9), (1, 2.2)):
-            low, high = mean[k] - 2 * error[k], mean[k] + 2 * error[k]
-            axes.fill_between(times, low, high, color=shade, alpha=0.2, linewidth=0)
-            axes.plot(times, mean[k], color=shade, linewidth=width, alpha=0.9)
-            axes.plot(times, expected[k], color="black", linewidth=0.9, linestyle=":")
+        courses = [[run.demand, run.average] for run in found[group, name]]
+        figures.course(axes, times, courses, fluid(cameras, name, size), colour(_place(name)))
     old, new = shares(cameras)
     end = size.end - size.begin
     steps = [times[0], 0.0, 0.0, end, end, times[-1]], [old, old, new, new, old, old]
