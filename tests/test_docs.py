@@ -69,7 +69,7 @@ def public_names() -> set[str]:
 def test_every_public_name_is_in_the_api() -> None:
     text = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "api").glob("*.rst"))
     described = set(
-        re.findall(r"^\.\. auto(?:class|data|function|exception):: ([\w.]+)$", text, re.MULTILINE)
+        re.findall(r"^\.\. (?:auto(?:class|data|function|exception)|py:data):: ([\w.]+)$", text, re.MULTILINE)
     )
     listed = set(re.findall(r"^   ((?:aimd_des|models)\.[\w.]+)$", text, re.MULTILINE))
     assert len(public_names()) > 80
