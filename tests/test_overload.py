@@ -1,6 +1,8 @@
 """Demand that has run away from the capacity: when that is said, and when not."""
 
+import tomllib
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +19,19 @@ from aimd_des import (
     Recording,
     Sampled,
     Simulation,
+    Study,
+    run_study,
     run_synchronous,
 )
 from aimd_des.cli import main
 from aimd_des.problem.costs import PolynomialCosts
+from aimd_des.report import report_study
 from aimd_des.results.overload import Opportunities, run_away
 from aimd_des.results.run_data import Signals
+from aimd_des.study import Axis
 from aimd_des.utils.errors import OverloadWarning
 from models import smart_cameras
-from tests.conftest import resource
+from tests.conftest import INLINE, resource
 
 
 def sent(times: Any) -> Signals:
@@ -167,3 +173,24 @@ coefficients = [[[1.0]], [[1.0]]]
     done = CliRunner().invoke(main, ["report", str(tmp_path / "out"), "--out", str(page)])
     assert done.exit_code == 0, done.output
     assert "In the second half of the run demand has run away from it." in page.read_text(encoding="utf-8")
+
+
+def test_a_study_says_in_how_many_runs(tmp_path: Path) -> None:
+    base = {**{key: value for key, value in tomllib.loads(INLINE).items() if key != "seed"}, "until": 300}
+    axis = Axis(name="latency", key="channel.latency", values=[0.5, 150.0])
+    study = Study(scenario=base, axes=[axis], replications=2)
+    with ThreadPoolExecutor(1) as pool, pytest.warns(OverloadWarning) as caught:
+        results = run_study(study, tmp_path / "study", pool, 1)
+    assert list(results.run_away["latency"]) == [150.0, 150.0]
+    names = list(results.run_away["resources"])
+    assert all(name in {"memory", "disk", "memory, disk"} for name in names)
+    sentence = f"in 2 of 4 runs (first: latency 150.0, replication 0, {names[0]}): signals come too late"
+    assert len(caught) == 1
+    assert sentence in str(caught[0].message)
+    page = report_study(results)
+    assert sentence in page.notes[0]
+    with ThreadPoolExecutor(1) as pool, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        held = run_study(Study(scenario=base), tmp_path / "held", pool, 1)
+    assert held.run_away.empty
+    assert report_study(held).notes == []

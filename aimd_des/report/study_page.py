@@ -12,6 +12,7 @@ from aimd_des.report.verdicts import JUDGED, verdict
 from aimd_des.results.measures import FIRST, measure_words
 from aimd_des.study import StudyResults, summarise
 from aimd_des.utils.formatting import interval, short
+from aimd_des.study.results import run_away_words
 
 __all__ = ["report_study"]
 
@@ -50,7 +51,9 @@ def report_study(results: StudyResults) -> Page:
         controls=controls,
         charts=charts,
         hint="Charts run along the axis that is chosen first; sliders say where the other axes stand.",
-        notes=[],
+        notes=[f"Means of runs that have run away say how long they lasted: {run_away_words(results)}."]
+        if len(results.run_away)
+        else [],
         tables=[
             *([] if table is None else [_points(table, names, main or measures[:1])]),
             *_failures(results),

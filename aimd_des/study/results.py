@@ -12,13 +12,13 @@ from aimd_des.scenario import Scenario, validate_scenario
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.study.axis import Axis
 from aimd_des.study.columns import known_frame
-from aimd_des.study.run_tables import SCENARIO, VERSIONS, plan_schema, run_schema
+from aimd_des.study.run_tables import RUN_AWAY, SCENARIO, VERSIONS, plan_schema, run_schema
 from aimd_des.study.store import Store
 from aimd_des.study.study import Study, stored_study
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
-__all__ = ["StudyResults", "load_study"]
+__all__ = ["StudyResults", "load_study", "run_away_words"]
 
 
 def load_study(folder: str | Path) -> "StudyResults":
@@ -155,6 +155,17 @@ class StudyResults:
         return found
 
     @property
+    def run_away(self) -> pd.DataFrame:
+        """The runs whose demand has run away from a capacity: the columns of the plan, and its resources."""
+        found = {}
+        for table in self._tables:
+            names = json.loads((table.schema.metadata or {}).get(RUN_AWAY, b"[]"))
+            if names:
+                found[table["key"][0].as_py()] = ", ".join(names)
+        rows = self.plan[self.plan["key"].isin(found)].reset_index(drop=True)
+        return rows.assign(resources=[found[key] for key in rows["key"]])
+
+    @property
     def failed(self) -> pd.DataFrame:
         """The runs that failed: the columns of the plan, and message; more is in the folder ``failed``."""
         there = self._store.keys("failed") - self._store.keys("runs")
@@ -201,3 +212,15 @@ class StudyResults:
         except (ValueError, RecursionError) as error:
             raise InputError(f"run {key}: its scenario cannot be read ({error})") from None
         return validate_scenario(with_new_keys(data, silent=True), f"run {key}")
+
+
+def run_away_words(results: StudyResults) -> str:
+    """Say in how many runs demand has run away, and where first."""
+    away = results.run_away
+    first = away.iloc[0]
+    where = "".join(f"{axis.name} {first[axis.name]}, " for axis in results.study.axes)
+    return (
+        f"demand has run away from a capacity in {len(away):,} of {len(results.runs['key'].unique()):,} runs"
+        f" (first: {where}replication {first['replication']}, {first['resources']}): signals come too late,"
+        " are lost, or take too little"
+    )

@@ -4,6 +4,7 @@ import logging
 import os
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -14,7 +15,7 @@ from types import FrameType
 from aimd_des.study.executor import execute
 from aimd_des.study.plan import digests_of, earlier_replications, plan_table
 from aimd_des.study.points import Run, expand
-from aimd_des.study.results import StudyResults, load_study
+from aimd_des.study.results import StudyResults, load_study, run_away_words
 from aimd_des.study.run_tables import run_schema
 from aimd_des.study.schedule import Schedule
 from aimd_des.study.store import AGAIN, Store
@@ -22,7 +23,7 @@ from aimd_des.study.study import Study
 from aimd_des.study.worker_task import Outcome, Task, failure, present
 from aimd_des.study.workers import Given, Pool, Processes
 from aimd_des.utils import validation
-from aimd_des.utils.errors import InputError
+from aimd_des.utils.errors import InputError, OverloadWarning
 
 __all__ = ["Tally", "run_study"]
 
@@ -99,6 +100,11 @@ def run_study(
         If the disk is full or refuses; what is written stays, and the same call goes on from there.
     KeyboardInterrupt
         After Ctrl-C, once the runs under way are done; after a second one at once.
+
+    Warns
+    -----
+    OverloadWarning
+        Once, if demand has run away from a capacity in some of the runs: `StudyResults.run_away` lists them.
     """
     points = expand(study)
     many = validation.integer("workers", (os.cpu_count() or 1) if workers is None else workers, low=1)
@@ -134,7 +140,10 @@ def run_study(
             raise OSError(sweep.unwritten.errno, sweep.unwritten.message, str(out))
         if stopped:
             raise KeyboardInterrupt
-    return load_study(out)
+    results = load_study(out)
+    if len(results.run_away):
+        warnings.warn(run_away_words(results), OverloadWarning, stacklevel=2)
+    return results
 
 
 class _Sweep:

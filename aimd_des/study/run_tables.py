@@ -19,6 +19,7 @@ from aimd_des.study.points import problem_words
 from aimd_des.study.study import Study
 
 __all__ = [
+    "RUN_AWAY",
     "SCENARIO",
     "VERSIONS",
     "axis_fields",
@@ -33,6 +34,8 @@ __all__ = [
 SCENARIO = b"aimd_des.scenario"
 #: And where the versions that made it, as JSON.
 VERSIONS = b"aimd_des.versions"
+#: And the resources from whose capacity demand has run away, if there are any, as JSON.
+RUN_AWAY = b"aimd_des.run_away"
 
 _KINDS = {"boolean": pa.bool_(), "number": pa.float64(), "string": pa.string(), "integer": pa.int64()}
 
@@ -102,12 +105,15 @@ def run_table(
     summary: Mapping[str, list[Any]],
     scenario: str,
     versions: Mapping[str, str],
+    run_away: Sequence[str] = (),
 ) -> pa.Table:
     """Put the rows of a run together."""
     count = len(summary["resource"])
     every = {**{name: [value] * count for name, value in labels.items()}, **summary}
     arrays = [pa.array(every[part.name], part.type) for part in schema]
     metadata = {SCENARIO: scenario, VERSIONS: json.dumps(versions)}
+    if run_away:
+        metadata[RUN_AWAY] = json.dumps(run_away)
     return pa.Table.from_arrays(arrays, schema=schema.with_metadata(metadata))
 
 

@@ -82,14 +82,15 @@ def perform(task: Task, job: Job) -> Outcome:
     store = Store(Path(task.folder))
     try:
         with warnings.catch_warnings():
-            # Their number is a column; the sweep says it once for all runs.
+            # Their number is a column.
             warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
-            warnings.simplefilter("ignore", OverloadWarning)
+            warnings.simplefilter("ignore", OverloadWarning)  # said once, of all runs
             scenario = Scenario.model_validate(job.scenario)
             result = _carry_out(scenario)
         summary = summary_of(scenario, result, task.measures)
         labels = {**job.labels, "digest": result.digest}
-        rows = run_table(task.schema, labels, summary, tomli_w.dumps(job.scenario), _versions())
+        away = [summary["resource"][j] for j in result.run_away.nonzero()[0]]
+        rows = run_table(task.schema, labels, summary, tomli_w.dumps(job.scenario), _versions(), away)
         frames = {name: frame_table(job.key, result, name) for name in task.keep}
     except Exception as error:  # noqa: BLE001 - whatever goes wrong in one run must not stop the others
         message = f"{type(error).__name__}: {error}"
