@@ -14,7 +14,7 @@ import pytest
 
 from aimd_des.utils.terminal_text import fit
 from tests.command_line import invoke, refusal, run, runner, said, write
-from tests.conftest import INLINE, ROOT
+from tests.conftest import INLINE, ROOT, python
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 
@@ -199,3 +199,14 @@ def test_an_output_that_is_full_is_told(arguments: list[str]) -> None:
         )
     assert outcome.returncode == 1
     assert outcome.stderr == "Error: the output cannot be written (No space left on device)\n"
+
+
+def test_a_warning_is_a_sentence() -> None:
+    write(INLINE.replace("normalization = 0.1", "normalization = 9.0"))
+    outcome = python("-m", "aimd_des", "run", "five.toml", "--no-figures")
+    assert outcome.returncode == 0, outcome.stderr
+    said = [line for line in outcome.stderr.splitlines() if "responses had" in line]
+    assert len(said) == 1
+    assert said[0].startswith("Warning: ")
+    assert "RuntimeWarning" not in outcome.stderr
+    assert "scenario.run" not in outcome.stderr

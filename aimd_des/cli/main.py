@@ -1,6 +1,7 @@
 """The command itself, which finds its subcommands by their names."""
 
 import sys
+import warnings
 from importlib import import_module
 from io import TextIOWrapper
 from typing import Any
@@ -29,6 +30,11 @@ that cannot go on ends with exit code 1, and what Ctrl-C stops with 130.
 """
 
 
+def _sentence(message: Warning | str, *_: Any, **__: Any) -> str:
+    """Write a warning as errors are written: where it was raised says nothing to whoever runs a command."""
+    return f"Warning: {fit(str(message))}\n"
+
+
 class _Lazy(click.Group):
     """A group that imports the module of a subcommand when it is asked for it."""
 
@@ -36,12 +42,16 @@ class _Lazy(click.Group):
         """Run the command; what a terminal cannot show is written as a number, and is no reason to stop."""
         if isinstance(sys.stdout, TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")
+        earlier = warnings.formatwarning
+        warnings.formatwarning = _sentence
         try:
             return super().main(*args, **kwargs)
         except OSError as failure:  # of files it is told where they are read and written
             let_go_of_output()
             say(f"Error: the output cannot be written ({failure.strerror})", err=True)
             sys.exit(1)
+        finally:
+            warnings.formatwarning = earlier
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a subcommand, which ends with one sentence whatever stops it."""
