@@ -206,7 +206,7 @@ def test_a_scenario_with_its_problem_written_out_is_resolved_already() -> None:
 def test_scenarios_cannot_be_changed() -> None:
     scenario = load(INLINE)
     with pytest.raises(ValidationError, match="frozen"):
-        scenario.until = 3.0  # type: ignore[misc]
+        scenario.until = 3.0
 
 
 # -- what is run -----------------------------------------------------------------------------------------
@@ -598,9 +598,15 @@ def test_numpys_numbers_arrays_and_series_are_taken_as_a_file_has_them() -> None
     assert dressed.to_toml() == plainly.to_toml()
 
 
-def test_in_python_what_is_wrong_is_a_validation_error() -> None:
-    with pytest.raises(ValidationError, match="until"):
+def test_in_python_what_is_wrong_is_refused_in_the_sentences_of_files() -> None:
+    with pytest.raises(InputError, match=r"^until = -1\.0: must be a finite number greater than 0$"):
         Scenario(model="models.smart_cameras", until=-1.0)
+    wrong: dict[str, Any] = {"model": "models.smart_cameras", "untill": 5}
+    sentences = r"^until: is missing\nuntill: .*; did you mean 'until'\?$"
+    with pytest.raises(InputError, match=sentences):
+        Scenario(**wrong)
+    with pytest.raises(InputError, match=sentences):
+        Scenario.model_validate(wrong)
 
 
 def test_a_fleet_and_processes_give_the_same_digest() -> None:

@@ -219,7 +219,7 @@ def test_a_mistake_in_a_study_is_refused(changes: dict[str, Any], sentence: str)
         (lambda: Precision(measure="signals", half_width=0.0, at_most=9), "half_width = 0.0: must be"),
         (lambda: Study(scenario=BASE, replications=0), "replications = 0: must be an integer of at least 1"),
         (
-            lambda: Study(scenario=BASE, axes=[{"key": "lag", "valves": [1]}]),  # type: ignore[list-item]
+            lambda: Study(scenario=BASE, axes=[{"key": "lag", "valves": [1]}]),
             "axes.0.valves: unknown key 'valves'; did you mean 'values'?",
         ),
         (
@@ -270,7 +270,7 @@ def test_arrays_and_numbers_of_numpy_are_values(values: Any) -> None:
 def test_whatever_a_study_is_given_may_be_of_numpy() -> None:
     made = Study(
         scenario={**BASE, "until": np.int64(30), "channel": {"latency": np.full(5, 0.5)}},
-        replications=np.int64(3),  # type: ignore[arg-type]
+        replications=np.int64(3),
         precision=Precision(measure="signals", half_width=np.float64(2.0), at_most=np.int64(9)),  # type: ignore[arg-type]
         axes=[
             Axis(key="recording.tail", values=range(2)),  # type: ignore[arg-type]

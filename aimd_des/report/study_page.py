@@ -11,8 +11,8 @@ from aimd_des.report.html_page import Chart, Choice, Page, Slider, Table, Verdic
 from aimd_des.report.verdicts import JUDGED, verdict
 from aimd_des.results.measures import FIRST, measure_words
 from aimd_des.study import StudyResults, summarise
-from aimd_des.utils.formatting import interval, short
 from aimd_des.study.results import run_away_words
+from aimd_des.utils.formatting import interval, short
 
 __all__ = ["report_study"]
 

@@ -3,17 +3,16 @@
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
-from typing import Any, TypeVar, get_args
+from typing import Any, Self, TypeVar, get_args
 
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from aimd_des.scenario.kind_tables import UNKNOWN_KIND, KindTable
 from aimd_des.scenario.old_keys import with_new_keys
-from aimd_des.scenario.scenario import Scenario
 from aimd_des.utils.errors import InputError
 
-__all__ = ["Place", "checked", "refused", "validate_scenario"]
+__all__ = ["InSentences", "Place", "checked", "refused"]
 
 _Form = TypeVar("_Form", bound=BaseModel)
 
@@ -27,43 +26,51 @@ _MUST_BE = "Input should be "
 _MOST_SENTENCES = 20
 
 
-def validate_scenario(
-    data: Mapping[str, Any], source: str, lines: Mapping[Place, int] | None = None
-) -> Scenario:
-    """Make a scenario of data, or say what is wrong with them.
+class InSentences(BaseModel):
+    """A table that refuses what pydantic does in sentences, whether it is given by name or as data."""
 
-    Parameters
-    ----------
-    data : mapping
-        Tables and lists, as read from TOML or JSON.
-    source : str
-        Where they come from, to begin each sentence with.
-    lines : mapping, optional
-        The line of each key and table there, as far as it is known.
+    model_config = ConfigDict(frozen=True)
 
-    Returns
-    -------
-    Scenario
-        Checked, not resolved.
+    def __init__(self, /, **data: Any) -> None:
+        try:
+            super().__init__(**data)
+        except ValidationError as refusal:
+            raise refused(type(self), refusal, data) from None
 
-    Raises
-    ------
-    InputError
-        One line for each error: source, line, key, what is wrong, and the nearest known word.
+    # A table in another one is made as pydantic makes it, so that errors keep their place.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
-    Examples
-    --------
-    >>> validate_scenario({"until": 5, "model": "models.smart_cameras", "sede": 3}, "mine")
-    Traceback (most recent call last):
-    aimd_des.InputError: mine: sede: unknown key 'sede'; did you mean 'seed'?
-    """
-    return checked(Scenario, data, source, lines)
+    @classmethod
+    def model_validate(cls, obj: Any, **options: Any) -> Self:
+        """Make a table of data, as pydantic does.
+
+        Parameters
+        ----------
+        obj : dict
+            Tables and lists.
+        **options
+            Of pydantic.
+
+        Returns
+        -------
+        Self
+            Checked.
+
+        Raises
+        ------
+        InputError
+            If anything is unknown, of a wrong type or outside its range.
+        """
+        try:
+            return super().model_validate(obj, **options)
+        except ValidationError as refusal:
+            raise refused(cls, refusal, obj) from None
 
 
 def checked(
     form: type[_Form], data: Mapping[str, Any], source: str, lines: Mapping[Place, int] | None = None
 ) -> _Form:
-    """Make a table of data, as `validate_scenario` makes a scenario."""
+    """Make a table of data, or say what is wrong with them: see `validate_scenario`."""
     data = with_new_keys(data, source)
     try:
         return TypeAdapter(form).validate_python(data)

@@ -1,6 +1,6 @@
 """The scenario: a model or a problem written out, the parts of the system, and what is kept."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import tomli_w
@@ -20,6 +20,7 @@ from aimd_des.scenario.base import Table
 from aimd_des.scenario.build import built_by, changes_of, under, with_resources
 from aimd_des.scenario.canonical import canonical_form, typed_parameters
 from aimd_des.scenario.kind_tables import KindTable, kind_table, one_of
+from aimd_des.scenario.messages import InSentences, Place, checked
 from aimd_des.scenario.models import model_parameters, named_model
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.parameters import as_data, refuse_no_data
@@ -36,7 +37,7 @@ from aimd_des.synchronous.synchronous import run_synchronous
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 
-__all__ = ["Scenario"]
+__all__ = ["Scenario", "validate_scenario"]
 
 # Keys that have no meaning with some dynamics.
 _IDLE = {
@@ -59,7 +60,7 @@ else:
     InterventionTable = one_of("intervention")
 
 
-class Scenario(Table):
+class Scenario(Table, InSentences):
     """One run as data.
 
     Attributes
@@ -102,7 +103,7 @@ class Scenario(Table):
 
     Raises
     ------
-    pydantic.ValidationError
+    InputError
         If anything is missing, unknown, of a wrong type or outside its range.
     """
 
@@ -327,3 +328,36 @@ class Scenario(Table):
             processes=processes,
         )
         return simulation.run(self.until, watch)
+
+
+def validate_scenario(
+    data: Mapping[str, Any], source: str, lines: Mapping[Place, int] | None = None
+) -> Scenario:
+    """Make a scenario of data, or say what is wrong with them.
+
+    Parameters
+    ----------
+    data : mapping
+        Tables and lists, as read from TOML or JSON.
+    source : str
+        Where they come from, to begin each sentence with.
+    lines : mapping, optional
+        The line of each key and table there, as far as it is known.
+
+    Returns
+    -------
+    Scenario
+        Checked, not resolved.
+
+    Raises
+    ------
+    InputError
+        One line for each error: source, line, key, what is wrong, and the nearest known word.
+
+    Examples
+    --------
+    >>> validate_scenario({"until": 5, "model": "models.smart_cameras", "sede": 3}, "mine")
+    Traceback (most recent call last):
+    aimd_des.InputError: mine: sede: unknown key 'sede'; did you mean 'seed'?
+    """
+    return checked(Scenario, data, source, lines)

@@ -3,11 +3,11 @@
 from typing import Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import ConfigDict, model_validator
 
 from aimd_des.results.measures import MEASURES
 from aimd_des.scenario.base import described
-from aimd_des.scenario.messages import refused
+from aimd_des.scenario.messages import InSentences
 from aimd_des.scenario.old_keys import axis_with_new_keys
 from aimd_des.scenario.parameters import as_data
 from aimd_des.study.columns import LABELS
@@ -25,48 +25,13 @@ Setting = tuple[Value, dict[str, Any]]
 _LARGEST = 2**53
 
 
-class StudyTable(BaseModel):
+class StudyTable(InSentences):
     """A table of the file: every key is known, and every value has its type.
 
     What is outside its range is an `InputError`, whether it was given by name or as data.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, json_schema_extra=described)
-
-    def __init__(self, /, **data: Any) -> None:
-        try:
-            super().__init__(**data)
-        except ValidationError as refusal:
-            raise refused(type(self), refusal, data) from None
-
-    # A table in another one is made as pydantic makes it, so that errors keep their place.
-    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
-
-    @classmethod
-    def model_validate(cls, obj: Any, **options: Any) -> Self:
-        """Make a table of data, as pydantic does.
-
-        Parameters
-        ----------
-        obj : dict
-            Tables and lists.
-        **options
-            Of pydantic.
-
-        Returns
-        -------
-        Self
-            Checked.
-
-        Raises
-        ------
-        InputError
-            If anything is unknown, of a wrong type or outside its range.
-        """
-        try:
-            return super().model_validate(obj, **options)
-        except ValidationError as refusal:
-            raise refused(cls, refusal, obj) from None
 
     @model_validator(mode="before")
     @classmethod
