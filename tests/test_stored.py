@@ -3,13 +3,14 @@
 import random
 import shutil
 import subprocess
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pytest
 
-from aimd_des import InputError
+from aimd_des import InputError, load_scenario
 from aimd_des.report import report_run
 from aimd_des.results.frames import name_as_written, safe_names
 from aimd_des.scenario.run_folder import load_run
@@ -226,3 +227,19 @@ def test_a_folder_of_before_is_read_with_the_column_of_agents_as_it_is_called_no
     for name, frame in now.items():
         assert "agent" in frame
         pd.testing.assert_frame_equal(load_run(folder).frame(name), frame)
+
+
+def test_the_scenario_of_a_folder_is_run_again_only_as_it_was_written(folder: Path) -> None:
+    path = folder / "scenario.toml"
+    whole = path.read_text(encoding="utf-8")
+    Path("study.toml").write_text(f'base = "{path}"\n', encoding="utf-8")
+    assert load_scenario(path).to_toml() == whole
+    path.write_text(whole.replace("until = ", "until = 1"), encoding="utf-8")
+    sentence = f"{path}: does not have the checksum that it was written with: "
+    for call in (["validate", str(path)], ["run", str(path), "--out", "again"], ["sweep", "study.toml"]):
+        outcome = invoke(*call)
+        assert outcome.exit_code == 2
+        assert sentence in outcome.stderr
+        assert outcome.stderr.endswith("copy it to another folder if you have changed it yourself\n")
+    shutil.copy(path, "scenario.toml")
+    assert load_scenario("scenario.toml").until == float(f"1{tomllib.loads(whole)['until']:g}")

@@ -10,6 +10,7 @@ from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.scenario import Scenario, validate_scenario
 from aimd_des.scenario.settings import MOST_PARTS, check_depth, with_settings
 from aimd_des.utils import validation
+from aimd_des.utils.checksums import read_checksums, verified
 from aimd_des.utils.errors import InputError
 
 __all__ = ["load_scenario", "read_tables", "read_toml"]
@@ -17,6 +18,8 @@ __all__ = ["load_scenario", "read_tables", "read_toml"]
 # Of a line without the spaces around it.  No two parts match the same, or long lines would take for ever.
 _HEADER = re.compile(r"(\[\[?)([^\[\]]+)\]")
 _KEY = re.compile(r"([A-Za-z0-9_.\-\"' ]+)=")
+
+_REMEDY = "restore it, or copy it to another folder if you have changed it yourself"
 
 # So many letters hold the costs of some hundred thousand agents.
 _LARGEST = 32 * 10**6
@@ -69,13 +72,24 @@ def _new_place(place: Place) -> Place:
     return place if new == dotted else (*place[:-1], new.rpartition(".")[2])
 
 
+def _hold_against_checksum(path: Path) -> None:
+    """Refuse the scenario in the folder of a run unless it is as it was written."""
+    name = "scenario.toml"
+    sums = read_checksums(path.parent, _REMEDY) if path.name == name else None
+    if sums is not None and not sums.keys().isdisjoint({name, "run.json"}):
+        verified(path.parent, name, sums, _REMEDY)
+
+
 def read_toml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
     """Read a TOML file."""
     try:
         text = _text(path)
+        _hold_against_checksum(path)
         data = tomllib.loads(text)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file") from None
+    except InputError:  # which is a ValueError, as those of the parser are
+        raise
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read ({error})") from None
     except (ValueError, RecursionError) as error:  # integers of thousands of digits, too
