@@ -18,6 +18,7 @@ READERS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "a trace of equal cells": (lambda path: Trace.from_csv(path, repeat=True), "0,0,1\n1,0,1\n"),
     "words": (lambda path: Trace.from_csv(path, repeat=True), "true\nfalse\n"),
     "a named column": (lambda path: Trace.from_csv(path, "1", repeat=True), "1\n0\n0\n1\n"),
+    "a cell that is missing": (lambda path: Trace.from_csv(path, repeat=True), "nan\n0\n0\n1\n"),
     "latencies": (lambda path: Empirical.from_csv(path, "12.5"), "12.5\n3\n0.1\n"),
     "a profile": (
         lambda path: interventions.CapacityProfile.from_csv(path, 0, time="0", capacity="9"),

@@ -74,9 +74,13 @@ def _holds(parse: Callable[[str], object], cell: str) -> bool:
 
 def _refuse_values(path: str | Path, names: list[str], parse: Callable[[str], object]) -> None:
     """Refuse a first line of values: taken for names, it would be a row that is silently missing."""
-    if all(name.lower() in _TRUTHS or _holds(float, name) for name in names) and all(
-        _holds(parse, name) for name in names
-    ):
+
+    def is_value(name: str) -> bool:
+        # What is no number is a value that is missing, whatever a column may hold.
+        number = name.lower() in _TRUTHS or _holds(float, name)
+        return name.lower() == "nan" or (number and _holds(parse, name))
+
+    if all(map(is_value, names)):
         raise InputError.of(
             f"{path}: first line",
             ",".join(names),
