@@ -16,16 +16,19 @@ from aimd_des import (
     Crossing,
     CustomCosts,
     InputError,
+    Optimum,
     PolynomialCosts,
     Problem,
     Recording,
     Resource,
     Sampled,
     Simulation,
+    Study,
     averaging,
     interventions,
     latency,
     loss,
+    run_study,
     run_synchronous,
 )
 from tests.wrong_kinds import CALLS, PROBLEM, TAKEN, WRONG
@@ -148,6 +151,20 @@ REFUSALS: dict[str, tuple[Any, str]] = {
         (
             "control_unit = <class 'aimd_des.engine.control_unit.Crossing'>: must be a control unit, such as "
             "Sampled(1.0) or Crossing(1.0); make an object of it: Crossing(...)"
+        ),
+    ),
+    "a class for an optimum": (
+        lambda: run_synchronous(PROBLEM, steps=5, seed=1).summary(Optimum),
+        (
+            "optimum = <class 'aimd_des.problem.optimum.optimum.Optimum'>: must be an Optimum, such as "
+            "solve_optimum(problem); make an object of it: Optimum(...)"
+        ),
+    ),
+    "a class for a study": (
+        lambda: run_study(Study, "nowhere"),
+        (
+            "study = <class 'aimd_des.study.study.Study'>: must be a Study, such as read_study(path); "
+            "make an object of it: Study(...)"
         ),
     ),
     "a latency for a channel": (

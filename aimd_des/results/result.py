@@ -24,6 +24,7 @@ from aimd_des.results.measures import MEASURES, Measured
 from aimd_des.results.overload import Opportunities, overload_words, run_away
 from aimd_des.results.run_data import Account, Observations, Piece, Signals
 from aimd_des.results.tracking import PieceOptima, pieces_frame, tracking_frame
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError, OverloadWarning
 from aimd_des.utils.validation import FloatArray
 
@@ -228,6 +229,7 @@ class Result:
         """
         if at_end is None:
             return self._optima(piece)
+        validation.instance("optimum", at_end, Optimum, "an Optimum, such as solve_optimum(problem)")
         last = self.history[-1]
         shape = (int(last.present.sum()), self.problem.n_resources)
         if at_end.allocation.shape != shape:

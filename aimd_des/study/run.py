@@ -106,6 +106,7 @@ def run_study(
     OverloadWarning
         Once, if demand has run away from a capacity in some of the runs: `StudyResults.run_away` lists them.
     """
+    validation.instance("study", study, Study, "a Study, such as read_study(path)")
     points = expand(study)
     many = validation.integer("workers", (os.cpu_count() or 1) if workers is None else workers, low=1)
     store = Store(Path(out).absolute())
