@@ -1,13 +1,16 @@
 """Simulation of asynchronous AIMD resource allocation with one-bit capacity signals."""
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
 from aimd_des import _deprecated
 from aimd_des._version import RESULT_VERSION
 from aimd_des._version import __version__ as __version__
 
+# As type checkers take it; `typing` takes longer to import than all else here.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from aimd_des import averaging, compensation, interventions, latency, loss, lowlevel, theory, topology
     from aimd_des.channel import BroadcastChannel
     from aimd_des.dynamics.clocks import Clocks
@@ -99,7 +102,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     """Import what is asked for only then: the command line must start without NumPy and Numba."""
     if name in _HOME:
         return getattr(import_module(f"aimd_des.{_HOME[name]}"), name)

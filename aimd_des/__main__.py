@@ -7,8 +7,12 @@ process at once.  When everything is done, there is nothing left to end.
 import os
 import signal
 import sys
-from types import FrameType
-from typing import NoReturn
+
+# Nothing more is imported before Ctrl-C is heard.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from types import FrameType
+    from typing import NoReturn
 
 __all__ = ["main"]
 
@@ -16,22 +20,22 @@ __all__ = ["main"]
 _INTERRUPTED = 130
 
 
-def _press(number: int, frame: FrameType | None) -> NoReturn:  # noqa: ARG001 - of a signal handler
+def _press(number: int, frame: "FrameType | None") -> "NoReturn":  # noqa: ARG001 - of a signal handler
     signal.signal(signal.SIGINT, _press_again)
     raise KeyboardInterrupt
 
 
-def _press_again(number: int, frame: FrameType | None) -> NoReturn:  # noqa: ARG001 - of a signal handler
+def _press_again(number: int, frame: "FrameType | None") -> "NoReturn":  # noqa: ARG001 - of a signal handler
     os.write(2, b"Stopped.\n")
     os._exit(_INTERRUPTED)
 
 
-def _stop() -> NoReturn:
+def _stop() -> "NoReturn":
     sys.stderr.write("Stopped.\n")
     raise SystemExit(_INTERRUPTED) from None
 
 
-def main() -> NoReturn:
+def main() -> "NoReturn":
     """Run the command that the command line of this process gives."""
     signal.signal(signal.SIGINT, _press)
     try:

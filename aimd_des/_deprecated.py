@@ -6,28 +6,32 @@ same objects.
 
 import sys
 import warnings
-from collections.abc import Callable, Sequence
-from functools import wraps
 from importlib import import_module
-from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
-from types import ModuleType
-from typing import Any, TypeVar
 
-from aimd_des.utils.errors import InputError
+# Nothing is imported here that takes time: every program that imports the package waits for it.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from importlib.abc import Loader, MetaPathFinder
+    from types import ModuleType
+    from typing import Any
 
-__all__ = ["KEYWORDS", "MOVED", "NAMES", "install", "keywords", "new_name", "refuse_both", "renamed"]
+    class _Finder(MetaPathFinder, Loader):
+        """What Python asks of those who find and load modules; it needs no common ancestor to ask it."""
+else:
+    _Finder = object
 
-_Made = TypeVar("_Made", bound=Callable[..., Any])
+__all__ = ["MOVED", "NAMES", "SINCE", "install", "new_name", "renamed"]
 
-_SINCE, _REMOVED_IN = "0.1", "0.3"
+#: The version that has brought the new names.
+SINCE = "0.1"
+_REMOVED_IN = "0.3"
 
 #: Old names at the top of the package, each with the new one and the version that has brought it.
 NAMES: dict[str, tuple[str, str]] = {
-    "run_discrete": ("run_synchronous", _SINCE),
+    "run_discrete": ("run_synchronous", SINCE),
 }
-#: Old keywords of functions, which are keys of files too, each with the new one.
-KEYWORDS: dict[str, str] = {"refractory": "hold_off", "longest": "longest_hold_off"}
 #: Old paths, each with the modules in which its names are now; the first is the one to import instead.
 MOVED: dict[str, tuple[str, ...]] = {
     "aimd_des.agents": ("aimd_des", "aimd_des.fleet", "aimd_des.engine.agent_process"),
@@ -60,64 +64,30 @@ def new_name(old: str) -> str | None:
     return new
 
 
-def renamed(old: str, new: str, since: str = _SINCE) -> str:
+def renamed(old: str, new: str, since: str = SINCE) -> str:
     """Say that something has another name now."""
     return f"{old} is called {new} since {since}; the old name ends with {_REMOVED_IN}"
 
 
-def refuse_both(old: str, value: object, new: str, *, given: bool) -> None:
-    """Refuse an old name beside the new one."""
-    if given:
-        raise InputError.of(old, value, f"left out beside {new}, its new name")
-
-
-def keywords(*old: str) -> Callable[[_Made], _Made]:
-    """Let a function, or a class and its instances, be asked by old keywords too."""
-
-    def decorate(made: _Made) -> _Made:
-        call: Callable[..., Any] = vars(made)["__init__"] if isinstance(made, type) else made
-
-        @wraps(call)
-        def taking_old_ones(*arguments: Any, **given: Any) -> Any:
-            for name in given.keys() & set(old):
-                new = KEYWORDS[name]
-                refuse_both(name, given[name], new, given=new in given)
-                warnings.warn(renamed(name, new), DeprecationWarning, stacklevel=2)
-                given[new] = given.pop(name)
-            return call(*arguments, **given)
-
-        if not isinstance(made, type):
-            return taking_old_ones  # type: ignore[return-value]  # which takes more than it did
-
-        def attribute(self: Any, name: str) -> Any:
-            if name not in old:
-                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            warnings.warn(renamed(name, KEYWORDS[name]), DeprecationWarning, stacklevel=2)
-            return getattr(self, KEYWORDS[name])
-
-        type.__setattr__(made, "__init__", taking_old_ones)
-        type.__setattr__(made, "__getattr__", attribute)
-        return made
-
-    return decorate
-
-
-class _OldPaths(MetaPathFinder, Loader):
+class _OldPaths(_Finder):
     """Finds old paths, and nothing else."""
 
     def find_spec(
-        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+        self, fullname: str, path: "Sequence[str] | None", target: "ModuleType | None" = None
     ) -> ModuleSpec | None:
         """Answer for an old path."""
         return ModuleSpec(fullname, self) if fullname in MOVED else None
 
-    def exec_module(self, module: ModuleType) -> None:
+    def create_module(self, spec: "ModuleSpec") -> None:
+        """Let the module be made as others are."""
+
+    def exec_module(self, module: "ModuleType") -> None:
         """Warn, and let the new modules give every name that is asked for."""
         old = module.__name__
         message = f"{old} has moved: import from {MOVED[old][0]}; the old path ends with {_REMOVED_IN}"
         warnings.warn(message, DeprecationWarning, stacklevel=2)
 
-        def look_up(name: str) -> Any:
+        def look_up(name: str) -> "Any":
             for new in MOVED[old]:
                 try:
                     return getattr(import_module(new), name)

@@ -18,7 +18,8 @@ import pytest
 
 import aimd_des
 from aimd_des import Crossing, InputError, PolynomialCosts, Problem, Resource, theory
-from aimd_des._deprecated import KEYWORDS, MOVED, NAMES
+from aimd_des._deprecated import MOVED, NAMES
+from aimd_des.utils.old_keywords import KEYWORDS
 from tests.test_layering import imports
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -8,7 +8,6 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import simpy
 
-from aimd_des._deprecated import keywords
 from aimd_des.dynamics.clocks import Clock
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import Kind, Mailbox
@@ -17,6 +16,7 @@ from aimd_des.results.overload import Opportunities
 from aimd_des.utils import validation
 from aimd_des.utils.errors import SimulationError
 from aimd_des.utils.jit import formula
+from aimd_des.utils.old_keywords import keywords
 
 __all__ = ["NEVER", "ControlUnit", "Crossing", "Sampled", "Unanswered", "adapted", "soonest_crossing"]
 

@@ -4,7 +4,8 @@ import logging
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from aimd_des._deprecated import KEYWORDS, refuse_both, renamed
+from aimd_des._deprecated import renamed
+from aimd_des.utils.old_keywords import KEYWORDS, refuse_both
 
 __all__ = ["axis_with_new_keys", "with_first_keys", "with_new_keys"]
 

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des._deprecated import keywords
 from aimd_des.problem.optimum import solve_optimum
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.arguments import Dynamics
@@ -27,6 +26,7 @@ from aimd_des.theory.moments import exact_averages
 from aimd_des.theory.setting import Setting, check_setting
 from aimd_des.theory.totals import Levels, cuts, walk_by_crossings, walk_by_looks
 from aimd_des.utils.errors import InputError, SimulationError
+from aimd_des.utils.old_keywords import keywords
 from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Prediction", "check_enough", "follow", "predict", "settle", "walked"]

@@ -12,13 +12,13 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des._deprecated import keywords
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.arguments import Dynamics
 from aimd_des.theory.prediction import check_enough, follow, settle, walked
 from aimd_des.theory.setting import check_setting
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError, SimulationError
+from aimd_des.utils.old_keywords import keywords
 from aimd_des.utils.validation import FloatArray
 
 __all__ = ["partition_runaway", "safe_threshold"]
