@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aimd_des import PolynomialCosts, solve_optimum
-from aimd_des.results.result import metrics
+from aimd_des.results import metrics
 from aimd_des.utils.validation import FloatArray
 from tests.conftest import random_problem
 

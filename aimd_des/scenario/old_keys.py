@@ -40,8 +40,8 @@ def axis_with_new_keys(axis: Mapping[str, Any], tell: _Tell | None = None) -> di
         return with_new_keys(settings) if tell is None else _with_keys(settings, KEYWORDS, tell)
 
     found = dict(axis)
-    if isinstance(key := axis.get("key"), str):
-        found = {"name": key, **found, "key": next(iter(renew({key: None})))}
+    if isinstance(key := axis.get("key"), str) and (new := next(iter(renew({key: None})))) != key:
+        found = {"name": key, **found, "key": new}
     if isinstance(cases := axis.get("cases"), dict):
         found["cases"] = {
             name: renew(case) if isinstance(case, dict) else case for name, case in cases.items()

@@ -86,7 +86,8 @@ class Axis(StudyTable):
             for word in ("linspace", "logspace")
             if isinstance(data.get(word), list) and len(data[word]) == 3
         }
-        return {**data, **ranges}
+        name = {"name": data["key"]} if "name" not in data and isinstance(data.get("key"), str) else {}
+        return {**data, **ranges, **name}
 
     @model_validator(mode="after")
     def _check(self) -> Self:
