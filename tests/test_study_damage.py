@@ -397,7 +397,7 @@ def test_a_model_that_has_changed_is_refused_before_anything_runs(
     with pytest.raises(InputError) as caught:
         _swept(name, text.replace(old, new), tmp_path / "out", monkeypatch, replications=2)
     assert str(caught.value) == (
-        f"the problem at latency = 0 is not that of the runs in the folder: its {parts} differ, since its"
+        f"the problem at latency = 0 is not that of the runs in the folder ({parts}), since its"
         " model has changed; put the model back as it was, or choose another folder, or say --overwrite"
         " (overwrite=True)"
     )

@@ -94,7 +94,7 @@ def _hold_problems_against(earlier: dict[str, Any], points: Sequence[Point]) -> 
         if others:
             at = f"at {shown_labels(point.labels)}" if point.labels else "of the scenario"
             raise InputError(
-                f"the problem {at} is not that of the runs in the folder: its {', '.join(others)} differ,"
+                f"the problem {at} is not that of the runs in the folder ({', '.join(others)}),"
                 f" since its model has changed; put the model back as it was, or {_REMEDY}"
             )
 
