@@ -183,6 +183,25 @@ def test_ctrl_c_during_a_run_leaves_nothing() -> None:
     assert [str(path) for path in Path().iterdir()] == ["five.toml"]
 
 
+def test_ctrl_c_twice_while_workers_start_ends_with_a_sentence() -> None:
+    """A worker that was about to be started had missed its parent, and said so in a traceback."""
+    write()
+    Path("study.toml").write_text('base = "five.toml"\nreplications = 4\n', encoding="utf-8")
+    command = [*COMMAND, "sweep", "study.toml", "--out", "out", "--workers", "2"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
+        while not Path("out/manifest.json").exists():
+            time.sleep(0.01)
+        time.sleep(0.3)  # the server of workers imports what runs need, which takes longer
+        for _ in range(2):
+            process.send_signal(signal.SIGINT)
+            time.sleep(0.05)
+        _, rest = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert rest.splitlines()[-1].startswith("Stopped.")
+    assert "Traceback" not in rest
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
 @pytest.mark.parametrize("arguments", [["--help"], ["show", "out"], ["list", "loss"]])
 def test_an_output_that_is_full_is_told(arguments: list[str]) -> None:

@@ -5,7 +5,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from multiprocessing import forkserver, get_all_start_methods, get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
@@ -61,6 +61,7 @@ class Processes:
                 forkserver.ensure_running()
         # Nothing is ever sent: workers see when this end of it is gone.
         self._ear, self._leash = self._context.Pipe(duplex=False)
+        self._executor: ProcessPoolExecutor | None = None
 
     def __enter__(self) -> "Processes":
         self._outer = {name: os.environ.get(name) for name in _ONE_THREAD}
@@ -78,7 +79,10 @@ class Processes:
 
     def start(self, workers: int) -> Executor:
         """Make an executor."""
-        return ProcessPoolExecutor(workers, self._context, initializer=_begin, initargs=(self._ear,))
+        self._executor = ProcessPoolExecutor(
+            workers, self._context, initializer=_begin, initargs=(self._ear,)
+        )
+        return self._executor
 
     def stop(self, executor: Executor) -> None:
         """End the processes of an executor once they have done what they are doing."""
@@ -87,6 +91,16 @@ class Processes:
     def end_at_once(self) -> None:
         """End all processes, whatever they are doing."""
         self._leash.close()
+        # One that is about to be forked, or does not listen yet, would miss its parent, with a traceback.
+        server = getattr(forkserver, "_forkserver", None)
+        if self._context.get_start_method() == "forkserver" and (
+            pid := getattr(server, "_forkserver_pid", None)
+        ):
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)  # it is started anew when it is needed again
+        processes = None if self._executor is None else self._executor._processes  # noqa: SLF001 - no other way
+        for process in list((processes or {}).values()):
+            process.kill()
 
 
 @contextmanager
