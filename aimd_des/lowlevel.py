@@ -7,7 +7,7 @@ from aimd_des.channel import Broadcast, Channel, Copies, DrawnLink, Draws, Link
 from aimd_des.dynamics.response import response_probability
 from aimd_des.engine.control_unit import ControlUnit
 from aimd_des.engine.delivery import Agent, ProcessGenerator, Signal
-from aimd_des.engine.environment import Kind, OrderedEnvironment
+from aimd_des.engine.environment import EventKind, OrderedEnvironment
 from aimd_des.engine.system import System
 from aimd_des.problem.lookup import agent_indices
 from aimd_des.utils.portable_math import exp, expm1, exps, log, log1p, logs, standard_normal
@@ -22,8 +22,8 @@ __all__ = [
     "Copies",
     "DrawnLink",
     "Draws",
+    "EventKind",
     "FloatArray",
-    "Kind",
     "Link",
     "OrderedEnvironment",
     "ProcessGenerator",
@@ -43,3 +43,6 @@ __all__ = [
     "standard_normal",
     "uniforms",
 ]
+
+#: The old name of `EventKind`.
+Kind = EventKind

@@ -27,7 +27,7 @@ from aimd_des import (
 )
 from aimd_des.channel import Broadcast, Copies
 from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.utils.rng import Purpose, key
 from tests.conftest import (
@@ -75,7 +75,7 @@ def set_demands(interventions: Sequence[Intervention]) -> Any:
 
     def process(system: System) -> ProcessGenerator:
         for time, agent, j, demand in interventions:
-            yield system.env.at(time, Kind.INTERVENE)
+            yield system.env.at(time, EventKind.INTERVENE)
             system.set_demand(agent, j, demand)
 
     return process
@@ -396,7 +396,7 @@ def send_at(time: float, *resources: int) -> Any:
     """A process that has the control unit broadcast at an instant."""
 
     def process(system: System) -> ProcessGenerator:
-        yield system.env.at(time, Kind.SENSE)
+        yield system.env.at(time, EventKind.SENSE)
         for j in resources:
             system.broadcast(j)
 
@@ -534,7 +534,7 @@ def test_one_agent_is_read_as_all_are(parts: dict[str, Any]) -> None:
 
     def read(system: System) -> ProcessGenerator:
         for q in range(60):
-            yield system.env.at(0.37 * q, Kind.OBSERVE)
+            yield system.env.at(0.37 * q, EventKind.OBSERVE)
             demand, average = system.allocations()
             agents = range(5)
             each = [
@@ -556,7 +556,7 @@ def test_a_discrete_demand_that_is_set_grows_on_from_the_next_tick(time: float) 
     problem = quadratic_problem([1.0], capacity=1000.0, increase=1.0, normalization=0.5)
 
     def intervene(system: System) -> ProcessGenerator:
-        yield system.env.at(time, Kind.INTERVENE)
+        yield system.env.at(time, EventKind.INTERVENE)
         system.set_demand(0, 0, 10.0)
 
     result = simulate(problem, 7.0, processes=[intervene], recording=Recording(demand=1.0, events=True))
@@ -572,9 +572,9 @@ def test_a_continuous_demand_that_is_set_grows_on_at_once() -> None:
     problem = quadratic_problem([1.0], capacity=1000.0, increase=1.0, normalization=0.5)
 
     def intervene(system: System) -> ProcessGenerator:
-        yield system.env.at(3.0, Kind.INTERVENE)
+        yield system.env.at(3.0, EventKind.INTERVENE)
         system.set_demand(0, 0, 0.0)
-        yield system.env.at(4.0, Kind.INTERVENE)
+        yield system.env.at(4.0, EventKind.INTERVENE)
         system.set_demand(0, 0, 8.0)
 
     result = simulate(

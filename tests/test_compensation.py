@@ -34,7 +34,7 @@ from aimd_des.dynamics.loss_compensation import (
 )
 from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
 from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.interventions import Absence, Crash
 from aimd_des.problem.optimum import solve_optimum
@@ -236,7 +236,7 @@ def test_who_comes_back_counts_its_answers_and_the_numbers_it_hears_anew(
 
     def look(system: System) -> ProcessGenerator:
         for time in (19.75, 30.0):
-            yield system.env.at(time, Kind.DELIVER)  # before the look of 30
+            yield system.env.at(time, EventKind.DELIVER)  # before the look of 30
             system.settle()
             counts.append((int(system.state.answered[0, 0]), int(system.state.heard[0, 0])))
 

@@ -31,7 +31,7 @@ from aimd_des import (
     run_synchronous,
 )
 from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.interventions import (
     Absence,
@@ -115,7 +115,7 @@ class Configuration:
         rng = np.random.default_rng(self.seed)
         quarters = np.arange(0.0, self.until, 0.25)
         for time in sorted(rng.permutation(quarters)[:3].tolist()):
-            yield system.env.at(time, Kind.INTERVENE)
+            yield system.env.at(time, EventKind.INTERVENE)
             agent, j = int(rng.integers(self.n)), int(rng.integers(self.m))
             if not system.conditions.away[agent]:
                 system.set_demand(agent, j, float(rng.uniform(0.0, 2.0)) * system.demand(agent, j))
@@ -454,13 +454,13 @@ def place(row: Row, broadcast: dict[tuple[int, int], int], sent_at: dict[Any, fl
     """Where an entry stands among those of its instant."""
     time, kind, j, agent, number, value = row
     if kind in INTERVENTIONS:
-        return (Kind.INTERVENE,)
+        return (EventKind.INTERVENE,)
     # A copy that is lost on its way is so from the start; one that finds nobody, when it lands.
     if kind == "deliver" or (kind == "lost" and sent_at[j, number] < time):
-        return (Kind.DELIVER, broadcast[j, number], value, agent)
+        return (EventKind.DELIVER, broadcast[j, number], value, agent)
     if kind in ("signal", "lost"):
-        return (Kind.SENSE, j, agent)
-    return (Kind.ACT, agent, j)
+        return (EventKind.SENSE, j, agent)
+    return (EventKind.ACT, agent, j)
 
 
 def without_answers(rows: Iterator[Row]) -> list[Row]:

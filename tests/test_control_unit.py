@@ -25,7 +25,7 @@ from aimd_des import (
     latency,
 )
 from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from tests.conftest import problems, quadratic_problem, quietly, random_problem, resource
 from tests.test_camera import Script
@@ -130,7 +130,7 @@ def test_a_demand_that_is_lowered_from_outside_puts_the_crossing_off() -> None:
     problem = quadratic_problem([1.0, 1.0], capacity=8.0, increase=0.5, **CERTAIN)
 
     def lower(system: System) -> ProcessGenerator:
-        yield system.env.at(4.0, Kind.INTERVENE)
+        yield system.env.at(4.0, EventKind.INTERVENE)
         system.set_demand(0, 0, 0.5)
 
     assert times_of(run(problem, 9.0, Crossing(1.0))) == [8.0]
@@ -143,7 +143,7 @@ def test_a_demand_that_is_raised_from_outside_brings_the_crossing_forward(demand
     problem = quadratic_problem([1.0, 1.0], capacity=8.0, increase=0.5, **CERTAIN)
 
     def lift(system: System) -> ProcessGenerator:
-        yield system.env.at(3.0, Kind.INTERVENE)
+        yield system.env.at(3.0, EventKind.INTERVENE)
         system.set_demand(0, 0, demand)
 
     assert times_of(run(problem, 6.0, Crossing(1.0), processes=[lift]))[0] == time
@@ -165,7 +165,7 @@ def test_what_counts_is_the_demand_when_the_control_unit_looks(
 
     def change(system: System) -> ProcessGenerator:
         for demand in demands:
-            yield system.env.at(3.0, Kind.INTERVENE)
+            yield system.env.at(3.0, EventKind.INTERVENE)
             system.set_demand(0, 0, demand)
 
     assert times_of(run(problem, 10.0, Crossing(5.0), {"loss": 1.0}, processes=[change]))[:1] == expected
@@ -181,7 +181,7 @@ def test_a_demand_that_is_raised_within_the_hold_off_is_found_at_its_end(
     problem = quadratic_problem([1.0, 1.0], capacity=8.0, increase=0.5, **CERTAIN)
 
     def lift(system: System) -> ProcessGenerator:
-        yield system.env.at(raised_at, Kind.INTERVENE)
+        yield system.env.at(raised_at, EventKind.INTERVENE)
         system.set_demand(0, 0, 20.0)
 
     result = run(problem, 13.0, Crossing(4.0), {"loss": 1.0}, processes=[lift])
@@ -192,7 +192,7 @@ def test_a_demand_that_is_raised_after_the_look_is_found_at_the_same_instant() -
     problem = quadratic_problem([1.0, 1.0], capacity=8.0, increase=0.5, **CERTAIN)
 
     def lift(system: System) -> ProcessGenerator:
-        yield system.env.at(3.0, Kind.OBSERVE)
+        yield system.env.at(3.0, EventKind.OBSERVE)
         system.set_demand(1, 0, 20.0)
 
     assert times_of(run(problem, 3.5, Crossing(4.0), processes=[lift])) == [3.0]
@@ -280,7 +280,7 @@ def test_a_crossing_is_where_demand_reaches_the_threshold() -> None:
     problem = quadratic_problem([1.0, 1.0], capacity=4.0, increase=0.5, **CERTAIN)
 
     def lower(system: System) -> ProcessGenerator:
-        yield system.env.at(6.0, Kind.INTERVENE)
+        yield system.env.at(6.0, EventKind.INTERVENE)
         for agent in range(2):
             system.set_demand(agent, 0, 1.0)  # a total of 2 at 6, of 4 at 8
 

@@ -29,7 +29,7 @@ from aimd_des import (
 )
 from aimd_des.channel import Broadcast, Copies
 from aimd_des.engine.delivery import ProcessGenerator, Signal
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.interventions import CapacityProfile, CapacityRamp, CapacityStep
 from aimd_des.results.event_log import Entry, EventLog
@@ -50,7 +50,7 @@ def run(until: float, *processes: Any, problem: Problem | None = None, **parts: 
     return Simulation(problem or stage(), processes=processes, recording=recording, **parts).run(until)
 
 
-def set_at(time: float, demand: float, agent: int = 0, kind: Kind = Kind.INTERVENE) -> Any:
+def set_at(time: float, demand: float, agent: int = 0, kind: EventKind = EventKind.INTERVENE) -> Any:
     def process(system: System) -> ProcessGenerator:
         yield system.env.at(time, kind)
         system.set_demand(agent, 0, demand)
@@ -83,7 +83,7 @@ class Told(AgentProcess):
         super().answer(signals, moment)
 
 
-def tell_at(log: Log, kind: Kind, what: str) -> Any:
+def tell_at(log: Log, kind: EventKind, what: str) -> Any:
     def process(system: System) -> ProcessGenerator:
         for q in range(3):
             yield system.env.at(float(q), kind)
@@ -100,7 +100,7 @@ class Always:
 
     def process(self, system: System) -> ProcessGenerator:
         for q in range(3):
-            yield system.env.at(float(q), Kind.SENSE)
+            yield system.env.at(float(q), EventKind.SENSE)
             self.log.append(f"{q} control unit looks")
             system.broadcast(0)
 
@@ -110,9 +110,9 @@ class Always:
 def test_rule_1_at_one_instant_the_kind_decides(turns: tuple[int, ...], delay: float) -> None:
     log: Log = []
     three = [
-        tell_at(log, Kind.OBSERVE, "observer looks"),
-        tell_at(log, Kind.INTERVENE, "intervention"),
-        tell_at(log, Kind.ACT, "whoever acts without an index"),
+        tell_at(log, EventKind.OBSERVE, "observer looks"),
+        tell_at(log, EventKind.INTERVENE, "intervention"),
+        tell_at(log, EventKind.ACT, "whoever acts without an index"),
     ]
     parts = {
         "agents": lambda i, system: Told(i, system, log),
@@ -229,7 +229,7 @@ def test_rule_1_observers_come_before_the_tick() -> None:
 
 
 def send_after_the_tick(system: System) -> ProcessGenerator:
-    yield system.env.at(4.0, Kind.ACT)
+    yield system.env.at(4.0, EventKind.ACT)
     system.broadcast(0)
 
 
@@ -237,7 +237,7 @@ def test_rule_1_who_acts_after_the_agents_sees_what_they_did() -> None:
     seen: Log = []
 
     def after_the_tick(system: System) -> ProcessGenerator:
-        yield system.env.at(4.0, Kind.ACT)
+        yield system.env.at(4.0, EventKind.ACT)
         seen.append((system.total(0), system.average(0, 0)))
 
     result = run(5.0, send_at(4.0, 0), after_the_tick, demand=1.0)
@@ -264,7 +264,7 @@ def test_rule_1_who_has_ticked_does_not_tick_again_for_a_signal_sent_by_the_next
         """An agent that at its tick at 4 calls all others to order."""
 
         def process(self) -> ProcessGenerator:
-            yield self.system.env.at(4.0, Kind.ACT, self.agent)
+            yield self.system.env.at(4.0, EventKind.ACT, self.agent)
             self.system.broadcast(0)
 
         def receive(self, signal: Signal) -> None: ...
@@ -349,7 +349,7 @@ def test_rule_2_interventions_take_place_in_the_order_of_the_list(listed: tuple[
     }
 
     def own(system: System) -> ProcessGenerator:
-        yield system.env.at(5.0, Kind.INTERVENE)
+        yield system.env.at(5.0, EventKind.INTERVENE)
         assert system.log is not None
         system.log.add((5.0, Entry.CHANGE, 0, 0, -1, 0.0))
 
@@ -373,7 +373,7 @@ def test_rule_2_events_that_are_given_the_same_order_keep_their_turn() -> None:
 
     def ordered(what: str) -> Any:
         def process(system: System) -> ProcessGenerator:
-            yield system.env.at(2.0, Kind.SENSE, 7)
+            yield system.env.at(2.0, EventKind.SENSE, 7)
             log.append(what)
 
         return process
@@ -455,7 +455,7 @@ def test_rule_5_a_total_is_not_carried_along() -> None:
     # A thousand small changes, then the look: the sum of what is held, without the rounding of the way there.
     def wander(system: System) -> ProcessGenerator:
         for q in range(1000):
-            yield system.env.at(0.001 * q, Kind.INTERVENE)
+            yield system.env.at(0.001 * q, EventKind.INTERVENE)
             system.set_demand(q % 3, 0, 1.0 / (q + 3))
 
     result = run(1.0, wander, problem=stage(3), demand=[0.9995])
@@ -474,13 +474,13 @@ def test_rule_6_a_timeout_comes_before_all_kinds() -> None:
         log.append("timeout")
 
     def pass_on(system: System) -> ProcessGenerator:
-        yield system.env.at(2.0, Kind.INTERVENE)
+        yield system.env.at(2.0, EventKind.INTERVENE)
         log.append("intervention")
         done = system.env.event()
         done.callbacks.append(lambda event: log.append("succeed"))
         done.succeed()
 
-    run(3.0, tell_at(log, Kind.DELIVER, "arrival"), pass_on, wait)
+    run(3.0, tell_at(log, EventKind.DELIVER, "arrival"), pass_on, wait)
     assert log[-4:] == ["timeout", "intervention", "succeed", "2 arrival"]
 
 
@@ -559,7 +559,9 @@ class Schedule:
 
     def __init__(self, data: st.DataObject) -> None:
         quarters = st.integers(0, 20)
-        turns = st.lists(st.tuples(quarters, st.sampled_from([Kind.INTERVENE, Kind.OBSERVE, Kind.ACT])))
+        turns = st.lists(
+            st.tuples(quarters, st.sampled_from([EventKind.INTERVENE, EventKind.OBSERVE, EventKind.ACT]))
+        )
         self.n = data.draw(st.integers(1, 4), "agents")
         each = {"min_size": self.n, "max_size": self.n}
         self.own = data.draw(turns, "own events")
@@ -576,22 +578,22 @@ class Schedule:
         for turn, (time, kind) in enumerate(self.own):
             heappush(queue, (time, kind, (*last, turn)))
         for look, time in enumerate(self.looks):
-            heappush(queue, (time, Kind.SENSE, (look,)))
+            heappush(queue, (time, EventKind.SENSE, (look,)))
         log: Log = []
         waiting: set[int] = set()
         while queue and queue[0][0] < until:
             time, kind, order = heappop(queue)
-            log.append((time / 4, Kind(kind), order[-1]))
-            if kind == Kind.SENSE:
+            log.append((time / 4, EventKind(kind), order[-1]))
+            if kind == EventKind.SENSE:
                 for agent, delay in enumerate(self.delays[order[0]]):
-                    heappush(queue, (time + delay, Kind.DELIVER, (order[0], agent)))
-            elif kind == Kind.DELIVER and order[1] not in waiting:
+                    heappush(queue, (time + delay, EventKind.DELIVER, (order[0], agent)))
+            elif kind == EventKind.DELIVER and order[1] not in waiting:
                 agent = order[1]
                 waiting.add(agent)
                 since = max(time - self.phases[agent], 0)
                 tick = self.phases[agent] + -(-since // self.periods[agent]) * self.periods[agent]
-                heappush(queue, (tick, Kind.ACT, (agent,)))
-            elif kind == Kind.ACT and order[0] < last[0]:
+                heappush(queue, (tick, EventKind.ACT, (agent,)))
+            elif kind == EventKind.ACT and order[0] < last[0]:
                 waiting.discard(order[0])
         return log
 
@@ -601,14 +603,14 @@ class Schedule:
 
         class Listed(AgentProcess):
             def receive(self, signal: Signal) -> None:
-                log.append((self.system.env.now, Kind.DELIVER, self.agent))
+                log.append((self.system.env.now, EventKind.DELIVER, self.agent))
                 super().receive(signal)
 
             def answer(self, signals: list[Signal], moment: float) -> None:
-                log.append((self.system.env.now, Kind.ACT, self.agent))
+                log.append((self.system.env.now, EventKind.ACT, self.agent))
                 super().answer(signals, moment)
 
-        def own(turn: int, time: int, kind: Kind) -> Any:
+        def own(turn: int, time: int, kind: EventKind) -> Any:
             def process(system: System) -> ProcessGenerator:
                 yield system.env.at(time / 4, kind)
                 log.append((system.env.now, kind, turn))
@@ -620,8 +622,8 @@ class Schedule:
         class Planned:
             def process(self, system: System) -> ProcessGenerator:
                 for look, time in enumerate(looks):
-                    yield system.env.at(time / 4, Kind.SENSE)
-                    log.append((system.env.now, Kind.SENSE, look))
+                    yield system.env.at(time / 4, EventKind.SENSE)
+                    log.append((system.env.now, EventKind.SENSE, look))
                     system.broadcast(0)
 
         class Delays:

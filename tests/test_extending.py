@@ -27,7 +27,7 @@ from aimd_des import (
 )
 from aimd_des.channel import Copies
 from aimd_des.engine.delivery import ProcessGenerator, Signal
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from tests.conftest import assert_same_run, random_problem
 from tests.test_doctests import ROOT, python_blocks
@@ -70,11 +70,11 @@ def names_in_table(heading: str) -> list[str]:
 def test_the_system_has_what_the_page_lists(page: Names) -> None:
     names = names_in_table("## What a part finds in the system")
     assert len(names) == 15
-    assert {"env.now", "total", "set_demand", "law.decrease"} < set(names)
+    assert {"env.now", "total", "set_demand", "parameters.decrease"} < set(names)
     seen: list[bool] = []
 
     def look(system: System) -> ProcessGenerator:
-        yield system.env.at(1.0, Kind.OBSERVE)
+        yield system.env.at(1.0, EventKind.OBSERVE)
         for name in names:
             part: Any = system
             for step in name.split("."):
@@ -222,7 +222,7 @@ def test_an_agent_may_wait_for_events_of_its_own() -> None:
         def process(self) -> ProcessGenerator:
             for q in range(100):
                 for time, wanted in ((5.0 * q, 1.0), (5.0 * q + 1.0, 0.0)):
-                    yield self.system.env.at(time, Kind.INTERVENE)
+                    yield self.system.env.at(time, EventKind.INTERVENE)
                     self.system.set_demand(self.agent, 0, wanted)
 
     problem = random_problem(2, 1, 1)
@@ -255,7 +255,7 @@ def test_early_detection_signals_as_often_as_it_says(page: Names) -> None:
 
         def fill(system: System, level: float = 4.0 * load) -> ProcessGenerator:
             for look in range(2000):
-                yield system.env.at(float(look), Kind.INTERVENE)
+                yield system.env.at(float(look), EventKind.INTERVENE)
                 for agent in range(5):
                     system.set_demand(agent, 0, level / 5)
 
@@ -274,7 +274,7 @@ def test_a_part_that_begins_its_luck_anew_can_be_run_again(page: Names) -> None:
 
         def process(self, system: System) -> ProcessGenerator:
             for look in range(10**9):
-                yield system.env.at(float(look), Kind.SENSE)
+                yield system.env.at(float(look), EventKind.SENSE)
                 if self.rng.random() < (system.total(0) / 4.0 - 0.8) / 0.2:
                     system.broadcast(0)
 
@@ -289,9 +289,9 @@ def test_a_control_unit_of_ones_own_can_be_the_ordinary_one(page: Names) -> None
     class Plain:
         def process(self, system: System) -> Iterator[Any]:
             for look in range(10**9):
-                yield system.env.at(float(look), Kind.SENSE)
+                yield system.env.at(float(look), EventKind.SENSE)
                 for j, total in enumerate(system.totals()):
-                    if total > system.law.limit[j]:
+                    if total > system.parameters.limit[j]:
                         system.broadcast(j)
 
     problem = random_problem(2, 5, 2)
@@ -368,10 +368,10 @@ def test_agents_and_resources_are_given_by_name_or_by_index() -> None:
     name = problem.resource_names[1]
 
     def named(system: System) -> ProcessGenerator:
-        yield system.env.at(2.0, Kind.INTERVENE)
+        yield system.env.at(2.0, EventKind.INTERVENE)
         system.set_demand("2", name, 0.5)
         system.broadcast(name)
-        yield system.env.at(3.0, Kind.OBSERVE)
+        yield system.env.at(3.0, EventKind.OBSERVE)
         for resource, agent in ((name, "2"), (1, 2), (np.int64(1), np.int64(2))):
             values = system.total(resource), system.demand(agent, resource), system.average(agent, resource)
             seen.append(values)
@@ -389,7 +389,7 @@ def test_agents_and_resources_are_given_by_name_or_by_index() -> None:
 
 def meddling(act: Any) -> dict[str, Any]:
     def process(system: System) -> ProcessGenerator:
-        yield system.env.at(3.0, Kind.INTERVENE)
+        yield system.env.at(3.0, EventKind.INTERVENE)
         act(system)
 
     return {"processes": [process]}

@@ -32,7 +32,7 @@ from aimd_des import (
 )
 from aimd_des.channel import Broadcast, Copies, Draws
 from aimd_des.engine.delivery import ProcessGenerator, Signal
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.fleet.compiled_agents import CompiledAgents
 from models import smart_cameras
@@ -256,7 +256,7 @@ def test_processes_and_a_fleet_in_one_simulation(
 def meddle(system: System) -> ProcessGenerator:
     """Set demands, send signals and look, between other events and at their instants."""
     for q in range(1, 16):
-        yield system.env.at(0.75 * q, (Kind.INTERVENE, Kind.OBSERVE, Kind.SENSE)[q % 3])
+        yield system.env.at(0.75 * q, (EventKind.INTERVENE, EventKind.OBSERVE, EventKind.SENSE)[q % 3])
         if not system.conditions.away[q % system.problem.n_agents]:
             system.set_demand(q % system.problem.n_agents, 0, (q % 4) * system.total(0) / 4.0)
         if q % 5 == 0:
@@ -278,7 +278,7 @@ class Own:
 
     def process(self, system: System) -> ProcessGenerator:
         for q in range(1, 1000):
-            yield system.env.at(float(q), Kind.SENSE)
+            yield system.env.at(float(q), EventKind.SENSE)
             for j in range(system.problem.n_resources):
                 system.broadcast(j)
 
@@ -416,9 +416,9 @@ def test_memory_is_bounded_by_what_is_in_flight() -> None:
 
     def watch(until: float) -> Any:
         def look(system: System) -> ProcessGenerator:
-            yield system.env.at(until - 0.5, Kind.OBSERVE)
+            yield system.env.at(until - 0.5, EventKind.OBSERVE)
             assert isinstance(system.collective, CompiledAgents)
-            rooms[until] = system.collective.crowd.room
+            rooms[until] = system.collective.agents.room
 
         return look
 

@@ -18,8 +18,8 @@ from aimd_des import (
     topology,
 )
 from aimd_des.channel import Copies
-from aimd_des.dynamics.averaging import Cumulative, Memory
-from aimd_des.dynamics.loss_compensation import Answering
+from aimd_des.dynamics.averaging import AveragingParameters, Cumulative
+from aimd_des.dynamics.loss_compensation import CompensationParameters
 from tests.conftest import assert_same_run, quadratic_problem, quietly
 
 N = 4
@@ -142,23 +142,29 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
         {"agents": lambda i, system: Answers("process", None, receive=print)},
         "Answers.process() = None: must be a generator",
     ),
-    ({"averaging": Answers("memory", None)}, "Answers.memory() = None: must be a Memory"),
-    ({"averaging": Answers("memory", Memory(7, 0.0, 0.0, 0.0, 0))}, "Answers.memory().kind = 7: must be"),
+    ({"averaging": Answers("parameters", None)}, "Answers.parameters() = None: must be AveragingParameters"),
     (
-        {"averaging": Answers("memory", Memory(0, np.nan, 0.0, 0.0, 0))},
-        "Answers.memory().rate = nan: must be",
-    ),
-    ({"compensation": Answers("answering", 1.0, bits=0)}, "Answers.answering() = 1.0: must be an Answering"),
-    (
-        {"compensation": Answers("answering", Answering(1, np.zeros(3), 0), bits=0)},
-        "shape of Answers.answering().loss = (3,): must be (4,)",
+        {"averaging": Answers("parameters", AveragingParameters(7, 0.0, 0.0, 0.0, 0))},
+        "Answers.parameters().kind = 7: must be",
     ),
     (
-        {"compensation": Answers("answering", Answering(1, ONES, 0), bits=0)},
-        "Answers.answering().loss[0] = 1.0: must be",
+        {"averaging": Answers("parameters", AveragingParameters(0, np.nan, 0.0, 0.0, 0))},
+        "Answers.parameters().rate = nan: must be",
     ),
     (
-        {"compensation": Answers("answering", Answering(1, np.zeros(N), 0), bits=-1)},
+        {"compensation": Answers("parameters", 1.0, bits=0)},
+        "Answers.parameters() = 1.0: must be CompensationParameters",
+    ),
+    (
+        {"compensation": Answers("parameters", CompensationParameters(1, np.zeros(3), 0), bits=0)},
+        "shape of Answers.parameters().loss = (3,): must be (4,)",
+    ),
+    (
+        {"compensation": Answers("parameters", CompensationParameters(1, ONES, 0), bits=0)},
+        "Answers.parameters().loss[0] = 1.0: must be",
+    ),
+    (
+        {"compensation": Answers("parameters", CompensationParameters(1, np.zeros(N), 0), bits=-1)},
         "Answers.bits = -1: must be an integer of at least 0",
     ),
 ]
@@ -232,5 +238,5 @@ def test_a_channel_may_use_its_array_again() -> None:
 
 
 def test_an_average_of_ones_own_may_be_the_ordinary_one() -> None:
-    own = Answers("memory", Cumulative().memory(0.0))
+    own = Answers("parameters", Cumulative().parameters(0.0))
     assert_same_run(run(averaging=own), run(averaging=averaging.Cumulative()))

@@ -23,7 +23,7 @@ from aimd_des import (
     run_synchronous,
 )
 from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.interventions import (
     Absence,
@@ -84,7 +84,7 @@ def test_the_total_is_the_sum_over_those_present(dynamics: str, agents: Any) -> 
 
     def watch(system: System) -> ProcessGenerator:
         for look in range(400):
-            yield system.env.at(0.1 * look, Kind.OBSERVE)
+            yield system.env.at(0.1 * look, EventKind.OBSERVE)
             demand, _ = system.allocations()
             away = system.conditions.away
             assert (demand[:, away] == 0.0).all()
@@ -280,12 +280,12 @@ def test_a_total_that_lasts_no_time_is_no_peak(dynamics: str, agents: Any) -> No
     """At 5 agent 0 takes 100 and gives it back; the total is 3 * 5 before, and 10 after."""
 
     def flash(system: System) -> ProcessGenerator:
-        yield system.env.at(5.0, Kind.INTERVENE)
+        yield system.env.at(5.0, EventKind.INTERVENE)
         for demand in (100.0, 0.0):
             system.set_demand(0, 0, demand)
 
     def stay(system: System) -> ProcessGenerator:
-        yield system.env.at(5.0, Kind.INTERVENE)
+        yield system.env.at(5.0, EventKind.INTERVENE)
         system.set_demand(0, 0, 100.0)
 
     parts: dict[str, Any] = {"dynamics": dynamics, "agents": agents}
@@ -433,11 +433,11 @@ def test_at_the_instant_of_a_change_averages_are_held_against_what_is_new() -> N
 @BOTH
 def test_a_process_may_do_what_is_declared(agents: Any) -> None:
     def meddle(system: System) -> ProcessGenerator:
-        yield system.env.at(4.0, Kind.INTERVENE)
+        yield system.env.at(4.0, EventKind.INTERVENE)
         leave(system, 0)
-        yield system.env.at(6.0, Kind.INTERVENE)
+        yield system.env.at(6.0, EventKind.INTERVENE)
         set_capacity(system, 0, 2.5)
-        yield system.env.at(10.0, Kind.INTERVENE)
+        yield system.env.at(10.0, EventKind.INTERVENE)
         join(system, 0)
 
     problem = random_problem(4, 5, 1)
@@ -529,7 +529,7 @@ def test_functions_refuse_what_cannot_be() -> None:
     caught = []
 
     def meddle(system: System) -> ProcessGenerator:
-        yield system.env.at(1.0, Kind.INTERVENE)
+        yield system.env.at(1.0, EventKind.INTERVENE)
         for wrong in (
             lambda: join(system, 0),
             lambda: (leave(system, 0), leave(system, 0)),

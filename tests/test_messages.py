@@ -27,7 +27,7 @@ from aimd_des import (
 )
 from aimd_des.channel import Broadcast, Copies, Link
 from aimd_des.engine.delivery import ProcessGenerator, Signal
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from tests.conftest import quadratic_problem, quietly, random_problem, signals_of
 
@@ -199,7 +199,7 @@ def test_an_agent_that_hears_the_same_bits_does_the_same_alone(way: str, family:
         def repeat(system: System, bits: Any = mine, known: Any = draws) -> ProcessGenerator:
             system.response_draws = known.__getitem__
             for time, signal, _ in bits:
-                yield system.env.at(time, Kind.DELIVER)
+                yield system.env.at(time, EventKind.DELIVER)
                 system.agents[0].receive(signal)
 
         if "clocks" in parts:

@@ -28,7 +28,7 @@ from aimd_des import (
 )
 from aimd_des.engine import observers
 from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from tests.conftest import assert_same_run, problems, quadratic_problem, quietly, random_problem
 from tests.test_camera import send_at, tick_times
@@ -52,7 +52,7 @@ MEDDLED = [3.625 * q for q in range(1, 8)]
 def meddle(system: System) -> ProcessGenerator:
     """Set demands now and then, between ticks and up as well as down."""
     for q, time in enumerate(MEDDLED):
-        yield system.env.at(time, Kind.INTERVENE)
+        yield system.env.at(time, EventKind.INTERVENE)
         system.set_demand(q % system.problem.n_agents, 0, (q % 3) * system.total(0) / 4.0)
 
 

@@ -22,7 +22,7 @@ from aimd_des import (
 )
 from aimd_des.channel import Broadcast, Draws
 from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.interventions import Failover, Partition, UnusualActivity, reconnect, recover, weigh
 from aimd_des.problem.costs import Costs, weighted_costs
@@ -118,7 +118,7 @@ def test_two_activities_that_are_alike_are_two() -> None:
 def test_of_one_who_weighs_the_latest_weight_counts() -> None:
     def own(system: System) -> ProcessGenerator:
         for time, weight in ((4.0, 0.5), (6.0, 0.25), (8.0, 1.0)):
-            yield system.env.at(time, Kind.INTERVENE)
+            yield system.env.at(time, EventKind.INTERVENE)
             weigh(system, ["1"], weight)
 
     result = run(growing(), 12.0, UnusualActivity(1, 5.0, 10.0, 3.0), processes=[own])
@@ -130,7 +130,7 @@ def test_what_has_not_begun_cannot_end() -> None:
     refusals = []
 
     def meddle(system: System) -> ProcessGenerator:
-        yield system.env.at(1.0, Kind.INTERVENE)
+        yield system.env.at(1.0, EventKind.INTERVENE)
         wrongs: list[Callable[[], None]] = [lambda: reconnect(system, ["1"]), lambda: recover(system)]
         for wrong in wrongs:
             with pytest.raises(InputError) as caught:

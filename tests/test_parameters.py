@@ -21,7 +21,7 @@ from aimd_des import (
     run_synchronous,
 )
 from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.interventions import (
     Absence,
@@ -47,7 +47,7 @@ def at(time: float, *acts: Any) -> Any:
     """A process that does something at one time."""
 
     def process(system: System) -> ProcessGenerator:
-        yield system.env.at(time, Kind.INTERVENE)
+        yield system.env.at(time, EventKind.INTERVENE)
         for act in acts:
             act(system)
 
@@ -82,7 +82,7 @@ def test_processes_and_a_fleet_obey_alike(way: Any, dynamics: str) -> None:
     def meddle(system: System) -> ProcessGenerator:
         """Change everything, at ticks and between them, of those who are here and of those who are away."""
         for turn in range(12):
-            yield system.env.at(2.0 + 1.5 * turn, Kind.INTERVENE)
+            yield system.env.at(2.0 + 1.5 * turn, EventKind.INTERVENE)
             j, scale = turn % 2, 1.0 + 0.2 * (turn % 3)
             set_normalization(system, j, 0.8 * problem.normalization[j] * scale)
             set_increase(system, [turn % 5, (turn + 1) % 5], j, problem.increase[0, j] * scale)
@@ -205,8 +205,8 @@ def test_what_is_handed_out_cannot_be_written(agents: Any) -> None:
 
     def collect(system: System) -> None:
         for name in ("increase", "decrease", "normalization", "limit", "capacity"):
-            arrays[f"law.{name}"] = getattr(system.law, name)
-        arrays["law.answering.loss"] = system.law.answering.loss
+            arrays[f"parameters.{name}"] = getattr(system.parameters, name)
+        arrays["parameters.compensation.loss"] = system.parameters.compensation.loss
         for name in ("away", "cut", "cuts", "failed", "growth", "threshold", "increase", "weights"):
             arrays[f"conditions.{name}"] = getattr(system.conditions, name)
         for name in ("capacity", "threshold", "normalization", "increase", "decrease"):

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 import aimd_des
-from aimd_des import Crossing, InputError, PolynomialCosts, Problem, Resource, theory
+from aimd_des import Crossing, InputError, PolynomialCosts, Problem, Resource, lowlevel, theory
 from aimd_des._deprecated import MOVED, NAMES
 from aimd_des.utils.old_keywords import KEYWORDS
 from tests.test_layering import imports
@@ -60,7 +60,7 @@ FACES = {
         Bernoulli Combined CommonMode GilbertElliott Loss LossProcess Trace
     """,
     "lowlevel": """
-        Agent Broadcast Channel ControlUnit Copies DrawnLink Draws FloatArray Kind Link
+        Agent Broadcast Channel ControlUnit Copies DrawnLink Draws EventKind FloatArray Link
         OrderedEnvironment ProcessGenerator Purpose Signal System agent_indices exp expm1 exps generator
         key log log1p logs response_probability standard_normal uniforms
     """,
@@ -102,7 +102,7 @@ MODULES = [name for name in FACES if name in aimd_des.__all__]
 # What pages have named, by the paths of version 0.1 before the modules moved into wings.
 OLD = {
     "elementary": "exp expm1 exps log log1p logs standard_normal",
-    "environment": "Kind OrderedEnvironment",
+    "environment": "EventKind OrderedEnvironment",
     "errors": "InputError OverloadWarning SimulationError",
     "output": "check_folder new_folder write_run",
     "registry": "model",
@@ -251,6 +251,12 @@ def test_an_old_name_at_an_old_path() -> None:
     with pytest.warns(DeprecationWarning, match=r"aimd_des\.run_discrete is called run_synchronous"):
         from aimd_des.discrete import run_discrete  # type: ignore[import-not-found]
     assert run_discrete is aimd_des.run_synchronous
+
+
+@pytest.mark.filterwarnings("ignore:.* has moved:DeprecationWarning")
+def test_the_old_name_of_event_kinds_goes_on() -> None:
+    assert import_module("aimd_des.environment").Kind is lowlevel.Kind is lowlevel.EventKind
+    assert "Kind" not in lowlevel.__all__
 
 
 def test_the_name_of_the_paper_goes_on_without_a_warning() -> None:

@@ -29,7 +29,13 @@ from aimd_des import (
 )
 from aimd_des.scenario import Scenario
 from aimd_des.scenario.kinds import KINDS, Kind, describe, kinds, kinds_of
-from aimd_des.scenario.tables import ChannelTable, ClocksTable, CostsTable, RecordingTable, ResourceTable
+from aimd_des.scenario.tables import (
+    ChannelSettings,
+    ClocksSettings,
+    CostsSettings,
+    RecordingSettings,
+    ResourceSettings,
+)
 from tests.conftest import ROOT
 
 MEMORY = Resource("memory", capacity=1.0, increase=0.01, decrease=0.5, normalization=0.1)
@@ -137,11 +143,11 @@ def differences() -> dict[str, tuple[Any, Any]]:
     """Each key whose default in a file is another than that of Python, with both."""
     pairs: dict[str, tuple[Any, Any]] = {}
     for prefix, table, thing in (
-        ("resources.", ResourceTable, Resource),
-        ("costs.", CostsTable, PolynomialCosts),
-        ("channel.", ChannelTable, BroadcastChannel),
-        ("clocks.", ClocksTable, Clocks),
-        ("recording.", RecordingTable, Recording),
+        ("resources.", ResourceSettings, Resource),
+        ("costs.", CostsSettings, PolynomialCosts),
+        ("channel.", ChannelSettings, BroadcastChannel),
+        ("clocks.", ClocksSettings, Clocks),
+        ("recording.", RecordingSettings, Recording),
     ):
         for name, python in defaults(thing).items():
             pairs[prefix + name] = in_file(table, name), python
@@ -163,7 +169,7 @@ def differences() -> dict[str, tuple[Any, Any]]:
     pairs["interventions"] = tuple(in_file(Scenario, "interventions")), simulation.interventions
     built = BroadcastChannel()
     for name in ("latency", "loss"):
-        pairs[f"channel.{name}"] = repr(getattr(ChannelTable().build(), name)), repr(getattr(built, name))
+        pairs[f"channel.{name}"] = repr(getattr(ChannelSettings().build(), name)), repr(getattr(built, name))
     del pairs["recording"]  # key by key, above
     return {key: pair for key, pair in pairs.items() if pair[0] != pair[1]}
 

@@ -27,7 +27,7 @@ from aimd_des import (
 )
 from aimd_des.scenario import Scenario, load_scenario, validate_scenario
 from aimd_des.scenario.dry_run import check_to_run
-from aimd_des.scenario.kind_tables import KindTable, NetworkTable
+from aimd_des.scenario.kind_tables import KindTable, NetworkSettings
 from aimd_des.scenario.schema import scenario_schema
 from models import smart_cameras
 from tests.conftest import ROOT, quietly
@@ -492,7 +492,7 @@ def test_a_network_for_other_agents_is_refused() -> None:
 
 def test_a_large_network_is_built_when_the_run_begins(monkeypatch: pytest.MonkeyPatch) -> None:
     built = []
-    monkeypatch.setattr(NetworkTable, "build", lambda self: built.append(self.of.name))
+    monkeypatch.setattr(NetworkSettings, "build", lambda self: built.append(self.of.name))
     for rows in (10, 10_000):
         load(f'{MODEL}\n[channel.network]\nkind = "grid"\nrows = {rows}\ncolumns = 10\n')
     assert built.count("grid") == 1

@@ -18,7 +18,7 @@ from aimd_des.channel import BroadcastChannel
 from aimd_des.dynamics.clocks import Clock, Clocks
 from aimd_des.engine.agent_process import AgentProcess
 from aimd_des.engine.control_unit import Crossing, Sampled
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.simulation import Simulation
 from aimd_des.fleet import Fleet
 from aimd_des.utils.rng import Purpose
@@ -371,7 +371,7 @@ class Late:
         self.camera.receive(signal)
 
     def process(self) -> Generator[simpy.Event, Any, None]:
-        yield self.system.env.at(0.0, Kind.INTERVENE, self.order.index(self.index))
+        yield self.system.env.at(0.0, EventKind.INTERVENE, self.order.index(self.index))
         yield from self.camera.process()
 
 

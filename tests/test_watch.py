@@ -24,7 +24,7 @@ from aimd_des import (
     loss,
 )
 from aimd_des.scenario import load_scenario
-from aimd_des.watch import LiveView, Look, Looker, PlainView, last_look
+from aimd_des.watch import LiveView, Monitor, PlainView, Snapshot, last_snapshot
 from aimd_des.watch.terminal import sparkline
 from tests.command_line import digest, invoke, refusal, run, write
 from tests.conftest import INLINE, assert_same_run, random_problem
@@ -34,7 +34,7 @@ PROBLEM = random_problem(3, 6, 2)
 CONTINUOUS = {"dynamics": "continuous", "control_unit": Crossing(hold_off=0.3)}
 
 
-def simulated(looker: Looker | None = None, **changes: Any) -> Result:
+def simulated(looker: Monitor | None = None, **changes: Any) -> Result:
     setting: dict[str, Any] = {
         "channel": BroadcastChannel(latency=latency.Exponential(0.2), loss=loss.Bernoulli(0.1)),
         "recording": Recording(demand=0.7, allocations=0.7, events=True),
@@ -44,9 +44,9 @@ def simulated(looker: Looker | None = None, **changes: Any) -> Result:
     return Simulation(PROBLEM, **(setting | changes)).run(UNTIL)
 
 
-def looks(interval: float, **changes: Any) -> tuple[list[Look], Result]:
-    seen: list[Look] = []
-    return seen, simulated(Looker(seen.append, interval), **changes)
+def looks(interval: float, **changes: Any) -> tuple[list[Snapshot], Result]:
+    seen: list[Snapshot] = []
+    return seen, simulated(Monitor(seen.append, interval), **changes)
 
 
 @pytest.mark.parametrize("dynamics", [{}, CONTINUOUS], ids=["discrete", "continuous"])
@@ -78,7 +78,7 @@ def test_looks_see_what_a_recording_keeps() -> None:
         expected = [np.count_nonzero((sent.time <= look.time) & (sent.resource == j)) for j in range(2)]
         assert look.signals.tolist() == expected
     assert np.isnan(seen[0].misallocation).all()
-    last = last_look(result)
+    last = last_snapshot(result)
     assert last.misallocation == pytest.approx(result.summary()["misallocation"].to_numpy(), rel=1e-9)
     assert last.utilisation == pytest.approx(result.summary()["utilisation"].to_numpy(), rel=1e-12)
     assert last.signals.tolist() == result.summary()["signals"].tolist()
@@ -91,8 +91,8 @@ def test_looks_follow_interventions() -> None:
     seen, result = looks(5.0, interventions=[step, gone], agents=Fleet, **CONTINUOUS)
     assert [look.capacity[0] / PROBLEM.capacity[0] for look in seen] == [1.0, 1.0] + [0.5] * 6
     assert seen[4].demand.tolist() == [0.0, 0.0]
-    assert np.isnan(last_look(result).misallocation).all()
-    assert np.isnan(last_look(result).utilisation).all()
+    assert np.isnan(last_snapshot(result).misallocation).all()
+    assert np.isnan(last_snapshot(result).utilisation).all()
 
 
 class Clock:
@@ -113,7 +113,7 @@ class Clock:
 
 def test_the_run_keeps_pace_with_real_time() -> None:
     clock, times = Clock(), []
-    looker = Looker(
+    looker = Monitor(
         lambda look: times.append((look.time, clock.now - 100.0)), 2.0, 4.0, clock=clock, sleep=clock.sleep
     )
     simulated(looker, agents=Fleet)
@@ -123,7 +123,7 @@ def test_the_run_keeps_pace_with_real_time() -> None:
 
 def test_a_run_that_is_late_does_not_wait() -> None:
     clock = Clock(tick=10.0)
-    simulated(Looker(lambda _: None, 2.0, 4.0, clock=clock, sleep=clock.sleep), agents=Fleet)
+    simulated(Monitor(lambda _: None, 2.0, 4.0, clock=clock, sleep=clock.sleep), agents=Fleet)
     assert clock.slept == 0.0
 
 
@@ -134,15 +134,15 @@ def test_measuring_takes_a_small_part_of_the_time(monkeypatch: pytest.MonkeyPatc
         monkeypatch.setattr(
             "aimd_des.watch.monitor._misallocation", lambda *_, to=measured: to.append(1) or PROBLEM.capacity
         )
-        simulated(Looker(lambda _: None, 1.0, sparing=sparing, clock=Clock(tick=1.0)), agents=Fleet)
+        simulated(Monitor(lambda _: None, 1.0, sparing=sparing, clock=Clock(tick=1.0)), agents=Fleet)
         assert len(measured) == expected
 
 
 # -- views -----------------------------------------------------------------------------------------------
 
 
-def look(time: float = 5.0, share: float = 0.9) -> Look:
-    return Look(
+def look(time: float = 5.0, share: float = 0.9) -> Snapshot:
+    return Snapshot(
         time,
         share * PROBLEM.capacity,
         PROBLEM.capacity,
@@ -303,4 +303,4 @@ def test_watch_refuses_what_it_cannot_show() -> None:
     assert "0.0 is not in the range x>0.0" in refusal("watch", "five.toml", "--speed", "0")
     assert "until" in refusal("watch", "five.toml", "--until", "-3")
     with pytest.raises(InputError, match="for processes such as one that watches"):
-        load_scenario(Path("steps.toml")).run(processes=[Looker(print, 1.0).process])
+        load_scenario(Path("steps.toml")).run(processes=[Monitor(print, 1.0).process])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from aimd_des.scenario.kinds import Kind
 
-__all__ = ["TOPICS", "Entry", "Key", "Topic", "entries"]
+__all__ = ["TOPICS", "CatalogEntry", "Key", "Topic", "entries"]
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Key:
 
 
 @dataclass(frozen=True)
-class Entry:
+class CatalogEntry:
     """Something that has a name.
 
     Attributes
@@ -87,7 +87,7 @@ class Entry:
     parameters: tuple[Key, ...] = ()
 
 
-def entries(topic: str) -> list[Entry]:
+def entries(topic: str) -> list[CatalogEntry]:
     """List what there is of one topic."""
     if topic == "scenarios":
         return [*_scripts(), *_files()]
@@ -98,12 +98,12 @@ def entries(topic: str) -> list[Entry]:
     return [_entry(kind) for kind in found]
 
 
-def _entry(kind: "Kind") -> Entry:
+def _entry(kind: "Kind") -> CatalogEntry:
     keys = tuple(Key(key.name, key.required, key.default, key.meaning) for key in kind.parameters)
-    return Entry(kind.name, kind.meaning, keys)
+    return CatalogEntry(kind.name, kind.meaning, keys)
 
 
-def _scripts() -> Iterator[Entry]:
+def _scripts() -> Iterator[CatalogEntry]:
     """Find the scripts of the folder `scenarios`, and folders in it that can be run; nothing is run."""
     folder = Path("scenarios")
     sources = {path.stem: path for path in folder.glob("[!_.]*.py")}
@@ -113,15 +113,15 @@ def _scripts() -> Iterator[Entry]:
             text = ast.get_docstring(ast.parse(source.read_bytes())) or ""
         except (OSError, SyntaxError, ValueError, RecursionError):
             continue  # no module of Python
-        yield Entry(f"scenarios.{name}", text.partition("\n")[0])
+        yield CatalogEntry(f"scenarios.{name}", text.partition("\n")[0])
 
 
-def _files() -> Iterator[Entry]:
+def _files() -> Iterator[CatalogEntry]:
     """Find files of scenarios and studies in the working directory and in its folder `scenarios`."""
     for path in sorted(path for folder in _FOLDERS for path in Path(folder).glob("*.toml")):
         data = _toml(path)
         if "until" in data or "axes" in data:
-            yield Entry(str(path), str(data.get("title", "")))
+            yield CatalogEntry(str(path), str(data.get("title", "")))
 
 
 def _toml(path: Path) -> dict[str, Any]:

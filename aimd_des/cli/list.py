@@ -5,7 +5,7 @@ from dataclasses import asdict
 
 import click
 
-from aimd_des.cli.catalog import TOPICS, Entry, entries
+from aimd_des.cli.catalog import TOPICS, CatalogEntry, entries
 from aimd_des.cli.errors import refusing
 from aimd_des.cli.printing import say
 
@@ -36,7 +36,7 @@ def command(topic: str | None, as_json: bool) -> None:
         _print_names(found)
 
 
-def _print_topic(topic: str, found: list[Entry]) -> None:
+def _print_topic(topic: str, found: list[CatalogEntry]) -> None:
     from aimd_des.cli.terminal_tables import print_table
 
     title = TOPICS[topic].title
@@ -67,7 +67,7 @@ def _plain(text: str) -> str:
     return text.replace("`", "")
 
 
-def _print_names(found: dict[str, list[Entry]]) -> None:
+def _print_names(found: dict[str, list[CatalogEntry]]) -> None:
     from aimd_des.cli.terminal_tables import print_pairs
 
     names = [(topic, ", ".join(dict.fromkeys(entry.name for entry in of))) for topic, of in found.items()]

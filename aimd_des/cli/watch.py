@@ -54,14 +54,14 @@ def command(
 
 def _watch(scenario: "Scenario", speed: float | None) -> None:
     """Run, show, and say what came out."""
-    from aimd_des.watch import Looker, last_look
+    from aimd_des.watch import Monitor, last_snapshot
 
     view = _view(scenario)
-    looker = Looker(view.show, view.interval(speed), speed, sparing=view.sparing)
+    looker = Monitor(view.show, view.interval(speed), speed, sparing=view.sparing)
     try:
         with view:
             result = scenario.run(processes=[looker.process])
-            view.end(last_look(result))
+            view.end(last_snapshot(result))
     except KeyboardInterrupt:
         say(f"Stopped at time {grouped(looker.reached)} of {grouped(scenario.until)}.", err=True)
         raise SystemExit(INTERRUPTED) from None

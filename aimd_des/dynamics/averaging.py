@@ -5,8 +5,8 @@ lasted.  A short memory adapts fast, and pays with averages that scatter: see `t
 `theory.averaging_spread`.
 
 Between two signals demand is a line, so averages are not stepped either.  With c the moments since the
-anchor, x and s the demand and what had been accumulated there, and the grain g (1 where demand counts tick
-by tick, 0 where it is integrated), what is accumulated at the moment at hand is
+anchor, x and s the demand and what had been accumulated there, and the tick weight g (1 where demand counts
+tick by tick, 0 where it is integrated), what is accumulated at the moment at hand is
 
     cumulative, window    s + c x + alpha c (c - g) / 2
     forgetting            s E + x G + alpha L (c - G),    E = exp(-c r),    G = L (1 - E)
@@ -36,9 +36,9 @@ __all__ = [
     "FORGETTING",
     "WINDOW",
     "Averaging",
+    "AveragingParameters",
     "Cumulative",
     "Forgetting",
-    "Memory",
     "Window",
     "accumulated_at",
     "age_at",
@@ -55,7 +55,7 @@ _MOST_PARTS = 1000
 CUMULATIVE, WINDOW, FORGETTING = 0, 1, 2
 
 
-class Memory(NamedTuple):
+class AveragingParameters(NamedTuple):
     """A way of averaging, for formulas.
 
     Attributes
@@ -78,15 +78,17 @@ class Memory(NamedTuple):
 
 
 @formula
-def age_at(moment: float, origin: float, grain: float) -> float:
+def age_at(moment: float, origin: float, tick_weight: float) -> float:
     """Return for how long an agent has been active, the moment at hand included where it counts."""
-    return (moment - origin) + grain
+    return (moment - origin) + tick_weight
 
 
 @formula
-def accumulated_at(accumulated: float, demand: float, increase: float, since: float, grain: float) -> float:
+def accumulated_at(
+    accumulated: float, demand: float, increase: float, since: float, tick_weight: float
+) -> float:
     """Return the demand accumulated so far: a sum over ticks, or an integral over time."""
-    return accumulated + (since * demand + increase * (0.5 * since * (since - grain)))
+    return accumulated + (since * demand + increase * (0.5 * since * (since - tick_weight)))
 
 
 @formula
@@ -97,27 +99,32 @@ def time_average(accumulated: float, age: float) -> float:
 
 @formula
 def folded_at(
-    memory: Memory, accumulated: float, demand: float, increase: float, since: float, grain: float
+    averaging: AveragingParameters,
+    accumulated: float,
+    demand: float,
+    increase: float,
+    since: float,
+    tick_weight: float,
 ) -> float:
     """Return what is accumulated at the moment at hand, as the way of averaging has it."""
-    if memory.kind == FORGETTING:
-        if accumulated == 0.0 and demand == 0.0 and since <= grain:
+    if averaging.kind == FORGETTING:
+        if accumulated == 0.0 and demand == 0.0 and since <= tick_weight:
             return 0.0  # a tick that folds in nothing; the rounding of what follows would be taken for demand
-        kept = exp(-memory.rate * since)
-        grown = memory.span * -expm1(-memory.rate * since)
-        return accumulated * kept + (demand * grown + increase * (memory.span * (since - grown)))
-    return accumulated_at(accumulated, demand, increase, since, grain)
+        kept = exp(-averaging.rate * since)
+        grown = averaging.span * -expm1(-averaging.rate * since)
+        return accumulated * kept + (demand * grown + increase * (averaging.span * (since - grown)))
+    return accumulated_at(accumulated, demand, increase, since, tick_weight)
 
 
 @formula
-def _part_of(memory: Memory, age: float) -> int:
+def _part_of(averaging: AveragingParameters, age: float) -> int:
     """Return how many parts of a window fit into an age."""
-    return int(age / memory.part)
+    return int(age / averaging.part)
 
 
 @formula
 def average_at(
-    memory: Memory,
+    averaging: AveragingParameters,
     parts: FloatArray,
     resource: int,
     agent: int,
@@ -128,28 +135,28 @@ def average_at(
     anchor: float,
     origin: float,
     moment: float,
-    grain: float,
+    tick_weight: float,
 ) -> float:
     """Return an agent's average at the moment at hand, 0 where no time has passed."""
-    age = age_at(moment, origin, grain)
-    if memory.kind == CUMULATIVE or age <= 0.0:
+    age = age_at(moment, origin, tick_weight)
+    if averaging.kind == CUMULATIVE or age <= 0.0:
         return time_average(folded, age)
-    if memory.kind == FORGETTING:
-        return folded / (memory.span * -expm1(-memory.rate * age))
-    first = _part_of(memory, age) - memory.parts + 1
+    if averaging.kind == FORGETTING:
+        return folded / (averaging.span * -expm1(-averaging.rate * age))
+    first = _part_of(averaging, age) - averaging.parts + 1
     if first < 1:
         return folded / age
-    begin, before = first * memory.part, age_at(anchor, origin, grain)
-    if first > _part_of(memory, before):  # the window begins on the present line
-        earlier = accumulated_at(accumulated, demand, increase, begin - before, grain)
+    begin, before = first * averaging.part, age_at(anchor, origin, tick_weight)
+    if first > _part_of(averaging, before):  # the window begins on the present line
+        earlier = accumulated_at(accumulated, demand, increase, begin - before, tick_weight)
     else:
-        earlier = parts[resource, agent, first % memory.parts]
+        earlier = parts[resource, agent, first % averaging.parts]
     return float((folded - earlier) / (age - begin))
 
 
 @formula
 def keep_parts(
-    memory: Memory,
+    averaging: AveragingParameters,
     parts: FloatArray,
     resource: int,
     agent: int,
@@ -159,16 +166,19 @@ def keep_parts(
     anchor: float,
     origin: float,
     moment: float,
-    grain: float,
+    tick_weight: float,
 ) -> None:
     """Note what had been accumulated at the boundaries of parts on the line that ends now."""
-    if memory.kind == WINDOW:
-        before, last = age_at(anchor, origin, grain), _part_of(memory, age_at(moment, origin, grain))
-        boundary = max(_part_of(memory, before) + 1, last - memory.parts + 1)
+    if averaging.kind == WINDOW:
+        before, last = (
+            age_at(anchor, origin, tick_weight),
+            _part_of(averaging, age_at(moment, origin, tick_weight)),
+        )
+        boundary = max(_part_of(averaging, before) + 1, last - averaging.parts + 1)
         while boundary <= last:
-            since = boundary * memory.part - before
-            parts[resource, agent, boundary % memory.parts] = accumulated_at(
-                accumulated, demand, increase, since, grain
+            since = boundary * averaging.part - before
+            parts[resource, agent, boundary % averaging.parts] = accumulated_at(
+                accumulated, demand, increase, since, tick_weight
             )
             boundary += 1
 
@@ -177,8 +187,8 @@ def keep_parts(
 class Averaging(Protocol):
     """A choice of averaging."""
 
-    def memory(self, grain: float) -> Memory:
-        """Return what the formulas need, for agents with this grain of time."""
+    def parameters(self, tick_weight: float) -> AveragingParameters:
+        """Return what the formulas need, for agents with this tick weight."""
         ...
 
 
@@ -186,21 +196,21 @@ class Averaging(Protocol):
 class Cumulative:
     """All of the past counts alike: the paper's average, eq. (average_eqn)."""
 
-    def memory(self, grain: float) -> Memory:
+    def parameters(self, tick_weight: float) -> AveragingParameters:
         """Return what the formulas need.
 
         Parameters
         ----------
-        grain : float
-            Grain of time.
+        tick_weight : float
+            1 where agents tick, 0 in continuous time.
 
         Returns
         -------
         Memory
-            The same for any grain.
+            The same for any tick weight.
         """
-        del grain
-        return Memory(CUMULATIVE, 0.0, 0.0, 0.0, 0)
+        del tick_weight
+        return AveragingParameters(CUMULATIVE, 0.0, 0.0, 0.0, 0)
 
 
 @dataclass(frozen=True)
@@ -233,13 +243,13 @@ class Window:
             self, "parts", validation.integer("Window.parts", self.parts, low=2, high=_MOST_PARTS)
         )
 
-    def memory(self, grain: float) -> Memory:
+    def parameters(self, tick_weight: float) -> AveragingParameters:
         """Return what the formulas need.
 
         Parameters
         ----------
-        grain : float
-            Grain of time.
+        tick_weight : float
+            1 where agents tick, 0 in continuous time.
 
         Returns
         -------
@@ -252,14 +262,14 @@ class Window:
             If agents tick, and the length is no multiple of the number of parts.
         """
         part = self.length / self.parts
-        if grain > 0.0 and part % 1.0:
+        if tick_weight > 0.0 and part % 1.0:
             raise InputError.of(
                 "Window.length",
                 self.length,
                 f"a multiple of its {self.parts} parts, in ticks, for discrete agents",
                 "choose another length or number of parts",
             )
-        return Memory(WINDOW, 0.0, 0.0, part, self.parts)
+        return AveragingParameters(WINDOW, 0.0, 0.0, part, self.parts)
 
 
 @dataclass(frozen=True)
@@ -283,13 +293,13 @@ class Forgetting:
         clean = validation.number("Forgetting.time_constant", self.time_constant, low=0.0, low_open=True)
         object.__setattr__(self, "time_constant", clean)
 
-    def memory(self, grain: float) -> Memory:
+    def parameters(self, tick_weight: float) -> AveragingParameters:
         """Return what the formulas need.
 
         Parameters
         ----------
-        grain : float
-            Grain of time.
+        tick_weight : float
+            1 where agents tick, 0 in continuous time.
 
         Returns
         -------
@@ -297,5 +307,5 @@ class Forgetting:
             Of this time constant.
         """
         rate = 1.0 / self.time_constant
-        span = self.time_constant if grain == 0.0 else -1.0 / expm1(-rate)
-        return Memory(FORGETTING, rate, span, 0.0, 0)
+        span = self.time_constant if tick_weight == 0.0 else -1.0 / expm1(-rate)
+        return AveragingParameters(FORGETTING, rate, span, 0.0, 0)

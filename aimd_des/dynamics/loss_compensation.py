@@ -29,8 +29,8 @@ __all__ = [
     "ESTIMATED",
     "KNOWN",
     "NOTHING",
-    "Answering",
     "Compensation",
+    "CompensationParameters",
     "EstimatedLoss",
     "KnownLoss",
     "compensation_factor",
@@ -49,7 +49,7 @@ _LEAST_GROWTH = 1.0 / _MOST
 _MOST_BITS = 62
 
 
-class Answering(NamedTuple):
+class CompensationParameters(NamedTuple):
     """How agents make good for losses, for formulas.
 
     Attributes
@@ -76,14 +76,14 @@ class Compensation(Protocol):
         """How many bits a signal has besides the one."""
         ...
 
-    def answering(self, n_agents: int) -> Answering:
+    def parameters(self, n_agents: int) -> CompensationParameters:
         """Return what the formulas need, for n agents."""
         ...
 
 
-def no_compensation(n_agents: int) -> Answering:
+def no_compensation(n_agents: int) -> CompensationParameters:
     """Return what the formulas need where agents do nothing about loss."""
-    return Answering(NOTHING, np.zeros(n_agents), 0)
+    return CompensationParameters(NOTHING, np.zeros(n_agents), 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,7 @@ class KnownLoss:
         """How many bits a signal has besides the one: none."""
         return 0
 
-    def answering(self, n_agents: int) -> Answering:
+    def parameters(self, n_agents: int) -> CompensationParameters:
         """Return what the formulas need.
 
         Parameters
@@ -125,7 +125,7 @@ class KnownLoss:
 
         Returns
         -------
-        Answering
+        CompensationParameters
             With the loss of each agent.
 
         Raises
@@ -134,7 +134,9 @@ class KnownLoss:
             If there is a loss for each agent and their number is not n.
         """
         validation.fits("KnownLoss.loss", self.loss, n_agents)
-        return Answering(KNOWN, np.array(np.broadcast_to(self.loss, (n_agents,)), dtype=np.float64), 0)
+        return CompensationParameters(
+            KNOWN, np.array(np.broadcast_to(self.loss, (n_agents,)), dtype=np.float64), 0
+        )
 
 
 @dataclass(frozen=True)
@@ -163,7 +165,7 @@ class EstimatedLoss:
         """How many bits a signal has besides the one."""
         return self.number_bits
 
-    def answering(self, n_agents: int) -> Answering:
+    def parameters(self, n_agents: int) -> CompensationParameters:
         """Return what the formulas need.
 
         Parameters
@@ -173,10 +175,10 @@ class EstimatedLoss:
 
         Returns
         -------
-        Answering
+        CompensationParameters
             With nothing known.
         """
-        return Answering(ESTIMATED, np.zeros(n_agents), 1 << self.number_bits)
+        return CompensationParameters(ESTIMATED, np.zeros(n_agents), 1 << self.number_bits)
 
 
 @formula
@@ -204,7 +206,7 @@ def estimated_loss(heard: int, first: int, latest: int) -> float:
 
 
 @formula
-def compensation_factor(loss: float, answered: int, age: float, grain: float) -> float:
+def compensation_factor(loss: float, answered: int, age: float, tick_weight: float) -> float:
     """Return what an agent multiplies its response probability by.
 
     Parameters
@@ -215,15 +217,15 @@ def compensation_factor(loss: float, answered: int, age: float, grain: float) ->
         In how many of its ticks a discrete agent has answered a signal, this one included.
     age : float
         How many ticks it has had.
-    grain : float
-        Grain of time.
+    tick_weight : float
+        Tick weight.
 
     Returns
     -------
     float
         1 without loss.
     """
-    if grain == 0.0 or loss == 0.0:
+    if tick_weight == 0.0 or loss == 0.0:
         return 1.0 / (1.0 - loss)
     silent = 1.0 - answered / age
     grown = silent - loss

@@ -8,7 +8,7 @@ after it, and the demand accumulated up to it.  With c the moments since the anc
     moment       k                             t
     demand       x + alpha * (c - 1)           x + alpha * c
 
-and they differ in one number, the *grain*: 1 where a tick folds in a whole demand before it acts
+and they differ in one number, the *tick weight*: 1 where a tick folds in a whole demand before it acts
 (eq. (average_eqn) of the paper), 0 where the average is an integral.  A signal is answered with
 probability lambda = Gamma * grad_j f(average) / average^j, eq. (prob_x).  The formulas below are
 the rule, written once: kernels compile them, processes call them as they stand.
@@ -24,7 +24,7 @@ from aimd_des.dynamics.averaging import (
     keep_parts,
     time_average,
 )
-from aimd_des.dynamics.state import Law, State
+from aimd_des.dynamics.state import AgentParameters, State
 from aimd_des.utils.jit import formula, kernel
 from aimd_des.utils.validation import FloatArray
 
@@ -37,14 +37,14 @@ __all__ = [
     "response_probability",
 ]
 
-#: The grain of time: what the moment at hand itself counts for in the average.
+#: The tick weight: what the moment at hand itself counts for in the average.
 DISCRETE, CONTINUOUS = 1.0, 0.0
 
 
 @formula
-def demand_at(demand: float, increase: float, since: float, grain: float) -> float:
+def demand_at(demand: float, increase: float, since: float, tick_weight: float) -> float:
     """Return the demand after growth."""
-    return demand + increase * (since - grain)
+    return demand + increase * (since - tick_weight)
 
 
 @formula
@@ -71,53 +71,53 @@ def response_probability(normalization: float, gradient: float, average: float) 
 @kernel
 def average_row(
     state: State,
-    law: Law,
+    parameters: AgentParameters,
     resource: int,
     moment: float,
-    grain: float,
+    tick_weight: float,
     folded: FloatArray,
     average: FloatArray,
 ) -> None:
     """Compute the averages that all agents have at one moment."""
-    j, memory = resource, law.memory
+    j, averaging = resource, parameters.averaging
     demand, accumulated, anchor = state.demand[j], state.accumulated[j], state.anchor[j]
-    increase, origin = law.increase[j], state.origin[j]
-    if memory.kind == CUMULATIVE:  # on its own, so that it is computed for several agents at once
+    increase, origin = parameters.increase[j], state.origin[j]
+    if averaging.kind == CUMULATIVE:  # on its own, so that it is computed for several agents at once
         for i in range(demand.shape[0]):
             since = moment - anchor[i]
-            folded[i] = accumulated_at(accumulated[i], demand[i], increase[i], since, grain)
-            average[i] = time_average(folded[i], age_at(moment, origin[i], grain))
+            folded[i] = accumulated_at(accumulated[i], demand[i], increase[i], since, tick_weight)
+            average[i] = time_average(folded[i], age_at(moment, origin[i], tick_weight))
     else:
         for i in range(demand.shape[0]):
             held, kept, alpha, since = demand[i], accumulated[i], increase[i], moment - anchor[i]
-            folded[i] = folded_at(memory, kept, held, alpha, since, grain)
+            folded[i] = folded_at(averaging, kept, held, alpha, since, tick_weight)
             line = (folded[i], kept, held, alpha, anchor[i], origin[i])
-            average[i] = average_at(memory, state.parts, j, i, *line, moment, grain)
+            average[i] = average_at(averaging, state.parts, j, i, *line, moment, tick_weight)
 
 
 @kernel
 def answer_row(
     state: State,
-    law: Law,
+    parameters: AgentParameters,
     resource: int,
     folded: FloatArray,
     average: FloatArray,
     gradient: FloatArray,
     uniform: FloatArray,
     moment: float,
-    grain: float,
+    tick_weight: float,
 ) -> None:
     """Let all agents answer one capacity signal at the same moment."""
-    j, memory, normalization = resource, law.memory, law.normalization[resource]
+    j, averaging, normalization = resource, parameters.averaging, parameters.normalization[resource]
     demand, accumulated, anchor = state.demand[j], state.accumulated[j], state.anchor[j]
-    increase, decrease, origin = law.increase[j], law.decrease[j], state.origin[j]
+    increase, decrease, origin = parameters.increase[j], parameters.decrease[j], state.origin[j]
     responses, saturated = state.responses[j], state.saturated[j]
-    if memory.kind == WINDOW:
+    if averaging.kind == WINDOW:
         for i in range(demand.shape[0]):
             line = (accumulated[i], demand[i], increase[i], anchor[i], origin[i])
-            keep_parts(memory, state.parts, j, i, *line, moment, grain)
+            keep_parts(averaging, state.parts, j, i, *line, moment, tick_weight)
     for i in range(demand.shape[0]):
-        present = demand_at(demand[i], increase[i], moment - anchor[i], grain)
+        present = demand_at(demand[i], increase[i], moment - anchor[i], tick_weight)
         probability = response_probability(normalization, gradient[i], average[i])
         decreases = uniform[i] < probability
         demand[i] = present * decrease[i] if decreases else present

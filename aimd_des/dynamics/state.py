@@ -5,13 +5,20 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.dynamics.averaging import CUMULATIVE, FORGETTING, WINDOW, Averaging, Cumulative, Memory
+from aimd_des.dynamics.averaging import (
+    CUMULATIVE,
+    FORGETTING,
+    WINDOW,
+    Averaging,
+    AveragingParameters,
+    Cumulative,
+)
 from aimd_des.dynamics.loss_compensation import (
     ESTIMATED,
     KNOWN,
     NOTHING,
-    Answering,
     Compensation,
+    CompensationParameters,
     no_compensation,
 )
 from aimd_des.problem.problem import Problem
@@ -20,7 +27,7 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.locked_arrays import locked
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Law", "State", "law_of", "start"]
+__all__ = ["AgentParameters", "State", "agent_parameters", "start"]
 
 IntArray = npt.NDArray[np.int64]
 
@@ -65,7 +72,7 @@ class State(NamedTuple):
     answered: IntArray
 
 
-class Law(NamedTuple):
+class AgentParameters(NamedTuple):
     """The parameters of the agents' rule; nobody but the functions of interventions can write there.
 
     Attributes
@@ -78,9 +85,9 @@ class Law(NamedTuple):
         Total demand above which a capacity event is due.
     capacity : ndarray, shape (m,)
         C.
-    memory : Memory
+    averaging : AveragingParameters
         How demand is averaged.
-    answering : Answering
+    compensation : CompensationParameters
         How losses are made good for.
     """
 
@@ -89,70 +96,76 @@ class Law(NamedTuple):
     normalization: FloatArray
     limit: FloatArray
     capacity: FloatArray
-    memory: Memory
-    answering: Answering
+    averaging: AveragingParameters
+    compensation: CompensationParameters
 
 
-def law_of(
+def agent_parameters(
     problem: Problem,
-    grain: float,
+    tick_weight: float,
     averaging: Averaging | None = None,
     compensation: Compensation | None = None,
-) -> Law:
+) -> AgentParameters:
     """Lay out a problem's parameters with agents along the contiguous axis."""
-    return Law(
+    return AgentParameters(
         increase=locked(problem.increase.T.copy()),
         decrease=locked(problem.decrease.T.copy()),
         normalization=locked(problem.normalization.copy()),
         limit=locked(problem.limit.copy()),
         capacity=locked(problem.capacity.copy()),
-        memory=_memory_of(Cumulative() if averaging is None else averaging, grain),
-        answering=_answering_of(compensation, problem.n_agents),
+        averaging=_averaging_parameters(Cumulative() if averaging is None else averaging, tick_weight),
+        compensation=_compensation_parameters(compensation, problem.n_agents),
     )
 
 
-def _memory_of(averaging: Averaging, grain: float) -> Memory:
-    field = returned_values.said_by(averaging, "memory")
-    memory = returned_values.instance(
-        field, averaging.memory(grain), Memory, "a Memory, see aimd_des.dynamics.averaging"
+def _averaging_parameters(averaging: Averaging, tick_weight: float) -> AveragingParameters:
+    field = returned_values.said_by(averaging, "parameters")
+    given = returned_values.instance(
+        field,
+        averaging.parameters(tick_weight),
+        AveragingParameters,
+        "AveragingParameters, see aimd_des.averaging",
     )
-    if memory.kind not in (CUMULATIVE, WINDOW, FORGETTING):
-        raise InputError.of(f"{field}.kind", memory.kind, "CUMULATIVE, WINDOW or FORGETTING")
+    if given.kind not in (CUMULATIVE, WINDOW, FORGETTING):
+        raise InputError.of(f"{field}.kind", given.kind, "CUMULATIVE, WINDOW or FORGETTING")
     for name in ("rate", "span", "part"):
-        validation.number(f"{field}.{name}", getattr(memory, name), low=0.0)
-    validation.integer(f"{field}.parts", memory.parts, low=0)
-    return memory
+        validation.number(f"{field}.{name}", getattr(given, name), low=0.0)
+    validation.integer(f"{field}.parts", given.parts, low=0)
+    return given
 
 
-def _answering_of(compensation: Compensation | None, n_agents: int) -> Answering:
+def _compensation_parameters(compensation: Compensation | None, n_agents: int) -> CompensationParameters:
     if compensation is None:
-        answering = no_compensation(n_agents)
+        given = no_compensation(n_agents)
     else:
-        field = returned_values.said_by(compensation, "answering")
-        answering = returned_values.instance(
-            field, compensation.answering(n_agents), Answering, "an Answering, see aimd_des.compensation"
+        field = returned_values.said_by(compensation, "parameters")
+        given = returned_values.instance(
+            field,
+            compensation.parameters(n_agents),
+            CompensationParameters,
+            "CompensationParameters, see aimd_des.compensation",
         )
-        if answering.rule not in (NOTHING, KNOWN, ESTIMATED):
-            raise InputError.of(f"{field}.rule", answering.rule, "NOTHING, KNOWN or ESTIMATED")
-        validation.array(f"{field}.loss", answering.loss, (n_agents,), low=0.0, high=1.0, high_open=True)
-        validation.integer(f"{field}.period", answering.period, low=0)
+        if given.rule not in (NOTHING, KNOWN, ESTIMATED):
+            raise InputError.of(f"{field}.rule", given.rule, "NOTHING, KNOWN or ESTIMATED")
+        validation.array(f"{field}.loss", given.loss, (n_agents,), low=0.0, high=1.0, high_open=True)
+        validation.integer(f"{field}.period", given.period, low=0)
         validation.integer(f"{type(compensation).__name__}.bits", compensation.bits, low=0)
-    return answering._replace(loss=locked(np.array(answering.loss, dtype=np.float64)))
+    return given._replace(loss=locked(np.array(given.loss, dtype=np.float64)))
 
 
-def start(n_resources: int, n_agents: int, grain: float, memory: Memory) -> State:
+def start(n_resources: int, n_agents: int, tick_weight: float, averaging: AveragingParameters) -> State:
     """Give the state before anything has happened: nobody holds anything."""
     shape = (n_resources, n_agents)
     counts = np.zeros((6, *shape), dtype=np.int64)
     return State(
         demand=np.zeros(shape),
         accumulated=np.zeros(shape),
-        anchor=np.full(shape, 0.0 - grain),
+        anchor=np.full(shape, 0.0 - tick_weight),
         responses=counts[0],
         saturated=counts[1],
         origin=np.zeros(shape),
         pause=np.full(shape, np.inf),
-        parts=np.zeros((*shape, memory.parts)),
+        parts=np.zeros((*shape, averaging.parts)),
         heard=counts[2],
         first=counts[3],
         latest=counts[4],

@@ -22,7 +22,7 @@ from aimd_des.dynamics.loss_compensation import (
 )
 from aimd_des.dynamics.response import demand_at, response_probability
 from aimd_des.engine.delivery import ProcessGenerator, Signal
-from aimd_des.engine.environment import Kind, Mailbox
+from aimd_des.engine.environment import EventKind, Mailbox
 from aimd_des.engine.system import System
 from aimd_des.problem.costs import Costs
 from aimd_des.problem.costs.kernels import marginal_cost
@@ -72,27 +72,27 @@ class AgentProcess:
         self._latch: dict[int, Signal] = {}
         self._late: list[Signal] = []
         self._averages = [0.0] * system.problem.n_resources
-        law, rows = system.law, system.rows
+        parameters, rows = system.parameters, system.rows
         self.resources = range(system.problem.n_resources)
-        self._take_law()
-        system.conditions.on_law.append(self._take_law)
+        self._take_parameters()
+        system.conditions.on_parameters.append(self._take_parameters)
         self._responses, self._saturated = rows.responses, rows.saturated
-        self._memory, self._answering = law.memory, law.answering
-        self._cumulative = law.memory.kind == CUMULATIVE
-        self._compensates = law.answering.rule != NOTHING
-        self._env, self._grain, self._log = system.env, system.grain, system.log
+        self._averaging, self._compensation = parameters.averaging, parameters.compensation
+        self._cumulative = parameters.averaging.kind == CUMULATIVE
+        self._compensates = parameters.compensation.rule != NOTHING
+        self._env, self._tick_weight, self._log = system.env, system.tick_weight, system.log
         self._on_response = system.on_response
 
-    def _take_law(self) -> None:
+    def _take_parameters(self) -> None:
         """Put at hand what an answer needs, as it is now: most of a run is spent there."""
-        law, rows, i = self.system.law, self.system.rows, self.agent
-        # In the law, alpha is 0 while the agent is away.
+        parameters, rows, i = self.system.parameters, self.system.rows, self.agent
+        # Among the parameters, alpha is 0 while the agent is away.
         self.increase: tuple[float, ...] = tuple(self.system.conditions.increase[:, i].tolist())
-        self.decrease: tuple[float, ...] = tuple(law.decrease[:, i].tolist())
-        self.normalization: tuple[float, ...] = tuple(law.normalization.tolist())
+        self.decrease: tuple[float, ...] = tuple(parameters.decrease[:, i].tolist())
+        self.normalization: tuple[float, ...] = tuple(parameters.normalization.tolist())
         lines = rows.demand, rows.accumulated, rows.anchor, rows.origin
-        parameters = self.increase, self.decrease, self.normalization
-        self._rows: list[_Row] = list(zip(*lines, *parameters, strict=True))
+        own = self.increase, self.decrease, self.normalization
+        self._rows: list[_Row] = list(zip(*lines, *own, strict=True))
 
     def receive(self, signal: Signal) -> None:
         """Take note of a capacity signal that arrives now; a continuous agent answers it at once.
@@ -133,10 +133,10 @@ class AgentProcess:
             yield self._mailbox
             # A tick at this very instant counts unless it is over: signals are delivered before agents act.
             tick = clocks.next_tick(self.agent, self.system.clock_time(self.agent))
-            yield self._env.at(clocks.time(self.agent, tick), Kind.ACT, self.agent)
+            yield self._env.at(clocks.time(self.agent, tick), EventKind.ACT, self.agent)
             # By resource, not by arrival: the order of a tick's entries in the log, however agents are run.
             self.answer(sorted(self._latch.values()), tick)
-            if self._answering.rule == ESTIMATED:
+            if self._compensation.rule == ESTIMATED:
                 for signal in self._late:  # a latch is answered once, but the numbers are read
                     self._read_number(signal)
             self.forget()
@@ -153,20 +153,20 @@ class AgentProcess:
         """
         if not self.separable:
             self._take_averages(moment)
-        i, grain, averages = self.agent, self._grain, self._averages
+        i, tick_weight, averages = self.agent, self._tick_weight, self._averages
         for signal in signals:
             j = signal.resource
             demand, accumulated, anchor, origin, increase, decrease, normalization = self._rows[j]
             held, since = demand[i], moment - anchor[i]
             # The paper's average is written out: it is most runs' way, and a call less for every answer.
             if self._cumulative:
-                folded = accumulated_at(accumulated[i], held, increase, since, grain)
-                averages[j] = average = time_average(folded, age_at(moment, origin[i], grain))
+                folded = accumulated_at(accumulated[i], held, increase, since, tick_weight)
+                averages[j] = average = time_average(folded, age_at(moment, origin[i], tick_weight))
             else:
                 folded, average = self._fold(j, moment)
                 averages[j] = average
             # Formulas that kernels compile, too: whoever rearranges one moves the bits of both.
-            present = demand_at(held, increase, since, grain)
+            present = demand_at(held, increase, since, tick_weight)
             probability = response_probability(normalization, self.marginal_cost(averages, j), average)
             if self._compensates:
                 probability *= self._factor(signal, moment)
@@ -194,20 +194,20 @@ class AgentProcess:
         """Begin a new line with what is held now."""
         i, row = self.agent, self._rows[resource]
         # While the line that ends is still there: what lies on it within the window is known from it alone.
-        if self._memory.kind == WINDOW:
+        if self._averaging.kind == WINDOW:
             line = row[1][i], row[0][i], row[4], row[2][i], row[3][i]
             parts = self.system.state.parts
-            keep_parts(self._memory, parts, resource, i, *line, moment, self._grain)
+            keep_parts(self._averaging, parts, resource, i, *line, moment, self._tick_weight)
         row[0][i], row[1][i], row[2][i] = demand, folded, moment
 
     def _fold(self, resource: int, moment: float) -> tuple[float, float]:
         """Compute what is accumulated, and the average, in whatever way demand is averaged."""
-        i, memory, grain = self.agent, self._memory, self._grain
+        i, averaging, tick_weight = self.agent, self._averaging, self._tick_weight
         demand, accumulated, anchor, origin, increase, _, _ = self._rows[resource]
         line = accumulated[i], demand[i], increase
-        folded = folded_at(memory, *line, moment - anchor[i], grain)
-        parts, span = self.system.state.parts, (anchor[i], origin[i], moment, grain)
-        return folded, average_at(memory, parts, resource, i, folded, *line, *span)
+        folded = folded_at(averaging, *line, moment - anchor[i], tick_weight)
+        parts, span = self.system.state.parts, (anchor[i], origin[i], moment, tick_weight)
+        return folded, average_at(averaging, parts, resource, i, folded, *line, *span)
 
     def _take_averages(self, moment: float) -> None:
         """Compute all averages before anything is answered: costs that couple resources read them."""
@@ -218,7 +218,7 @@ class AgentProcess:
         """Count a signal that has been heard, by its running number; a duplicate is known by it."""
         if signal.copy:
             return
-        rows, i, j, period = self.system.rows, self.agent, signal.resource, self._answering.period
+        rows, i, j, period = self.system.rows, self.agent, signal.resource, self._compensation.period
         heard, first, latest = rows.heard[j], rows.first[j], rows.latest[j]
         heard[i], first[i], latest[i] = read_number(signal.number, heard[i], first[i], latest[i], period)
 
@@ -227,14 +227,14 @@ class AgentProcess:
         # The answer at hand is one of those that the factor is computed from.
         rows, i, j = self.system.rows, self.agent, signal.resource
         rows.answered[j][i] += 1
-        if self._answering.rule == KNOWN:
-            loss = float(self._answering.loss[i])
+        if self._compensation.rule == KNOWN:
+            loss = float(self._compensation.loss[i])
         else:
             # Before the estimate, which counts this signal among those heard; late ones follow the answers.
             self._read_number(signal)
             loss = estimated_loss(rows.heard[j][i], rows.first[j][i], rows.latest[j][i])
-        age = age_at(moment, rows.origin[j][i], self._grain)
-        return compensation_factor(loss, rows.answered[j][i], age, self._grain)
+        age = age_at(moment, rows.origin[j][i], self._tick_weight)
+        return compensation_factor(loss, rows.answered[j][i], age, self._tick_weight)
 
     def _reprice(self, costs: Costs) -> None:
         """Take in new private costs."""

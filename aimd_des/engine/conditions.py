@@ -54,7 +54,7 @@ class Conditions:
         Called with the time when a control unit takes over.
     on_costs : list of callable
         Called with the costs when they have changed.
-    on_law : list of callable
+    on_parameters : list of callable
         Called when parameters of the agents' rule have changed.
     on_piece : list of callable
         Called just before the problem changes.
@@ -77,7 +77,7 @@ class Conditions:
     on_tightening: list[Callable[[float, int], None]] = field(default_factory=list)
     on_recovery: list[Callable[[float], None]] = field(default_factory=list)
     on_costs: list[Callable[[Costs], None]] = field(default_factory=list)
-    on_law: list[Callable[[], None]] = field(default_factory=list)
+    on_parameters: list[Callable[[], None]] = field(default_factory=list)
     on_piece: list[Callable[[], None]] = field(default_factory=list)
 
     @classmethod

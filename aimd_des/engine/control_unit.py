@@ -10,7 +10,7 @@ import simpy
 
 from aimd_des.dynamics.clocks import Clock
 from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import Kind, Mailbox
+from aimd_des.engine.environment import EventKind, Mailbox
 from aimd_des.engine.system import System
 from aimd_des.results.overload import Opportunities
 from aimd_des.utils import validation
@@ -104,10 +104,10 @@ class Sampled:
         """
         clock = Clock(self.period, self.phase)
         for look in count():
-            yield system.env.at(clock.time(look), Kind.SENSE)
+            yield system.env.at(clock.time(look), EventKind.SENSE)
             if not system.conditions.failed[0]:
                 # Totals of all resources before anything is sent, which could be answered at once.
-                for resource in np.flatnonzero(system.totals() > system.law.limit).tolist():
+                for resource in np.flatnonzero(system.totals() > system.parameters.limit).tolist():
                     system.broadcast(resource, self.sensing_delay)
 
 
@@ -245,7 +245,7 @@ class Crossing:
 
     def _sense(self, system: System, resource: int, unanswered: Unanswered) -> ProcessGenerator:
         """Go from one possible crossing to the next: responses only lower the total, growth bounds it."""
-        env, limit, growth = system.env, system.law.limit, system.conditions.growth
+        env, limit, growth = system.env, system.parameters.limit, system.conditions.growth
         shortest, longest = self.bounds
         alarm = _Alarm(system, resource, shortest)
         at_this_instant, instant = 0, NEVER
@@ -326,7 +326,7 @@ class _Alarm:
                 self.mailbox.hand(None)
 
         if time < math.inf:
-            self.env.at(time, Kind.SENSE, self.resource).callbacks.append(ring)
+            self.env.at(time, EventKind.SENSE, self.resource).callbacks.append(ring)
         return self.mailbox
 
     def _tightened(self, time: float, resource: int) -> None:

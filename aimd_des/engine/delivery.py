@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import simpy
 
-from aimd_des.engine.environment import Kind, OrderedEnvironment
+from aimd_des.engine.environment import EventKind, OrderedEnvironment
 from aimd_des.results.event_log import Entry, EventLog
 from aimd_des.utils import rng
 from aimd_des.utils.rng import Key
@@ -158,7 +158,7 @@ class Carrier:
 
     def _schedule(self, time: float, order: int) -> None:
         self._scheduled.append(order)
-        self.env.at(time, Kind.DELIVER, order).callbacks.append(self._land)
+        self.env.at(time, EventKind.DELIVER, order).callbacks.append(self._land)
 
     def _land(self, event: simpy.Event) -> None:
         """Hand copies to their receivers one by one, for as long as nothing else comes in between."""
@@ -197,6 +197,6 @@ class Carrier:
             if scheduled and scheduled[-1] == order:
                 return
             # Something else comes first: back to SimPy, at the price of one event.
-            if not advance(time, Kind.DELIVER, order):
+            if not advance(time, EventKind.DELIVER, order):
                 self._schedule(time, order)
                 return

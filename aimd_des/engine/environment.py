@@ -24,7 +24,7 @@ import simpy
 
 from aimd_des.utils.errors import InputError
 
-__all__ = ["Kind", "Mailbox", "OrderedEnvironment"]
+__all__ = ["EventKind", "Mailbox", "OrderedEnvironment"]
 
 Callback = Callable[[Any], None]
 
@@ -39,7 +39,7 @@ _WATCH_EVERY = 1 << 12
 _NOTHING = (-math.inf, 0, 0)
 
 
-class Kind(IntEnum):
+class EventKind(IntEnum):
     """What an event is, in the order of handling at one instant; SimPy itself uses 0 and 1."""
 
     INTERVENE = 2
@@ -109,7 +109,7 @@ class OrderedEnvironment(simpy.Environment):
         if not self._queue:
             return math.inf, 0, 0
         time, kind, order, _ = self._queue[0]
-        return time, int(kind), order  # compiled code would be compiled once more for a Kind
+        return time, int(kind), order  # compiled code would be compiled once more for an EventKind
 
     @property
     def acted(self) -> tuple[float, int]:
@@ -166,14 +166,14 @@ class OrderedEnvironment(simpy.Environment):
         """
         self._places[self.process(process)] = len(self._places)
 
-    def at(self, time: float, kind: Kind, order: int | None = None) -> simpy.Event:
+    def at(self, time: float, kind: EventKind, order: int | None = None) -> simpy.Event:
         """Schedule an event at an absolute time, for a process to yield.
 
         Parameters
         ----------
         time : float
             When; not before now.
-        kind : Kind
+        kind : EventKind
             What it is; decides among events at the same time.
         order : int, optional
             Decides among events of the same time and kind; unless given, the place of an intervention
@@ -192,22 +192,22 @@ class OrderedEnvironment(simpy.Environment):
         if not self._now <= time < math.inf:
             raise InputError.of("time", time, f"finite and not before the present, {self._now!r}")
         # A list of interventions is an order that its author can see; when each has scheduled what, is not.
-        if kind is Kind.INTERVENE and order is None:
+        if kind is EventKind.INTERVENE and order is None:
             order = self._places.get(self.active_process)
         event = _Due(self, next(self._eid) if order is None else order, next(self._turns))
-        if kind is Kind.ACT:
+        if kind is EventKind.ACT:
             event.callbacks.append(self._note_act)
         heappush(self._queue, (time, kind, event.order, event))  # type: ignore[misc]  # SimPy has two kinds
         return event
 
-    def advance(self, time: float, kind: Kind, order: int) -> bool:
+    def advance(self, time: float, kind: EventKind, order: int) -> bool:
         """Move on to what is due at a later time within the present event, if nothing else comes first.
 
         Parameters
         ----------
         time : float
             When it is due: not before now, and before the end of the run.
-        kind : Kind
+        kind : EventKind
             What it is.
         order : int
             Decides among events of the same time and kind.

@@ -12,7 +12,7 @@ from heapq import heapify, heapreplace
 import numpy as np
 
 from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.results.metrics import Overshoot, Stretch, fold_overshoot, load_of, overshoot_of
 from aimd_des.results.recording import Recording
@@ -66,7 +66,7 @@ class ConstantPieces:
             time, agent, tick = ticks[0]
             # Of several agents that tick at one instant, the first closes the interval for all.
             if time > env.now or self.measured[0] < time:
-                yield env.at(time, Kind.OBSERVE)
+                yield env.at(time, EventKind.OBSERVE)
                 self._close(self.system.totals())
             heapreplace(ticks, (clocks.time(agent, tick + 1), agent, tick + 1))
 
@@ -79,7 +79,7 @@ class ConstantPieces:
             self._close(before)
 
     def _close(self, total: FloatArray) -> None:
-        now, capacity = self.system.env.now, self.system.law.capacity
+        now, capacity = self.system.env.now, self.system.parameters.capacity
         duration = now - self.measured[0]
         if duration > 0.0:
             fold_overshoot(total, capacity, duration, self.peak, self.above, self.excess, self.used)
@@ -90,7 +90,7 @@ class ConstantPieces:
         # To close the interval here would add up the same integral in other pieces, and other last bits.
         since = float(self.system.env.now - self.measured[0])
         used = self.used + self.system.totals() * since
-        return np.asarray(used / self.system.law.capacity + _load_before(self.stretches))
+        return np.asarray(used / self.system.parameters.capacity + _load_before(self.stretches))
 
     def close_stretch(self) -> None:
         """End what was measured with the present capacities: they change, or the run is over."""
@@ -99,7 +99,7 @@ class ConstantPieces:
         # Of two changes at one instant, what holds in between holds for no time.
         if now > self._begun:
             measures = (self.peak, self.above, self.excess, self.used)
-            capacity = self.system.law.capacity.copy()
+            capacity = self.system.parameters.capacity.copy()
             self.stretches.append(Stretch(self._begun, now, capacity, *(row.copy() for row in measures)))
             for row in measures:
                 row[:] = 0.0
@@ -186,7 +186,7 @@ class LinearPieces:
             np.array(self.times[resource]),
             np.array(self.changes[resource]),
             float(self.slope[resource]),
-            float(self.system.law.capacity[resource]),
+            float(self.system.parameters.capacity[resource]),
             self.running[resource],
         )
         self.times[resource], self.changes[resource] = array("d"), array("d")
@@ -197,7 +197,7 @@ class LinearPieces:
         self.flush()
         since = self.system.env.now - self.running[:, 0]
         used = self.running[:, 5] + (self.running[:, 1] + 0.5 * self.slope * since) * since
-        return np.asarray(used / self.system.law.capacity + _load_before(self.stretches))
+        return np.asarray(used / self.system.parameters.capacity + _load_before(self.stretches))
 
     def close_stretch(self) -> None:
         """End what was measured with the present capacities: they change, or the run is over."""
@@ -209,7 +209,7 @@ class LinearPieces:
         if now > self._begun:
             # The first two columns, time and total, are where the next line begins, and stay.
             measures = self.running.T[2:]
-            capacity = self.system.law.capacity.copy()
+            capacity = self.system.parameters.capacity.copy()
             self.stretches.append(Stretch(self._begun, now, capacity, *(row.copy() for row in measures)))
             self.running[:, 2:] = 0.0
             self._begun = now
@@ -238,30 +238,30 @@ class Observer:
         self.demand = np.zeros((len(self.allocation_times), m, n))
         self.average = np.zeros((len(self.allocation_times), m, n))
         self.watching = True
-        self.meter: ConstantPieces | LinearPieces | None = None
+        self.overshoot: ConstantPieces | LinearPieces | None = None
         if recording.overshoot:
-            self.meter = LinearPieces(system) if system.clocks is None else ConstantPieces(system)
-            system.env.process(self._weigh_half(self.meter))
+            self.overshoot = LinearPieces(system) if system.clocks is None else ConstantPieces(system)
+            system.env.process(self._weigh_half(self.overshoot))
         self.half_load = np.zeros(m)
         system.env.process(self._watch_totals())
         system.env.process(self._watch_allocations())
 
-    def _weigh_half(self, meter: ConstantPieces | LinearPieces) -> ProcessGenerator:
+    def _weigh_half(self, overshoot: ConstantPieces | LinearPieces) -> ProcessGenerator:
         """Keep what the first half of the run has come to."""
-        yield self.system.env.at(0.5 * self.system.until, Kind.OBSERVE)
-        self.half_load = meter.load()
+        yield self.system.env.at(0.5 * self.system.until, EventKind.OBSERVE)
+        self.half_load = overshoot.load()
 
     def _watch_totals(self) -> ProcessGenerator:
         """Keep the totals; the last look is left to `finish`."""
         # Read when the process begins, which is when the run does.
         for row, time in enumerate(self.demand_times[:-1].tolist() if self.watching else ()):
-            yield self.system.env.at(time, Kind.OBSERVE)
+            yield self.system.env.at(time, EventKind.OBSERVE)
             self._keep_totals(row)
 
     def _watch_allocations(self) -> ProcessGenerator:
         """Keep demand and average of every agent; the last look is left to `finish`."""
         for page, time in enumerate(self.allocation_times[:-1].tolist()):
-            yield self.system.env.at(time, Kind.OBSERVE)
+            yield self.system.env.at(time, EventKind.OBSERVE)
             self.demand[page], self.average[page] = self.system.allocations()
 
     def _keep_totals(self, row: int) -> None:
@@ -276,9 +276,9 @@ class Observer:
         missing = np.full(self.system.problem.n_resources, np.nan)
         overshoot, second_half = Overshoot(missing, missing, missing), missing
         stretches: tuple[Stretch, ...] = ()
-        if self.meter:
-            self.meter.close_stretch()
-            stretches = tuple(self.meter.stretches)
+        if self.overshoot:
+            self.overshoot.close_stretch()
+            stretches = tuple(self.overshoot.stretches)
             overshoot = overshoot_of(stretches)
             half = 0.5 * self.system.until
             if half > 0.0:  # half of the smallest number that there is is 0

@@ -8,7 +8,7 @@ from aimd_des.dynamics.averaging import Averaging, Cumulative
 from aimd_des.dynamics.clocks import Clocks
 from aimd_des.dynamics.loss_compensation import Compensation
 from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
-from aimd_des.dynamics.state import law_of
+from aimd_des.dynamics.state import agent_parameters
 from aimd_des.engine.agent_process import AgentProcess
 from aimd_des.engine.control_unit import ControlUnit, Crossing, Sampled
 from aimd_des.engine.declared import Intervention, check_absences, check_end
@@ -152,8 +152,8 @@ class Simulation:
         if not hasattr(agents, "populate"):
             _check_maker("agents", agents)
         self.seed = validation.integer("seed", seed, low=0)
-        grain = DISCRETE if dynamics == "discrete" else CONTINUOUS
-        law_of(problem, grain, averaging, compensation)  # and what does not fit the agents
+        tick_weight = DISCRETE if dynamics == "discrete" else CONTINUOUS
+        agent_parameters(problem, tick_weight, averaging, compensation)  # and what does not fit the agents
         changes = validation.instances("interventions", interventions, Intervention, "an intervention")
         for intervention in changes:
             intervention.check(problem)

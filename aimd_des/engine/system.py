@@ -9,7 +9,7 @@ from aimd_des.dynamics.averaging import Averaging, folded_at, keep_parts
 from aimd_des.dynamics.clocks import Clocks
 from aimd_des.dynamics.loss_compensation import Compensation
 from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
-from aimd_des.dynamics.state import law_of, start
+from aimd_des.dynamics.state import agent_parameters, start
 from aimd_des.engine.conditions import Conditions
 from aimd_des.engine.delivery import Agent, Carrier, Collective, ResponseDraws, Signal
 from aimd_des.engine.environment import OrderedEnvironment
@@ -80,11 +80,18 @@ class System(Readings):
         self.keys = {purpose: rng.key(seed, purpose) for purpose in Purpose}
         self.link = channel.open(n, self.keys)
         returned_values.having(returned_values.said_by(channel, "open"), self.link, ["transmit"])
-        grain = CONTINUOUS if clocks is None else DISCRETE
+        tick_weight = CONTINUOUS if clocks is None else DISCRETE
         # Arrays of this run: interventions write them, so nothing of the problem's may be among them.
-        law = law_of(problem, grain, averaging, compensation)
+        parameters = agent_parameters(problem, tick_weight, averaging, compensation)
         own = None if clocks is None else clocks.start(n, self.keys[Purpose.CLOCK])
-        super().__init__(problem, OrderedEnvironment(), own, start(m, n, grain, law.memory), law, grain)
+        super().__init__(
+            problem,
+            OrderedEnvironment(),
+            own,
+            start(m, n, tick_weight, parameters.averaging),
+            parameters,
+            tick_weight,
+        )
         self.until = until
         self.log = log
         self.conditions = Conditions.at_start(problem)
@@ -139,14 +146,16 @@ class System(Readings):
         demand : float
             From which it grows on, in units of the resource.
         """
-        i, j, rows, memory = agent, resource, self.rows, self.law.memory
+        i, j, rows, averaging = agent, resource, self.rows, self.parameters.averaging
         held, folded, anchor = rows.demand[j], rows.accumulated[j], rows.anchor[j]
         # A tick folds in the demand at hand, so what is set now stands just before the next tick.
-        last = self.moment(i) - self.grain
-        # The law's alpha, not the problem's: while the agent was away, its line did not grow.
-        line = folded[i], held[i], float(self.law.increase[j, i])
-        keep_parts(memory, self.state.parts, j, i, *line, anchor[i], rows.origin[j][i], last, self.grain)
-        folded[i] = folded_at(memory, *line, last - anchor[i], self.grain)
+        last = self.moment(i) - self.tick_weight
+        # Alpha as it is now, not the problem's: while the agent was away, its line did not grow.
+        line = folded[i], held[i], float(self.parameters.increase[j, i])
+        keep_parts(
+            averaging, self.state.parts, j, i, *line, anchor[i], rows.origin[j][i], last, self.tick_weight
+        )
+        folded[i] = folded_at(averaging, *line, last - anchor[i], self.tick_weight)
         held[i], anchor[i] = demand, last
 
     def tighten(self, resource: int) -> None:

@@ -1,12 +1,14 @@
 """What can be read off the agents of a run in progress, at any time and without changing anything."""
 
 import math
+import warnings
 
 import numpy as np
 
+from aimd_des._deprecated import renamed
 from aimd_des.dynamics.clocks import AgentClocks
 from aimd_des.dynamics.response import demand_at
-from aimd_des.dynamics.state import Law, State
+from aimd_des.dynamics.state import AgentParameters, State
 from aimd_des.dynamics.totals import average_of, observe, observe_totals, total_of, totals
 from aimd_des.engine.environment import OrderedEnvironment
 from aimd_des.problem.lookup import agent_index, resource_index
@@ -29,10 +31,10 @@ class Readings:
         The clocks of discrete agents; continuous agents have none.
     state : State
         State of all agents, as arrays of shape (m, n).
-    law : Law
+    parameters : AgentParameters
         Parameters of their rule.
-    grain : float
-        Grain of time of that rule.
+    tick_weight : float
+        1 where agents tick, 0 in continuous time.
 
     Attributes
     ----------
@@ -47,13 +49,25 @@ class Readings:
         env: OrderedEnvironment,
         clocks: AgentClocks | None,
         state: State,
-        law: Law,
-        grain: float,
+        parameters: AgentParameters,
+        tick_weight: float,
     ) -> None:
         self.problem = problem
-        self.env, self.clocks, self.state, self.law, self.grain = env, clocks, state, law, grain
+        self.env, self.clocks, self.state, self.parameters, self.tick_weight = (
+            env,
+            clocks,
+            state,
+            parameters,
+            tick_weight,
+        )
         self.rows = State(*([memoryview(row) for row in array] for array in state))  # type: ignore[arg-type]
         self._now = np.empty(1)  # kept, since `moments` is called at every look
+
+    @property
+    def law(self) -> AgentParameters:
+        """The old name of `parameters`."""
+        warnings.warn(renamed("System.law", "System.parameters"), DeprecationWarning, stacklevel=2)
+        return self.parameters
 
     def settle(self) -> None:
         """Bring agents that are advanced together to where events have come; reading does it, too."""
@@ -109,7 +123,9 @@ class Readings:
         """
         j, state = resource_index(self.problem, resource), self.state
         self.settle()
-        return total_of(state.demand[j], self.law.increase[j], state.anchor[j], self.moments(), self.grain)
+        return total_of(
+            state.demand[j], self.parameters.increase[j], state.anchor[j], self.moments(), self.tick_weight
+        )
 
     def totals(self) -> FloatArray:
         """Sum the demand of all agents for every resource as it is now.
@@ -120,8 +136,8 @@ class Readings:
             In units of the resources.
         """
         self.settle()
-        total = np.empty(len(self.law.limit))
-        totals(self.state, self.law, self.moments(), self.grain, total)
+        total = np.empty(len(self.parameters.limit))
+        totals(self.state, self.parameters, self.moments(), self.tick_weight, total)
         return total
 
     def observe_totals(self, demand: FloatArray, average: FloatArray) -> None:
@@ -133,7 +149,7 @@ class Readings:
             Receive the sums, in units of the resources.
         """
         self.settle()
-        observe_totals(self.state, self.law, self.moments(), self.grain, demand, average)
+        observe_totals(self.state, self.parameters, self.moments(), self.tick_weight, demand, average)
 
     def allocations(self) -> tuple[FloatArray, FloatArray]:
         """Read demand and average of every agent as they are now.
@@ -145,7 +161,7 @@ class Readings:
         """
         self.settle()
         demand, average = np.empty_like(self.state.demand), np.empty_like(self.state.demand)
-        observe(self.state, self.law, self.moments(), self.grain, demand, average)
+        observe(self.state, self.parameters, self.moments(), self.tick_weight, demand, average)
         return demand, average
 
     def moment(self, agent: int) -> float:
@@ -188,7 +204,9 @@ class Readings:
         self.settle()
         # After settling: an answer that was due has begun a new line.
         since = self.moment(i) - self.rows.anchor[j][i]
-        return demand_at(self.rows.demand[j][i], float(self.law.increase[j, i]), since, self.grain)
+        return demand_at(
+            self.rows.demand[j][i], float(self.parameters.increase[j, i]), since, self.tick_weight
+        )
 
     def average(self, agent: str | int, resource: str | int) -> float:
         """Read one agent's long-term average of one resource as it is now.
@@ -210,4 +228,4 @@ class Readings:
         """
         i, j = agent_index(self.problem, agent), resource_index(self.problem, resource)
         self.settle()
-        return float(average_of(self.state, self.law, j, i, self.moment(i), self.grain))
+        return float(average_of(self.state, self.parameters, j, i, self.moment(i), self.tick_weight))

@@ -12,7 +12,7 @@ import simpy
 from aimd_des.channel import Broadcast, Copies, DrawnLink, Link
 from aimd_des.engine.conditions import Conditions
 from aimd_des.engine.delivery import Carrier, Collective, Signal
-from aimd_des.engine.environment import Kind, OrderedEnvironment
+from aimd_des.engine.environment import EventKind, OrderedEnvironment
 from aimd_des.results.event_log import Entry, EventLog
 from aimd_des.results.run_data import Signals
 from aimd_des.utils import returned_values
@@ -126,7 +126,7 @@ class Transmitter:
                 self._leave_late(signal, copies, orders)
 
             # A delivery with a turn before those of its copies: after interventions that cut, ahead of looks.
-            self.env.at(departure, Kind.DELIVER, turn).callbacks.append(leave_late)
+            self.env.at(departure, EventKind.DELIVER, turn).callbacks.append(leave_late)
 
     def _drawn(self, signal: Broadcast, departure: float) -> Copies:
         """Ask the channel, and refuse what it cannot mean."""

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from aimd_des.fleet.arrays import Crowd
-from aimd_des.fleet.in_flight import DUPLICATE, FORGOTTEN, Flights
+from aimd_des.fleet.arrays import FleetAgents
+from aimd_des.fleet.in_flight import DUPLICATE, FORGOTTEN, CopiesInFlight
 from aimd_des.fleet.radix_heap import places
 from aimd_des.utils.jit import formula, routine
 
@@ -13,44 +13,44 @@ __all__ = ["forget", "miss", "subject"]
 
 
 @formula
-def subject(flights: Flights, place: int) -> Any:
+def subject(copies: CopiesInFlight, place: int) -> Any:
     """Tell which resource a copy is about, and whether it is a duplicate."""
-    resource = np.int64(flights.resource[place])
+    resource = np.int64(copies.resource[place])
     second = resource >= DUPLICATE
     return resource - (DUPLICATE if second else 0), second
 
 
 @formula
-def miss(crowd: Crowd, resource: int, agent: int, second: bool) -> None:
+def miss(agents: FleetAgents, resource: int, agent: int, second: bool) -> None:
     """Take note that a copy has landed where nobody is: it is lost after all."""
     # It was counted as delivered when it was sent, as all are that arrive before the end.  A duplicate that
     # is missed is no loss: the account has one copy of each signal for each agent.
     if second:
-        crowd.books.duplicated[resource, agent] -= 1
+        agents.account.duplicated[resource, agent] -= 1
     else:
-        crowd.books.delivered[resource, agent] -= 1
-        crowd.books.lost[resource, agent] += 1
+        agents.account.delivered[resource, agent] -= 1
+        agents.account.lost[resource, agent] += 1
 
 
 @routine
-def forget(crowd: Crowd, agent: int, time: float, limit: int, lost: bool) -> None:
+def forget(agents: FleetAgents, agent: int, time: float, limit: int, lost: bool) -> None:
     """Drop the copies of a discrete agent that have arrived and wait for its next tick."""
     # What has arrived before `time` has arrived, and at this very time what has an order number below
     # `limit`.  It may stand in any chain, since chains are sorted by the tick and not by the arrival.
-    flights = crowd.flights
-    for queue in range(flights.head.shape[0]):
-        for chain in range(flights.head.shape[1]):
-            block = flights.head[queue, chain]
+    copies = agents.copies
+    for queue in range(copies.head.shape[0]):
+        for chain in range(copies.head.shape[1]):
+            block = copies.head[queue, chain]
             while block >= 0:
-                for place in places(flights, block):
+                for place in places(copies, block):
                     # What was forgotten before has been accounted for, and must not be twice.
-                    if flights.agent[place] != agent or flights.uniform[place] == FORGOTTEN:
+                    if copies.agent[place] != agent or copies.uniform[place] == FORGOTTEN:
                         continue
-                    arrival = flights.arrival[place]
-                    if arrival < time or (arrival == time and flights.rank[place] < limit):
+                    arrival = copies.arrival[place]
+                    if arrival < time or (arrival == time and copies.rank[place] < limit):
                         # Marked, not taken out: a block has no gaps.  The copy leaves when it is due.
-                        flights.uniform[place] = FORGOTTEN
+                        copies.uniform[place] = FORGOTTEN
                         if lost:
-                            resource, second = subject(flights, place)
-                            miss(crowd, resource, agent, second)
-                block = flights.following[block]
+                            resource, second = subject(copies, place)
+                            miss(agents, resource, agent, second)
+                block = copies.following[block]

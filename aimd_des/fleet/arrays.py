@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.dynamics.clocks import next_tick, tick_time
-from aimd_des.dynamics.state import Law, State
-from aimd_des.fleet.in_flight import BLOCK, DUPLICATE, Flights
+from aimd_des.dynamics.state import AgentParameters, State
+from aimd_des.fleet.in_flight import BLOCK, DUPLICATE, CopiesInFlight
 from aimd_des.fleet.radix_heap import bits_of, put
 from aimd_des.problem.costs.kernels import CostTable
 from aimd_des.utils.jit import routine
@@ -17,28 +17,28 @@ from aimd_des.utils.validation import FloatArray
 __all__ = [
     "ALL_ANSWERS",
     "LAST",
-    "NOBODY",
+    "NO_ANSWERS",
     "RESPONSES",
     "Answers",
-    "Books",
-    "Crowd",
-    "Rhythm",
-    "Scratch",
+    "ClockArrays",
+    "CopyAccount",
+    "FleetAgents",
+    "ResponseBuffers",
     "accept",
-    "scratch_for",
+    "response_buffers",
 ]
 
 #: Above every order number, and the bits of every time.
 LAST = (1 << 63) - 1
 
 #: Which answers are kept for somebody: none, those of agents that respond, or of those that hold as well.
-NOBODY, RESPONSES, ALL_ANSWERS = 0, 1, 2
+NO_ANSWERS, RESPONSES, ALL_ANSWERS = 0, 1, 2
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 
 
-class Rhythm(NamedTuple):
+class ClockArrays(NamedTuple):
     """The clocks of discrete agents; of continuous ones, the arrays are empty.
 
     Attributes
@@ -83,7 +83,7 @@ class Answers(NamedTuple):
     held: IntArray
 
 
-class Books(NamedTuple):
+class CopyAccount(NamedTuple):
     """Who is here, and what becomes of copies; the arrays are those of the run.
 
     Attributes
@@ -100,7 +100,7 @@ class Books(NamedTuple):
     duplicated: IntArray
 
 
-class Scratch(NamedTuple):
+class ResponseBuffers(NamedTuple):
     """Working memory, so that nothing is allocated per event.
 
     `first_key`, `first_arrival` and `first_rank`, shape (n,), are of the earliest copy of each agent
@@ -132,9 +132,9 @@ class Scratch(NamedTuple):
     probability: FloatArray
 
 
-def scratch_for(n_resources: int, n_agents: int) -> Scratch:
+def response_buffers(n_resources: int, n_agents: int) -> ResponseBuffers:
     """Make the working memory of one run, with nobody's copies due."""
-    return Scratch(
+    return ResponseBuffers(
         np.full(n_agents, LAST),  # later than every copy, so the first one found is the earliest so far
         np.zeros(n_agents),
         np.zeros(n_agents, dtype=np.int64),
@@ -147,12 +147,12 @@ def scratch_for(n_resources: int, n_agents: int) -> Scratch:
     )
 
 
-class Crowd(NamedTuple):
+class FleetAgents(NamedTuple):
     """The agents that are advanced together.
 
     Attributes
     ----------
-    state, law : State, Law
+    state, parameters : State, AgentParameters
         State and parameters of all agents, as arrays of shape (m, n).
     members : ndarray of bool, shape (n,)
         Who is advanced here.
@@ -162,47 +162,47 @@ class Crowd(NamedTuple):
         Address of the compiled gradient of other costs; 0 where there is none.
     coupled : bool
         Whether costs couple the resources.
-    rhythm : Rhythm
+    clocks : ClockArrays
         Clocks.
-    grain, until : float
-        Grain of time, and the end of the run.
+    tick_weight, until : float
+        Tick weight, and the end of the run.
     key : tuple of two uint64
         The key of the response draws.
-    flights : Flights
+    copies : CopiesInFlight
         Copies on their way: in one queue if costs are coupled, else in one for each resource.
-    books : Books
+    account : CopyAccount
         Who is here, and the account of copies.
     room : int
         How many copies there may be at a time.
     answers : Answers
         Kept where somebody wants to know of them.
-    hearing : int
-        Who does: `NOBODY`, or of which answers: `RESPONSES`, `ALL_ANSWERS`.
-    scratch : Scratch
+    reported : int
+        Who does: `NO_ANSWERS`, or of which answers: `RESPONSES`, `ALL_ANSWERS`.
+    buffers : ResponseBuffers
         Working memory.
     """
 
     state: State
-    law: Law
+    parameters: AgentParameters
     members: BoolArray
     table: CostTable
     gradient: int
     coupled: bool
-    rhythm: Rhythm
-    grain: float
+    clocks: ClockArrays
+    tick_weight: float
     until: float
     key: Key
-    flights: Flights
-    books: Books
+    copies: CopiesInFlight
+    account: CopyAccount
     room: int
     answers: Answers
-    hearing: int
-    scratch: Scratch
+    reported: int
+    buffers: ResponseBuffers
 
 
 @routine
 def accept(
-    crowd: Crowd,
+    agents: FleetAgents,
     resource: int,
     number: int,
     copy: int,
@@ -214,33 +214,33 @@ def accept(
     """Put the members' copies of one broadcast on their way; there must be room for n."""
     # A queue for each resource lets a crossing control unit settle the one it looks at.  Costs that couple
     # the resources forbid that: an answer reads the averages of all of them, so all are settled together.
-    queue = resource if not crowd.coupled else 0
-    ticking, rhythm, flights = crowd.grain > 0.0, crowd.rhythm, crowd.flights
-    uniform = crowd.scratch.uniform
+    queue = resource if not agents.coupled else 0
+    ticking, clocks, copies = agents.tick_weight > 0.0, agents.clocks, agents.copies
+    uniform = agents.buffers.uniform
     # Drawn for all agents at once, though some copies are lost: a draw has an address, so none is used up.
-    uniforms_row(crowd.key, resource, number, copy, uniform)
+    uniforms_row(agents.key, resource, number, copy, uniform)
     before, due, tick = np.inf, np.inf, 0.0
     for i in range(arrival.shape[0]):
         time = arrival[i]
         # Lost copies arrive at infinity, and so are among those that arrive after the end.
-        if not (time < crowd.until and crowd.members[i]):
+        if not (time < agents.until and agents.members[i]):
             continue
         if ticking:
             # The last event at `acted_at` was the tick of agent `acted`: agents up to it have had their turn
             # at that instant, and answer what arrives there now at their next tick.
             from_ = np.nextafter(time, np.inf) if time == acted_at and i <= acted else time
             # Where the clock is common, the tick is mostly that of the agent before.
-            if not (rhythm.common and before < from_ <= due):
-                phase, period, jitter = rhythm.phase[i], rhythm.period[i], rhythm.jitter[i]
-                tick = next_tick(phase, period, jitter, rhythm.key, i, from_)
-                due = tick_time(phase, period, jitter, rhythm.key, i, tick)
+            if not (clocks.common and before < from_ <= due):
+                phase, period, jitter = clocks.phase[i], clocks.period[i], clocks.jitter[i]
+                tick = next_tick(phase, period, jitter, clocks.key, i, from_)
+                due = tick_time(phase, period, jitter, clocks.key, i, tick)
                 before = (
-                    tick_time(phase, period, jitter, rhythm.key, i, tick - 1.0) if tick > 0.0 else -np.inf
+                    tick_time(phase, period, jitter, clocks.key, i, tick - 1.0) if tick > 0.0 else -np.inf
                 )
         else:
             due = time
         about = resource + copy * DUPLICATE
         # Agent i's copy has the i-th order number of its broadcast, and lost copies leave gaps: so order
         # number and agent tell the broadcast, and two copies of one agent are at least n apart.
-        put(flights, queue, bits_of(due), tick, time, number, i, about, first_rank + i, uniform[i])
-        flights.aloft[0] += 1
+        put(copies, queue, bits_of(due), tick, time, number, i, about, first_rank + i, uniform[i])
+        copies.in_flight[0] += 1

@@ -6,16 +6,16 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.channel.transmit_kernel import ChannelTable, put_in_order, transmit
-from aimd_des.fleet.arrays import Crowd, accept
+from aimd_des.fleet.arrays import FleetAgents, accept
 from aimd_des.utils.jit import routine
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Post", "broadcast"]
+__all__ = ["FleetChannel", "broadcast"]
 
 IntArray = npt.NDArray[np.int64]
 
 
-class Post(NamedTuple):
+class FleetChannel(NamedTuple):
     """The way of a signal to all agents, and what is kept of it.
 
     Attributes
@@ -23,7 +23,7 @@ class Post(NamedTuple):
     compiled : bool
         Whether compiled code may send what leaves before anybody can cut it; if not, it stops where a signal
         is due.
-    channel : ChannelTable
+    table : ChannelTable
         The channel in this run.
     cut : ndarray of bool, shape (n,)
         Agents to which nothing gets through at the moment.
@@ -44,7 +44,7 @@ class Post(NamedTuple):
     """
 
     compiled: bool
-    channel: ChannelTable
+    table: ChannelTable
     cut: npt.NDArray[np.bool_]
     numbers: IntArray
     delivered: IntArray
@@ -62,41 +62,47 @@ class Post(NamedTuple):
 
 @routine
 def broadcast(
-    crowd: Crowd, post: Post, resource: int, time: float, delay: float, acted_at: float, acted: int
+    agents: FleetAgents,
+    channel: FleetChannel,
+    resource: int,
+    time: float,
+    delay: float,
+    acted_at: float,
+    acted: int,
 ) -> bool:
     """Send a capacity signal, for which there must be room; tell whether the channel takes it."""
     # `Transmitter.send` in compiled code, step by step in the same order: both give the same account, the
     # same draws and the same order of copies.
-    number, row, n = post.numbers[resource], post.held[0], post.arrival.shape[0]
-    post.numbers[resource] += 1
-    post.time[row], post.resource[row], post.number[row] = time, resource, number
-    post.held[0] = row + 1  # before it is refused, so that the refusal can name it
-    post.code[0] = transmit(post.channel, resource, number, time + delay, post.arrival, post.second)
-    if post.code[0] != 0:
+    number, row, n = channel.numbers[resource], channel.held[0], channel.arrival.shape[0]
+    channel.numbers[resource] += 1
+    channel.time[row], channel.resource[row], channel.number[row] = time, resource, number
+    channel.held[0] = row + 1  # before it is refused, so that the refusal can name it
+    channel.code[0] = transmit(channel.table, resource, number, time + delay, channel.arrival, channel.second)
+    if channel.code[0] != 0:
         return False
-    lost, delivered = post.lost[resource], post.delivered[resource]
+    lost, delivered = channel.lost[resource], channel.delivered[resource]
     for i in range(n):
         # Cut copies were drawn all the same: a channel's memory of losses must not depend on interventions.
-        if post.cut[i]:
-            post.arrival[i] = post.second[i] = np.inf
-        lost[i] += post.arrival[i] == np.inf
+        if channel.cut[i]:
+            channel.arrival[i] = channel.second[i] = np.inf
+        lost[i] += channel.arrival[i] == np.inf
     # After the cuts: a copy that does not get through holds nothing back on its link.
-    if post.channel.fifo:
-        put_in_order(post.channel.latest, post.arrival)
+    if channel.table.fifo:
+        put_in_order(channel.table.latest, channel.arrival)
     # Counted at the departure; where an agent is away when the copy lands, `miss` takes it back.
     for i in range(n):
-        delivered[i] += post.arrival[i] < crowd.until
+        delivered[i] += channel.arrival[i] < agents.until
     # Order numbers for all agents, lost copies included: so the agent can be told from the number, and
     # whether one copy is lost does not move the turns of others.
-    accept(crowd, resource, number, 0, post.arrival, post.order[0], acted_at, acted)
-    post.order[0] += n
-    if post.channel.duplicates:
-        duplicated = post.duplicated[resource]
+    accept(agents, resource, number, 0, channel.arrival, channel.order[0], acted_at, acted)
+    channel.order[0] += n
+    if channel.table.duplicates:
+        duplicated = channel.duplicated[resource]
         # Behind the first copies on the same links, which have left before them.
-        if post.channel.fifo:
-            put_in_order(post.channel.latest, post.second)
+        if channel.table.fifo:
+            put_in_order(channel.table.latest, channel.second)
         for i in range(n):
-            duplicated[i] += post.second[i] < crowd.until
-        accept(crowd, resource, number, 1, post.second, post.order[0], acted_at, acted)
-        post.order[0] += n
+            duplicated[i] += channel.second[i] < agents.until
+        accept(agents, resource, number, 1, channel.second, channel.order[0], acted_at, acted)
+        channel.order[0] += n
     return True

@@ -13,25 +13,25 @@ from numba.core.dispatcher import Dispatcher
 
 from aimd_des.dynamics.loss_compensation import ESTIMATED
 from aimd_des.engine.delivery import Signal
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.observers import ConstantPieces, LinearPieces
 from aimd_des.engine.system import System
 from aimd_des.fleet.absent_agents import forget
 from aimd_des.fleet.arrays import (
     ALL_ANSWERS,
     LAST,
-    NOBODY,
+    NO_ANSWERS,
     RESPONSES,
     Answers,
-    Books,
-    Crowd,
-    Rhythm,
+    ClockArrays,
+    CopyAccount,
+    FleetAgents,
     accept,
-    scratch_for,
+    response_buffers,
 )
 from aimd_des.fleet.control_kernels import settle_and_fold
-from aimd_des.fleet.in_flight import enlarge, room, take_off
-from aimd_des.fleet.observer_kernels import Meter
+from aimd_des.fleet.in_flight import empty_copies, enlarge, room
+from aimd_des.fleet.observer_kernels import FleetOvershoot
 from aimd_des.problem.costs import Costs, CustomCosts
 from aimd_des.problem.costs.kernels import cost_table
 from aimd_des.results.event_log import Entry, LogEntry
@@ -44,7 +44,7 @@ __all__ = ["TOLD_AT_ONCE", "CompiledAgents"]
 BoolArray = npt.NDArray[np.bool_]
 
 # Broadcasts in flight for which there is space at first; it grows where there are more.
-_FLIGHTS = 4
+_BROADCASTS = 4
 
 #: Answers of which somebody is told in one go.
 TOLD_AT_ONCE = 1 << 16
@@ -59,7 +59,7 @@ class CompiledAgents:
     ----------
     members : ndarray of bool, shape (n,)
         Who is part of it.
-    crowd, meter : Crowd, Meter
+    agents, integrals : FleetAgents, FleetOvershoot
         What compiled code works on.
     """
 
@@ -75,32 +75,34 @@ class CompiledAgents:
         self.members = np.ones(n, dtype=np.bool_)
         self.members[list(absent)] = False
         gradient = _compiled_gradient(problem.costs)
-        ticking, numbered = system.clocks is not None, system.law.answering.rule == ESTIMATED
-        flights = take_off(_FLIGHTS * n, m if problem.costs.separable else 1, ticking, numbered)
+        ticking, numbered = system.clocks is not None, system.parameters.compensation.rule == ESTIMATED
+        copies = empty_copies(_BROADCASTS * n, m if problem.costs.separable else 1, ticking, numbered)
         account = system.transmitter
-        rhythm = (np.empty(0), np.empty(0), np.empty(0)) if system.clocks is None else system.clocks.rows
+        clocks = (np.empty(0), np.empty(0), np.empty(0)) if system.clocks is None else system.clocks.rows
         # State, law and account are the arrays of the run itself.  Compiled code writes state and account,
         # and only when it settles; whoever else reads or writes them settles first.
-        self.crowd = Crowd(
+        self.agents = FleetAgents(
             state=system.state,
-            law=system.law,
+            parameters=system.parameters,
             members=self.members,
             table=cost_table(problem.costs),
             gradient=0 if gradient is None else gradient.address,
             coupled=not problem.costs.separable,
-            rhythm=Rhythm(*rhythm, system.keys[Purpose.CLOCK], system.clocks is None or system.clocks.common),
-            grain=system.grain,
+            clocks=ClockArrays(
+                *clocks, system.keys[Purpose.CLOCK], system.clocks is None or system.clocks.common
+            ),
+            tick_weight=system.tick_weight,
             until=system.until,
             key=system.keys[Purpose.RESPONSE],
-            flights=flights,
-            books=Books(system.conditions.away, account.delivered, account.lost, account.duplicated),
-            room=room(flights),
+            copies=copies,
+            account=CopyAccount(system.conditions.away, account.delivered, account.lost, account.duplicated),
+            room=room(copies),
             answers=_answers(0),
-            hearing=NOBODY,
-            scratch=scratch_for(m, n),
+            reported=NO_ANSWERS,
+            buffers=response_buffers(m, n),
         )
         self.overshoot = overshoot
-        self.meter = self._meter(overshoot)
+        self.integrals = self._integrals(overshoot)
         # What `reached` was at the last settling; and the latest event, by which `forget` tells copies that
         # have arrived from others even where `reached` has been forgotten since.
         self._settled = self._position = system.env.reached
@@ -109,16 +111,16 @@ class CompiledAgents:
         self._landing: list[tuple[float, int, LogEntry]] = []
         self._signals: dict[int, Signal] = {}
 
-    def _meter(self, overshoot: ConstantPieces | LinearPieces | None) -> Meter:
+    def _integrals(self, overshoot: ConstantPieces | LinearPieces | None) -> FleetOvershoot:
         """Let compiled code work on what the observer has."""
         m = self.system.problem.n_resources
         # Where nothing is observed in compiled code, arrays of its own keep the types of kernels the same.
         lines = overshoot if isinstance(overshoot, LinearPieces) else None
         steps = overshoot if isinstance(overshoot, ConstantPieces) else None
-        return Meter(
+        return FleetOvershoot(
             lines=False,
             steps=False,
-            capacity=self.crowd.law.capacity,
+            capacity=self.agents.parameters.capacity,
             slope=self.system.conditions.growth,
             running=lines.running if lines else np.zeros((m, 6)),
             peak=steps.peak if steps else np.zeros(m),
@@ -137,29 +139,29 @@ class CompiledAgents:
         # If only the overshoot listens, answers are folded into it in compiled code.  If anybody else does,
         # all are told, answer by answer in the order of events.
         own = isinstance(self.overshoot, LinearPieces) and listeners == [self.overshoot.changed]
-        hearing = ALL_ANSWERS if self.system.log is not None else RESPONSES if listeners else NOBODY
-        if hearing != self.crowd.hearing or (own and hearing == RESPONSES) != self.meter.lines:
-            self.meter = self.meter._replace(lines=own and hearing == RESPONSES)
-            self.crowd = self.crowd._replace(hearing=hearing)
+        reported = ALL_ANSWERS if self.system.log is not None else RESPONSES if listeners else NO_ANSWERS
+        if reported != self.agents.reported or (own and reported == RESPONSES) != self.integrals.lines:
+            self.integrals = self.integrals._replace(lines=own and reported == RESPONSES)
+            self.agents = self.agents._replace(reported=reported)
             self._make_room_for_answers()
 
     def _make_room_for_answers(self) -> None:
-        if self.crowd.hearing != NOBODY:
+        if self.agents.reported != NO_ANSWERS:
             # All copies in flight may be answered at one look, on top of the answers not told of yet.
-            space = self.crowd.room + TOLD_AT_ONCE
+            space = self.agents.room + TOLD_AT_ONCE
             answers = _answers(space)
-            for new, old in zip(answers, self.crowd.answers, strict=True):
+            for new, old in zip(answers, self.agents.answers, strict=True):
                 new[: len(old)] = old
-            self.crowd = self.crowd._replace(answers=answers)
-            if self.meter.lines:
+            self.agents = self.agents._replace(answers=answers)
+            if self.integrals.lines:
                 order, spare = np.zeros((2, space), dtype=np.int64)
-                self.meter = self.meter._replace(order=order, spare=spare)
+                self.integrals = self.integrals._replace(order=order, spare=spare)
 
     def send(self, signal: Signal, arrival: FloatArray, first_order: int) -> None:
         """Put the members' copies of a broadcast on their way."""
         self.listen()
         self.make_room(1)
-        accept(self.crowd, *signal, arrival, first_order, *self.system.env.acted)
+        accept(self.agents, *signal, arrival, first_order, *self.system.env.acted)
         if self.system.log is not None:
             self._signals[first_order] = signal
             # Copies are answered in whatever order, and some never; their landings are entered apart.
@@ -172,12 +174,12 @@ class CompiledAgents:
 
     def make_room(self, rows: int) -> None:
         """Make space for more copies where there is too little."""
-        flights = self.crowd.flights
-        needed = int(flights.aloft[0]) + rows * len(self.members)
-        if needed > self.crowd.room:
+        copies = self.agents.copies
+        needed = int(copies.in_flight[0]) + rows * len(self.members)
+        if needed > self.agents.room:
             # Twice as much, so that what is copied over a run is in proportion to what is sent.
-            flights = enlarge(flights, 2 * needed)
-            self.crowd = self.crowd._replace(flights=flights, room=room(flights))
+            copies = enlarge(copies, 2 * needed)
+            self.agents = self.agents._replace(copies=copies, room=room(copies))
             self._make_room_for_answers()
 
     def settle(self) -> None:
@@ -191,43 +193,43 @@ class CompiledAgents:
             if time >= 0.0:
                 self._position = reached
                 self.flush()
-                own = Kind.ACT if self.crowd.grain else Kind.DELIVER
-                settle_and_fold(self.crowd, self.meter, time, _limit(kind, order, own))
-                if self.crowd.hearing != NOBODY and not self.meter.lines:
+                own = EventKind.ACT if self.agents.tick_weight else EventKind.DELIVER
+                settle_and_fold(self.agents, self.integrals, time, _limit(kind, order, own))
+                if self.agents.reported != NO_ANSWERS and not self.integrals.lines:
                     self._tell(reached)
 
     def forget(self, agent: int, *, lost: bool) -> None:
         """Drop a member's copies that have arrived by now."""
         # Continuous agents have answered what has arrived: nothing of theirs waits.
-        if self.members[agent] and self.crowd.grain:
+        if self.members[agent] and self.agents.tick_weight:
             time, kind, order = self._position
-            forget(self.crowd, agent, time, _limit(kind, order, Kind.DELIVER), lost)
+            forget(self.agents, agent, time, _limit(kind, order, EventKind.DELIVER), lost)
 
     def _reprice(self, costs: Costs) -> None:
         """Take in new private costs."""
         # Whoever sets them has settled: copies that were due before are answered at the old ones.
         gradient = _compiled_gradient(costs)
         address = 0 if gradient is None else gradient.address
-        self.crowd = self.crowd._replace(table=cost_table(costs), gradient=address)
+        self.agents = self.agents._replace(table=cost_table(costs), gradient=address)
 
     def flush(self) -> None:
         """Have changes folded in that come before those of the members."""
-        if self.meter.lines and isinstance(self.overshoot, LinearPieces):
+        if self.integrals.lines and isinstance(self.overshoot, LinearPieces):
             self.overshoot.flush()
 
     def _tell(self, reached: tuple[float, int, int]) -> None:
         """Tell of the answers since the last time, in the order of events."""
-        answers = self.crowd.answers
+        answers = self.agents.answers
         count = int(answers.held[0])
         answers.held[0] = 0
         # Time, kind, order or agent, and resource: the order of events, and of the entries of one event.  A
         # landing has -1 for the resource, and so comes before its answer where both are one event.
         told: list[tuple[float, int, int, int, LogEntry]] = []
-        while self._landing and (self._landing[0][0], Kind.DELIVER, self._landing[0][1]) < reached:
+        while self._landing and (self._landing[0][0], EventKind.DELIVER, self._landing[0][1]) < reached:
             time, order, entry = heappop(self._landing)
-            if self.crowd.books.away[entry[3]]:
+            if self.agents.account.away[entry[3]]:
                 entry = (time, Entry.LOST, *entry[2:])
-            told.append((time, Kind.DELIVER, order, -1, entry))
+            told.append((time, EventKind.DELIVER, order, -1, entry))
         rows = zip(
             *(column[:count].tolist() for column in (answers.key.view(np.float64), *answers[1:5])),
             strict=True,
@@ -241,7 +243,7 @@ class CompiledAgents:
             answer: LogEntry = (time, Entry.HOLD, resource, agent, number, 0.0)
             if not held:
                 answer = (time, Entry.RESPOND, resource, agent, number, 0.0 - change)
-            turn = (Kind.ACT, agent) if self.crowd.grain else (Kind.DELIVER, rank)
+            turn = (EventKind.ACT, agent) if self.agents.tick_weight else (EventKind.DELIVER, rank)
             told.append((time, *turn, resource, answer))
         told.sort()
         log, listeners = self.system.log, self.system.on_response
@@ -254,7 +256,7 @@ class CompiledAgents:
             log.extend([entry for *_, entry in told])
 
 
-def _limit(kind: int, order: int, own: Kind) -> int:
+def _limit(kind: int, order: int, own: EventKind) -> int:
     """Return the order below which what is of a kind of its own comes before (kind, order)."""
     # At one instant, all of a kind come before a later kind, and none before an earlier one.
     return LAST if kind > own else order if kind == own else 0

@@ -10,26 +10,26 @@ from aimd_des.channel.loss.kernels import refuse_loss
 from aimd_des.channel.transmit_kernel import ChannelTable
 from aimd_des.engine.control_unit import NEVER, Crossing, Sampled, Unanswered
 from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import Kind, Mailbox
+from aimd_des.engine.environment import EventKind, Mailbox
 from aimd_des.engine.observers import ConstantPieces, Observer
 from aimd_des.engine.system import System
-from aimd_des.fleet.arrays import NOBODY
-from aimd_des.fleet.broadcast_kernel import Post
+from aimd_des.fleet.arrays import NO_ANSWERS
+from aimd_des.fleet.broadcast_kernel import FleetChannel
 from aimd_des.fleet.compiled_agents import TOLD_AT_ONCE, CompiledAgents
 from aimd_des.fleet.control_kernels import sample, sense
 from aimd_des.fleet.control_state import (
-    CROWDED,
     LOOK,
+    NO_ROOM,
     REACHED,
     REFUSED,
     ROW,
     STANDSTILL,
     TICK,
     UNSCHEDULED,
+    FleetControl,
     Limits,
-    Pilot,
 )
-from aimd_des.fleet.observer_kernels import Watch
+from aimd_des.fleet.observer_kernels import ObservedTotals
 from aimd_des.utils.errors import SimulationError
 
 __all__ = ["ControlProcess"]
@@ -53,7 +53,7 @@ class ControlProcess:
         sampled = control_unit if isinstance(control_unit, Sampled) else Sampled()
         shortest, longest = control_unit.bounds if isinstance(control_unit, Crossing) else (0.0, 0.0)
         unanswered = Unanswered(system)
-        self.pilot = Pilot(
+        self.control = FleetControl(
             crossing=isinstance(control_unit, Crossing),
             period=sampled.period,
             phase=sampled.phase,
@@ -62,8 +62,8 @@ class ControlProcess:
             delay=control_unit.sensing_delay,
             failed=system.conditions.failed,
             look=np.zeros(1, dtype=np.int64),
-            alarm=np.zeros(m),
-            watchful=np.zeros(m, dtype=np.bool_),
+            look_time=np.zeros(m),
+            awaits_crossing=np.zeros(m, dtype=np.bool_),
             growth=system.conditions.growth,
             instant=np.full(m, NEVER),
             # The arrays that `Unanswered` keeps up to date when growth or demand changes from outside.
@@ -79,15 +79,15 @@ class ControlProcess:
             turns=np.full(3, UNSCHEDULED),
             answers=TOLD_AT_ONCE,
         )
-        self.post = self._post()
+        self.channel = self._channel()
         # The ticks of a common clock are followed in compiled code.  The processes that would do so elsewhere
         # exist already; they read what is set here when they begin, which is when the run does.
-        if isinstance(fleet.overshoot, ConstantPieces) and common and not self.pilot.crossing:
+        if isinstance(fleet.overshoot, ConstantPieces) and common and not self.control.crossing:
             fleet.overshoot.following = False
-            fleet.meter = fleet.meter._replace(steps=True)
+            fleet.integrals = fleet.integrals._replace(steps=True)
         observer.watching = False
         # Without the last time, the end of the run: `Observer.finish` looks there, after the last event.
-        self.watch = Watch(
+        self.observed = ObservedTotals(
             observer.demand_times[:-1].copy(),
             observer.total_demand,
             observer.total_average,
@@ -108,15 +108,15 @@ class ControlProcess:
             while self._steer() != REACHED:
                 pass
 
-    def _post(self) -> Post:
+    def _channel(self) -> FleetChannel:
         system, account = self.system, self.system.transmitter
         link, n = system.link, system.problem.n_agents
         # Compiled code takes a channel in any case; one that it does not use is as good as another.
         table = link.table if isinstance(link, CompiledLink) else _unused_channel(system)
         # A log wants every copy, and agents that are processes want to be woken: `Transmitter` does both.
-        return Post(
+        return FleetChannel(
             compiled=isinstance(link, CompiledLink) and system.log is None and bool(self.fleet.members.all()),
-            channel=table,
+            table=table,
             cut=system.conditions.cut,
             numbers=account.numbers,
             delivered=account.delivered,
@@ -132,27 +132,27 @@ class ControlProcess:
             code=np.zeros(1, dtype=np.int64),
         )
 
-    def _next(self) -> tuple[float, Kind, int]:
+    def _next(self) -> tuple[float, EventKind, int]:
         """Return when there is something to be done next, and its turn at that instant."""
-        pilot, meter, watch = self.pilot, self.fleet.meter, self.watch
+        control, integrals, observed = self.control, self.fleet.integrals, self.observed
         # A process takes its turn when it schedules its next look.  Compiled looks cannot, but nobody else
         # has taken one since; so the turns that are taken now have the same order among those of all others.
         # Of a row and a tick at one instant the order does not matter: both only look.
-        for turn in np.flatnonzero(pilot.turns == UNSCHEDULED).tolist():
-            pilot.turns[turn] = self.system.env.reserve(1)
-        if pilot.crossing:
+        for turn in np.flatnonzero(control.turns == UNSCHEDULED).tolist():
+            control.turns[turn] = self.system.env.reserve(1)
+        if control.crossing:
             # The index of the resource is its turn, as for the processes of `Crossing`.
-            resource = int(np.argmin(pilot.alarm))
-            due = [(float(pilot.alarm[resource]), Kind.SENSE, resource)]
+            resource = int(np.argmin(control.look_time))
+            due = [(float(control.look_time[resource]), EventKind.SENSE, resource)]
         else:
-            look = pilot.phase + int(pilot.look[0]) * pilot.period
-            due = [(look, Kind.SENSE, int(pilot.turns[LOOK]))]
-        if watch.row[0] < len(watch.times):
-            due.append((float(watch.times[watch.row[0]]), Kind.OBSERVE, int(pilot.turns[ROW])))
-        if meter.steps:
+            look = control.phase + int(control.look[0]) * control.period
+            due = [(look, EventKind.SENSE, int(control.turns[LOOK]))]
+        if observed.row[0] < len(observed.times):
+            due.append((float(observed.times[observed.row[0]]), EventKind.OBSERVE, int(control.turns[ROW])))
+        if integrals.steps:
             assert self.system.clocks is not None  # noqa: S101 - only agents that tick are measured in steps
-            tick = self.system.clocks.time(0, int(meter.tick[0]))
-            due.append((tick, Kind.OBSERVE, int(pilot.turns[TICK])))
+            tick = self.system.clocks.time(0, int(integrals.tick[0]))
+            due.append((tick, EventKind.OBSERVE, int(control.turns[TICK])))
         return min(due)
 
     def _set_alarm(self) -> None:
@@ -172,30 +172,30 @@ class ControlProcess:
     def _tightened(self, time: float, resource: int) -> None:
         """Look again at once where something has changed from outside, which no bound has foreseen."""
         # During a hold-off nothing is looked at, whatever happens; its end is a look in any case.
-        if self.pilot.watchful[resource]:
-            self.pilot.alarm[resource] = time
+        if self.control.awaits_crossing[resource]:
+            self.control.look_time[resource] = time
             self._set_alarm()
 
     def _recovered(self, time: float) -> None:
         """Let the unit that takes over look at once; it knows of no hold-off."""
         # A sampled unit looks at its times whether it is up or down.
-        if self.pilot.crossing:
-            self.pilot.holding[:] = False
-            self.pilot.hold_off[:] = self.pilot.shortest
-            self.pilot.watchful[:] = True
-            self.pilot.alarm[:] = time
+        if self.control.crossing:
+            self.control.holding[:] = False
+            self.control.hold_off[:] = self.control.shortest
+            self.control.awaits_crossing[:] = True
+            self.control.look_time[:] = time
             self._set_alarm()
 
     def _steer(self) -> int:
         """Go on with looks to the next event; do what compiled code has stopped for."""
-        env, pilot, post, fleet = self.system.env, self.pilot, self.post, self.fleet
+        env, control, channel, fleet = self.system.env, self.control, self.channel, self.fleet
         # Between two stretches anybody may have begun to listen, and changed demand from outside: that comes
         # before the answers that compiled code will fold into the same integrals.
         fleet.listen()
         fleet.flush()
         # Listeners outside are told in time: whatever they do comes before the next signal.
-        told = fleet.crowd.hearing != NOBODY and not fleet.meter.lines
-        post = post._replace(compiled=post.compiled and not told)
+        told = fleet.agents.reported != NO_ANSWERS and not fleet.integrals.lines
+        channel = channel._replace(compiled=channel.compiled and not told)
         due, until = self._next()[0], self.system.until
         # However short the run, the next look is within the stride.
         stride = max(due + until / _REPORTS, math.nextafter(due, math.inf))
@@ -205,18 +205,20 @@ class ControlProcess:
         limits = Limits(*min(upcoming, (stride, 0, 0)), upcoming[0], *env.acted)
         # As many as a stretch can use, of which most remain unused: only their order matters.  All that is
         # scheduled before it has lower numbers, and all after it higher ones.
-        post.order[0] = env.reserve(2 * len(post.arrival) * _SIGNALS)
-        steer = sense if pilot.crossing else sample
-        status: int = steer(fleet.crowd, pilot, post, fleet.meter, self.watch, limits)
+        channel.order[0] = env.reserve(2 * len(channel.arrival) * _SIGNALS)
+        steer = sense if control.crossing else sample
+        status: int = steer(fleet.agents, control, channel, fleet.integrals, self.observed, limits)
         # Noted before anything else is sent, so that signals stand in the order in which they were sent.
-        count = int(post.held[0])
-        post.held[0] = 0
-        self.system.transmitter.sent.extend(post.time[:count], post.resource[:count], post.number[:count])
+        count = int(channel.held[0])
+        channel.held[0] = 0
+        self.system.transmitter.sent.extend(
+            channel.time[:count], channel.resource[:count], channel.number[:count]
+        )
         # Copies that were sent at the look of this event land after it, though their kind comes before its.
         env.forget_reached()
         env.report(limits.horizon)
-        if status == CROWDED:
-            fleet.make_room(2 * pilot.due.size)  # as many as `_crowded` asks for
+        if status == NO_ROOM:
+            fleet.make_room(2 * control.due.size)  # as many as `_crowded` asks for
             # Settling tells listeners, which makes room among answers; it must not go beyond the next look.
             if told:
                 env.advance(*self._next())
@@ -227,18 +229,18 @@ class ControlProcess:
 
     def _stand_in(self, status: int, sent: int) -> None:
         """Do what compiled code cannot, at the time of its last look."""
-        resources, now = np.flatnonzero(self.pilot.due).tolist(), float(self.pilot.now[0])
+        resources, now = np.flatnonzero(self.control.due).tolist(), float(self.control.now[0])
         # SimPy's clock stands at the alarm; what is sent or said now needs that of the look.  Nothing is due
         # in between, so it can be moved.
-        self.system.env.advance(now, Kind.SENSE, resources[0])
+        self.system.env.advance(now, EventKind.SENSE, resources[0])
         if status == REFUSED:
-            resource, departure = int(self.post.resource[sent - 1]), now + self.pilot.delay
-            raise refuse_loss(self.post.channel.loss, int(self.post.code[0]), resource, departure)
+            resource, departure = int(self.channel.resource[sent - 1]), now + self.control.delay
+            raise refuse_loss(self.channel.table.loss, int(self.channel.code[0]), resource, departure)
         if status == STANDSTILL:
             assert isinstance(self.control_unit, Crossing)  # noqa: S101 - sampled ones go on by themselves
             raise SimulationError(self.control_unit.standstill(self.system, resources[0]))
         for resource in resources:
-            self.system.broadcast(resource, self.pilot.delay)
+            self.system.broadcast(resource, self.control.delay)
 
 
 def _unused_channel(system: System) -> ChannelTable:

@@ -10,16 +10,16 @@ from aimd_des.utils.validation import FloatArray
 
 __all__ = [
     "BROADCAST",
-    "CROWDED",
     "LOOK",
+    "NO_ROOM",
     "REACHED",
     "REFUSED",
     "ROW",
     "STANDSTILL",
     "TICK",
     "UNSCHEDULED",
+    "FleetControl",
     "Limits",
-    "Pilot",
 ]
 
 BoolArray = npt.NDArray[np.bool_]
@@ -29,11 +29,11 @@ IntArray = npt.NDArray[np.int64]
 #:
 #: REACHED     Something else is due before the next look, which has not been taken.
 #: BROADCAST   The look at `now` has been taken; signals for `due` are left to be sent.
-#: CROWDED     There may be too little room for what the next look brings, or answers have to be told of; that
+#: NO_ROOM     There may be too little room for what the next look brings, or answers have to be told of; that
 #:             look has not been taken.
 #: STANDSTILL  The look at `now` has been taken; time cannot advance for the resource in `due`.
-#: REFUSED     The channel has not taken the last signal that was noted; why is in `Post.code`.
-REACHED, BROADCAST, CROWDED, STANDSTILL, REFUSED = 0, 1, 2, 3, 4
+#: REFUSED     The channel has not taken the last signal that was noted; why is in `FleetChannel.code`.
+REACHED, BROADCAST, NO_ROOM, STANDSTILL, REFUSED = 0, 1, 2, 3, 4
 
 #: What has a turn of its own: a look of a sampled control unit, a row of totals, a tick that is measured.
 LOOK, ROW, TICK = 0, 1, 2
@@ -42,7 +42,7 @@ LOOK, ROW, TICK = 0, 1, 2
 UNSCHEDULED = LAST
 
 
-class Pilot(NamedTuple):
+class FleetControl(NamedTuple):
     """The control unit of one run.
 
     Attributes
@@ -56,9 +56,9 @@ class Pilot(NamedTuple):
         Whether it is down.
     look : ndarray of int, shape (1,)
         Index of the next look of a sampled one.
-    alarm : ndarray, shape (m,)
+    look_time : ndarray, shape (m,)
         When a crossing one looks at each resource next.
-    watchful : ndarray of bool, shape (m,)
+    awaits_crossing : ndarray of bool, shape (m,)
         Whether it waits for a crossing there, and not for the end of the hold-off.
     growth : ndarray, shape (m,)
         Of total demand, in units of the resource per unit of time.
@@ -97,8 +97,8 @@ class Pilot(NamedTuple):
     delay: float
     failed: BoolArray
     look: IntArray
-    alarm: FloatArray
-    watchful: BoolArray
+    look_time: FloatArray
+    awaits_crossing: BoolArray
     growth: FloatArray
     instant: FloatArray
     unanswered: FloatArray

@@ -45,7 +45,7 @@ class Fleet:
         InputError
             If costs are functions that cannot be called by compiled code.
         """
-        agents = CompiledAgents(system, absent, observer.meter)
+        agents = CompiledAgents(system, absent, observer.overshoot)
         system.join(agents)
         # Not `isinstance`: a subclass may decide otherwise in its `process`, which then has to be run.
         if type(control_unit) is Sampled or type(control_unit) is Crossing:

@@ -7,7 +7,17 @@ import numpy.typing as npt
 
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["BLOCK", "DUE", "DUPLICATE", "FORGOTTEN", "LATER", "Flights", "enlarge", "room", "take_off"]
+__all__ = [
+    "BLOCK",
+    "DUE",
+    "DUPLICATE",
+    "FORGOTTEN",
+    "LATER",
+    "CopiesInFlight",
+    "empty_copies",
+    "enlarge",
+    "room",
+]
 
 IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.uint32]
@@ -30,7 +40,7 @@ DUPLICATE = 1 << 16
 FORGOTTEN = 2.0
 
 
-class Flights(NamedTuple):
+class CopiesInFlight(NamedTuple):
     """All copies on their way, in one queue or in one for each resource.
 
     Block number b has the places from b * BLOCK on.
@@ -58,7 +68,7 @@ class Flights(NamedTuple):
         Bits of the time up to which a queue has been released.
     free : ndarray of int, shape (1,)
         First block of the chain of those that are not in use.
-    aloft : ndarray of int, shape (1,)
+    in_flight : ndarray of int, shape (1,)
         How many copies there are.
     """
 
@@ -76,29 +86,29 @@ class Flights(NamedTuple):
     tail: IntArray
     base: IntArray
     free: IntArray
-    aloft: IntArray
+    in_flight: IntArray
 
 
-def _blocks_for(copies: int, queues: int) -> int:
+def _blocks_for(space: int, queues: int) -> int:
     # Each chain may end in a block that is not full, and again when the first is among those that are due.
     # Two more, since a block whose copies are moved elsewhere is given back after that, not before.
-    return -(-copies // BLOCK) + 2 * _CHAINS * queues + 2
+    return -(-space // BLOCK) + 2 * _CHAINS * queues + 2
 
 
-def room(flights: Flights) -> int:
+def room(copies: CopiesInFlight) -> int:
     """Tell for how many copies there is space, those in flight included."""
-    # Compiled code cannot enlarge anything.  Whoever puts copies in flight compares `aloft` with this first,
-    # and leaves compiled code (`CROWDED`) where there might be too little.
-    return (len(flights.following) - _blocks_for(0, len(flights.base))) * BLOCK
+    # Compiled code cannot enlarge anything.  What puts copies in flight compares `in_flight` with this
+    # first, and leaves compiled code (`NO_ROOM`) where there might be too little.
+    return (len(copies.following) - _blocks_for(0, len(copies.base))) * BLOCK
 
 
-def take_off(copies: int, queues: int, ticking: bool, numbered: bool) -> Flights:
+def empty_copies(space: int, queues: int, ticking: bool, numbered: bool) -> CopiesInFlight:
     """Make space for copies, of which there are none yet."""
     # Not zeroed where a row is written before it is read: pages that are never used are never allocated.
-    blocks = _blocks_for(copies, queues)
+    blocks = _blocks_for(space, queues)
     shape = blocks * BLOCK
     own = shape if ticking else 0
-    return Flights(
+    return CopiesInFlight(
         key=np.empty(shape, dtype=np.int64),
         moment=np.empty(own),
         arrival=np.empty(own),
@@ -114,23 +124,23 @@ def take_off(copies: int, queues: int, ticking: bool, numbered: bool) -> Flights
         tail=np.full((queues, _CHAINS), -1),
         base=np.zeros(queues, dtype=np.int64),  # the bits of time 0, at which a run begins
         free=np.zeros(1, dtype=np.int64),
-        aloft=np.zeros(1, dtype=np.int64),
+        in_flight=np.zeros(1, dtype=np.int64),
     )
 
 
-def enlarge(flights: Flights, copies: int) -> Flights:
+def enlarge(copies: CopiesInFlight, space: int) -> CopiesInFlight:
     """Make space for more copies."""
     # Blocks keep their numbers, so chains hold as they are and only the list of free ones is joined.
-    old = len(flights.following)
-    ticking, numbered = flights.moment.size > 0, flights.number.size > 0
-    larger = take_off(copies, len(flights.base), ticking, numbered)
+    old = len(copies.following)
+    ticking, numbered = copies.moment.size > 0, copies.number.size > 0
+    larger = empty_copies(space, len(copies.base), ticking, numbered)
     for name in ("key", "moment", "arrival", "number", "agent", "resource", "rank", "uniform", "filled"):
-        rows = getattr(flights, name)
+        rows = getattr(copies, name)
         getattr(larger, name)[: len(rows)] = rows
-    larger.following[:old] = flights.following
+    larger.following[:old] = copies.following
     # The new blocks stand before what is left of the old ones.
-    larger.following[-1] = flights.free[0]
+    larger.following[-1] = copies.free[0]
     larger.free[0] = old
-    for name in ("head", "tail", "base", "aloft"):
-        getattr(larger, name)[...] = getattr(flights, name)
+    for name in ("head", "tail", "base", "in_flight"):
+        getattr(larger, name)[...] = getattr(copies, name)
     return larger

@@ -7,7 +7,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from aimd_des.dynamics.totals import average_of
-from aimd_des.fleet.arrays import Crowd
+from aimd_des.fleet.arrays import FleetAgents
 from aimd_des.problem.costs.kernels import gradient_at
 from aimd_des.utils.jit import formula
 
@@ -31,20 +31,20 @@ def _call_gradient(typingctx: Any, address: Any, agent: Any, average: Any, gradi
 
 
 @formula
-def marginal_cost_at(crowd: Crowd, agent: int, resource: int, moment: float, average: float) -> float:
+def marginal_cost_at(agents: FleetAgents, agent: int, resource: int, moment: float, average: float) -> float:
     """Return grad_j f_i at the agent's averages, of which that of the resource itself is known."""
-    averages = crowd.scratch.average
-    if crowd.coupled:
+    averages = agents.buffers.average
+    if agents.coupled:
         # An answer leaves the average at its own moment as it was, so of several answers at one tick each
         # finds the averages from before all of them.
         for j in range(averages.shape[0]):
-            averages[j] = average_of(crowd.state, crowd.law, j, agent, moment, crowd.grain)
+            averages[j] = average_of(agents.state, agents.parameters, j, agent, moment, agents.tick_weight)
     else:
         # Costs that are separable read no other average; what the others hold here is of another agent.
         averages[resource] = average
-    if crowd.gradient != 0:
+    if agents.gradient != 0:
         # It hands over all m derivatives.
-        gradient = crowd.scratch.gradient
-        _call_gradient(crowd.gradient, agent, averages.ctypes.data, gradient.ctypes.data)
+        gradient = agents.buffers.gradient
+        _call_gradient(agents.gradient, agent, averages.ctypes.data, gradient.ctypes.data)
         return float(gradient[resource])
-    return gradient_at(crowd.table, averages, resource, agent)
+    return gradient_at(agents.table, averages, resource, agent)

@@ -11,7 +11,7 @@ from aimd_des.fleet.radix_heap import time_of
 from aimd_des.utils.jit import formula, kernel, routine
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Meter", "Watch", "fold_answers"]
+__all__ = ["FleetOvershoot", "ObservedTotals", "fold_answers"]
 
 IntArray = npt.NDArray[np.int64]
 
@@ -19,7 +19,7 @@ IntArray = npt.NDArray[np.int64]
 _SHORT = 16
 
 
-class Meter(NamedTuple):
+class FleetOvershoot(NamedTuple):
     """What total demand beyond capacity is integrated with.
 
     Attributes
@@ -55,7 +55,7 @@ class Meter(NamedTuple):
     spare: IntArray
 
 
-class Watch(NamedTuple):
+class ObservedTotals(NamedTuple):
     """Where totals are kept, as in `observing.Observer`.
 
     Attributes
@@ -126,14 +126,16 @@ def _sort(answers: Answers, order: IntArray, spare: IntArray) -> None:
 
 
 @routine
-def fold_answers(answers: Answers, meter: Meter) -> None:
+def fold_answers(answers: Answers, integrals: FleetOvershoot) -> None:
     """Fold the answers in memory into the integrals, and forget them."""
     # Agents were answered in the order of chains, but the total is a line from each answer to the next.
     # Since the last time only later ones have come, so what is folded in need not be opened again.
-    _sort(answers, meter.order, meter.spare)
+    _sort(answers, integrals.order, integrals.spare)
     for place in range(answers.held[0]):
-        row = meter.order[place]
+        row = integrals.order[place]
         j = answers.resource[row]
         time = time_of(answers.key[row])
-        fold_change(meter.running[j], time, answers.change[row], meter.slope[j], meter.capacity[j])
+        fold_change(
+            integrals.running[j], time, answers.change[row], integrals.slope[j], integrals.capacity[j]
+        )
     answers.held[0] = 0

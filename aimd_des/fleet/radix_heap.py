@@ -26,7 +26,7 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 
-from aimd_des.fleet.in_flight import BLOCK, DUE, Flights
+from aimd_des.fleet.in_flight import BLOCK, DUE, CopiesInFlight
 from aimd_des.utils.jit import formula, instruction
 
 __all__ = ["bits_of", "move", "places", "put", "raise_due", "release", "time_of"]
@@ -62,46 +62,46 @@ def time_of(key: int) -> Any:
 
 
 @formula
-def places(flights: Flights, block: int) -> Any:
+def places(copies: CopiesInFlight, block: int) -> Any:
     """Return the places of the copies in a block."""
     # Without a sign: compiled code need not ask whether an index counts from the end.
     first = block * BLOCK
-    return range(np.uint64(first), np.uint64(first + flights.filled[block]))
+    return range(np.uint64(first), np.uint64(first + copies.filled[block]))
 
 
 @formula
-def _end(flights: Flights, queue: int, chain: int) -> np.uint64:
+def _end(copies: CopiesInFlight, queue: int, chain: int) -> np.uint64:
     """Return the place behind the last copy of a chain."""
-    block = flights.tail[queue, chain]
-    if block < 0 or flights.filled[block] == BLOCK:
+    block = copies.tail[queue, chain]
+    if block < 0 or copies.filled[block] == BLOCK:
         # There is always a free block: callers have seen to it that there is room for the copies (`room`).
-        fresh = flights.free[0]
-        flights.free[0] = flights.following[fresh]
-        flights.following[fresh] = -1
-        flights.filled[fresh] = 0  # a block that was given back has kept its old count
+        fresh = copies.free[0]
+        copies.free[0] = copies.following[fresh]
+        copies.following[fresh] = -1
+        copies.filled[fresh] = 0  # a block that was given back has kept its old count
         if block < 0:
-            flights.head[queue, chain] = fresh
+            copies.head[queue, chain] = fresh
         else:
-            flights.following[block] = fresh
-        flights.tail[queue, chain] = fresh
+            copies.following[block] = fresh
+        copies.tail[queue, chain] = fresh
         block = fresh
-    place = flights.filled[block]
-    flights.filled[block] = place + 1
+    place = copies.filled[block]
+    copies.filled[block] = place + 1
     return np.uint64(block * BLOCK + place)
 
 
 @formula
-def release(flights: Flights, block: int) -> Any:
+def release(copies: CopiesInFlight, block: int) -> Any:
     """Give a block back whose copies are elsewhere, or answered; return the next of its chain."""
-    following = flights.following[block]
-    flights.following[block] = flights.free[0]
-    flights.free[0] = block
+    following = copies.following[block]
+    copies.following[block] = copies.free[0]
+    copies.free[0] = block
     return following
 
 
 @formula
 def put(
-    flights: Flights,
+    copies: CopiesInFlight,
     queue: int,
     key: int,
     moment: float,
@@ -115,110 +115,110 @@ def put(
     """Put a copy on its way, due no earlier than the last release of its queue; there must be room."""
     # Earlier than `base`, it would get into a chain of later copies and be handed out too late.  It cannot
     # be: a signal leaves at the look that has released the queue, or later, and latencies are at least 0.
-    end = _end(flights, queue, _highest_bit(key ^ flights.base[queue]) + 1)
-    flights.key[end] = key
-    flights.agent[end] = agent
-    flights.resource[end] = resource
-    flights.rank[end] = rank
-    flights.uniform[end] = uniform
+    end = _end(copies, queue, _highest_bit(key ^ copies.base[queue]) + 1)
+    copies.key[end] = key
+    copies.agent[end] = agent
+    copies.resource[end] = resource
+    copies.rank[end] = rank
+    copies.uniform[end] = uniform
     # Columns that this run does not need have no rows, and cost neither memory nor time.
-    if flights.moment.shape[0] > 0:
-        flights.moment[end] = moment
-        flights.arrival[end] = arrival
-    if flights.number.shape[0] > 0:
-        flights.number[end] = number
+    if copies.moment.shape[0] > 0:
+        copies.moment[end] = moment
+        copies.arrival[end] = arrival
+    if copies.number.shape[0] > 0:
+        copies.number[end] = number
 
 
 @formula
-def move(flights: Flights, queue: int, chain: int, place: int) -> None:
+def move(copies: CopiesInFlight, queue: int, chain: int, place: int) -> None:
     """Copy a copy to the end of a chain."""
-    end = _end(flights, queue, chain)
-    flights.key[end] = flights.key[place]
-    flights.agent[end] = flights.agent[place]
-    flights.resource[end] = flights.resource[place]
-    flights.rank[end] = flights.rank[place]
-    flights.uniform[end] = flights.uniform[place]
-    if flights.moment.shape[0] > 0:
-        flights.moment[end] = flights.moment[place]
-        flights.arrival[end] = flights.arrival[place]
-    if flights.number.shape[0] > 0:
-        flights.number[end] = flights.number[place]
+    end = _end(copies, queue, chain)
+    copies.key[end] = copies.key[place]
+    copies.agent[end] = copies.agent[place]
+    copies.resource[end] = copies.resource[place]
+    copies.rank[end] = copies.rank[place]
+    copies.uniform[end] = copies.uniform[place]
+    if copies.moment.shape[0] > 0:
+        copies.moment[end] = copies.moment[place]
+        copies.arrival[end] = copies.arrival[place]
+    if copies.number.shape[0] > 0:
+        copies.number[end] = copies.number[place]
 
 
 @formula
-def _join(flights: Flights, queue: int, chain: int) -> None:
+def _join(copies: CopiesInFlight, queue: int, chain: int) -> None:
     """Hang a whole chain behind that of the copies that are due."""
     # The last block of a chain need not be full, so `DUE` may have such blocks in its middle: whoever passes
     # through a chain asks each block how many copies it has.
-    first = flights.head[queue, chain]
+    first = copies.head[queue, chain]
     if first >= 0:
-        if flights.head[queue, DUE] < 0:
-            flights.head[queue, DUE] = first
+        if copies.head[queue, DUE] < 0:
+            copies.head[queue, DUE] = first
         else:
-            flights.following[flights.tail[queue, DUE]] = first
-        flights.tail[queue, DUE] = flights.tail[queue, chain]
-        flights.head[queue, chain] = flights.tail[queue, chain] = -1
+            copies.following[copies.tail[queue, DUE]] = first
+        copies.tail[queue, DUE] = copies.tail[queue, chain]
+        copies.head[queue, chain] = copies.tail[queue, chain] = -1
 
 
 @formula
-def _hand_over(flights: Flights, queue: int, block: int) -> Any:
+def _hand_over(copies: CopiesInFlight, queue: int, block: int) -> Any:
     """Hang a block, all of whose copies are due, behind those that are; return the next of its chain."""
-    following = flights.following[block]
-    flights.following[block] = -1
-    if flights.head[queue, DUE] < 0:
-        flights.head[queue, DUE] = block
+    following = copies.following[block]
+    copies.following[block] = -1
+    if copies.head[queue, DUE] < 0:
+        copies.head[queue, DUE] = block
     else:
-        flights.following[flights.tail[queue, DUE]] = block
-    flights.tail[queue, DUE] = block
+        copies.following[copies.tail[queue, DUE]] = block
+    copies.tail[queue, DUE] = block
     return following
 
 
 @formula
-def _raise_ties(flights: Flights, queue: int, limit: int) -> None:
+def _raise_ties(copies: CopiesInFlight, queue: int, limit: int) -> None:
     """Make those of the copies of this very time due that come before `limit`: by agent, or by order."""
     # At one instant ticks take place in the order of agents, and deliveries in that of their order numbers.
-    ticking = flights.moment.shape[0] > 0
+    ticking = copies.moment.shape[0] > 0
     # Emptied before it is walked through, since what is not due goes back into it.
-    block = flights.head[queue, 0]
-    flights.head[queue, 0] = flights.tail[queue, 0] = -1
+    block = copies.head[queue, 0]
+    copies.head[queue, 0] = copies.tail[queue, 0] = -1
     while block >= 0:
-        for place in places(flights, block):
-            order = flights.agent[place] if ticking else flights.rank[place]
-            move(flights, queue, DUE if order < limit else 0, place)
-        block = release(flights, block)
+        for place in places(copies, block):
+            order = copies.agent[place] if ticking else copies.rank[place]
+            move(copies, queue, DUE if order < limit else 0, place)
+        block = release(copies, block)
 
 
 @formula
-def raise_due(flights: Flights, queue: int, time: float, limit: int) -> None:
+def raise_due(copies: CopiesInFlight, queue: int, time: float, limit: int) -> None:
     """Put all copies of a queue that are due in its chain of those; it never goes back in time."""
     # What is due before this time is due.  What is due at this very time is due if its order number (of
     # discrete agents: the agent's index) is below `limit`.
-    base, now = flights.base[queue], bits_of(time)
+    base, now = copies.base[queue], bits_of(time)
     # A second call for one instant, with a higher limit, finds `base` there already and looks at ties alone.
     if now > base:
-        flights.base[queue] = now
+        copies.base[queue] = now
         # `now` has a 1 at the highest bit in which it differs from `base`.  Copies of lower chains have the 0
         # of `base` there, and are due.  Copies of higher chains differ from both in the same bit, and stay.
         top = _highest_bit(now ^ base) + 1
         for level in range(top):
-            _join(flights, queue, level)
+            _join(copies, queue, level)
         # Copies of this chain have the 1 as well.  Those that are later differ from `now` in a lower bit than
         # from `base`: a copy only ever gets into lower chains, at most 64 times in its life.
-        block = flights.head[queue, top]
-        flights.head[queue, top] = flights.tail[queue, top] = -1
+        block = copies.head[queue, top]
+        copies.head[queue, top] = copies.tail[queue, top] = -1
         while block >= 0:
             latest = 0
-            for place in places(flights, block):
-                latest = max(latest, flights.key[place])
+            for place in places(copies, block):
+                latest = max(latest, copies.key[place])
             # A block that is due as a whole changes hands without any of its copies being moved.
             if latest < now:
-                block = _hand_over(flights, queue, block)
+                block = _hand_over(copies, queue, block)
                 continue
-            for place in places(flights, block):
-                key = flights.key[place]
+            for place in places(copies, block):
+                key = copies.key[place]
                 chain = DUE if key < now else _highest_bit(key ^ now) + 1
-                move(flights, queue, chain, place)
-            block = release(flights, block)
+                move(copies, queue, chain, place)
+            block = release(copies, block)
     # Order numbers and indices begin at 0, so a limit of 0 lets nothing of this very time through.
-    if limit > 0 and flights.head[queue, 0] >= 0:
-        _raise_ties(flights, queue, limit)
+    if limit > 0 and copies.head[queue, 0] >= 0:
+        _raise_ties(copies, queue, limit)

@@ -1,7 +1,7 @@
 """Who takes part and who hears, changed while a run goes on: functions of the system, called by processes.
 
-What is changed holds from the present event on.  Call these at `Kind.INTERVENE`, so that everything else that
-happens at the same instant finds the new conditions.  What has begun twice ends when it has ended twice.
+What is changed holds from the present event on.  Call these at `EventKind.INTERVENE`, so that everything else
+that happens at the same instant finds the new conditions.  What has begun twice ends when it has ended twice.
 """
 
 import numpy as np
@@ -41,7 +41,7 @@ def leave(system: System, agent: str | int) -> None:
     end_piece(system)
     for j in range(system.problem.n_resources):
         system.set_demand(i, j, 0.0)
-    system.state.pause[:, i] = system.moment(i) - system.grain
+    system.state.pause[:, i] = system.moment(i) - system.tick_weight
     _grow(system, i, 0.0)
     system.forget(i, lost=False)
     put(conditions.away, i, True)
@@ -73,7 +73,7 @@ def join(system: System, agent: str | int, *, anew: bool = False) -> None:
     end_piece(system)
     system.forget(i, lost=True)
     put(conditions.away, i, False)
-    moment, last = system.moment(i), system.moment(i) - system.grain
+    moment, last = system.moment(i), system.moment(i) - system.tick_weight
     if anew:
         state.origin[:, i], state.accumulated[:, i], state.answered[:, i] = moment, 0.0, 0
     else:
@@ -89,8 +89,8 @@ def join(system: System, agent: str | int, *, anew: bool = False) -> None:
 
 
 def _grow(system: System, agent: int, increase: float | FloatArray) -> None:
-    put(system.law.increase, (slice(None), agent), increase)
-    put(system.conditions.growth, slice(None), growth_of(system.law.increase))
+    put(system.parameters.increase, (slice(None), agent), increase)
+    put(system.conditions.growth, slice(None), growth_of(system.parameters.increase))
 
 
 def cut_off(system: System, agents: Agents) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import count
 
 from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.interventions.actions import join, leave
 from aimd_des.interventions.bookkeeping import BeginsAt
@@ -89,10 +89,10 @@ class Join(_OfAgents):
             The start of the run, and the time at which they join.
         """
         agents = agent_indices(system.problem, self.agents)
-        yield system.env.at(0.0, Kind.INTERVENE)
+        yield system.env.at(0.0, EventKind.INTERVENE)
         for agent in agents:
             leave(system, agent)
-        yield system.env.at(self.at, Kind.INTERVENE)
+        yield system.env.at(self.at, EventKind.INTERVENE)
         for agent in agents:
             join(system, agent, anew=True)
 
@@ -183,11 +183,11 @@ class Crash(BeginsAt, _OfAgents):
 
 def _away(system: System, agents: Agents, at: float, until: float | None, *, anew: bool) -> ProcessGenerator:
     indices = agent_indices(system.problem, agents)
-    yield system.env.at(at, Kind.INTERVENE)
+    yield system.env.at(at, EventKind.INTERVENE)
     for agent in indices:
         leave(system, agent)
     if until is not None:
-        yield system.env.at(until, Kind.INTERVENE)
+        yield system.env.at(until, EventKind.INTERVENE)
         for agent in indices:
             join(system, agent, anew=anew)
 
@@ -233,10 +233,10 @@ class UnusualActivity(BeginsAt, _OfAgents):
             Both times.
         """
         own = object()
-        yield system.env.at(self.at, Kind.INTERVENE)
+        yield system.env.at(self.at, EventKind.INTERVENE)
         weigh(system, self.agents, self.weight, by=own)
         if self.until is not None:
-            yield system.env.at(self.until, Kind.INTERVENE)
+            yield system.env.at(self.until, EventKind.INTERVENE)
             weigh(system, self.agents, 1.0, by=own)
 
 
@@ -297,5 +297,5 @@ class Prices:
             Each change.
         """
         for k in count(1):
-            yield system.env.at(k * self.every, Kind.INTERVENE)
+            yield system.env.at(k * self.every, EventKind.INTERVENE)
             set_costs(system, self.draw(k))

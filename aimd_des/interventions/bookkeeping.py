@@ -37,5 +37,5 @@ def begin_piece(system: System) -> None:
     conditions, now = system.conditions, float(system.env.now)
     if conditions.pieces[-1].start == now:
         conditions.pieces.pop()
-    piece = Piece(now, locked(system.law.capacity.copy()), locked(~conditions.away), conditions.costs)
+    piece = Piece(now, locked(system.parameters.capacity.copy()), locked(~conditions.away), conditions.costs)
     conditions.pieces.append(piece)

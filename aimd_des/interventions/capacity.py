@@ -9,7 +9,7 @@ import numpy as np
 
 from aimd_des.channel.csv_columns import read_columns
 from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.interventions.bookkeeping import BeginsAt
 from aimd_des.interventions.parameters import set_capacity
@@ -78,7 +78,7 @@ class CapacityStep(BeginsAt):
         simpy.Event
             The instant.
         """
-        yield system.env.at(self.at, Kind.INTERVENE)
+        yield system.env.at(self.at, EventKind.INTERVENE)
         set_capacity(system, resource_index(system.problem, self.resource), self.capacity)
 
 
@@ -151,12 +151,12 @@ class CapacityRamp:
             The start, and each step.
         """
         j = resource_index(system.problem, self.resource)
-        yield system.env.at(self.start, Kind.INTERVENE)
-        before = float(system.law.capacity[j])
+        yield system.env.at(self.start, EventKind.INTERVENE)
+        before = float(system.parameters.capacity[j])
         for step in range(1, self.steps + 1):
             share = step / self.steps
             time = self.end if step == self.steps else self.start + share * (self.end - self.start)
-            yield system.env.at(time, Kind.INTERVENE)
+            yield system.env.at(time, EventKind.INTERVENE)
             set_capacity(system, j, before + share * (self.capacity - before))
 
 
@@ -275,7 +275,7 @@ class CapacityProfile:
         """
         j = resource_index(system.problem, self.resource)
         for time, capacity in self._changes():
-            yield system.env.at(time, Kind.INTERVENE)
+            yield system.env.at(time, EventKind.INTERVENE)
             set_capacity(system, j, capacity)
 
     def _changes(self) -> Iterator[tuple[float, float]]:

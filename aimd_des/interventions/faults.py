@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.interventions.actions import cut_off, fail, reconnect, recover
 from aimd_des.interventions.bookkeeping import BeginsAt
@@ -71,9 +71,9 @@ class Failover(BeginsAt):
         simpy.Event
             Both times.
         """
-        yield system.env.at(self.at, Kind.INTERVENE)
+        yield system.env.at(self.at, EventKind.INTERVENE)
         fail(system)
-        yield system.env.at(self.at + self.duration, Kind.INTERVENE)
+        yield system.env.at(self.at + self.duration, EventKind.INTERVENE)
         recover(system)
 
 
@@ -138,7 +138,7 @@ class Partition(BeginsAt):
             Both times.
         """
         agents = self._indices(system.problem)
-        yield system.env.at(self.at, Kind.INTERVENE)
+        yield system.env.at(self.at, EventKind.INTERVENE)
         cut_off(system, agents)
-        yield system.env.at(self.at + self.duration, Kind.INTERVENE)
+        yield system.env.at(self.at + self.duration, EventKind.INTERVENE)
         reconnect(system, agents)

@@ -1,7 +1,7 @@
 """Capacities, thresholds and the parameters of the agents' rule, changed while a run goes on.
 
-Functions of the system as those of `changes`.  Nobody else can write into the arrays of `system.law`, so that
-agents that are processes and a fleet obey alike, and the log tells of it.
+Functions of the system as those of `actions`.  Only they can write into the arrays of `system.parameters`, so
+that agents that are processes and a fleet obey alike, and the log tells of it.
 """
 
 from collections.abc import Sequence
@@ -37,9 +37,9 @@ def set_capacity(system: System, resource: str | int, capacity: float) -> None:
     j = resource_index(system.problem, resource)
     value = validation.number("capacity", capacity, low=0.0, low_open=True)
     end_piece(system)
-    lower = value < system.law.capacity[j]
-    put(system.law.capacity, j, value)
-    put(system.law.limit, j, system.conditions.threshold[j] * value)
+    lower = value < system.parameters.capacity[j]
+    put(system.parameters.capacity, j, value)
+    put(system.parameters.limit, j, system.conditions.threshold[j] * value)
     _conclude(system, Entry.CAPACITY, j, value)
     if lower:
         system.tighten(j)
@@ -67,7 +67,7 @@ def set_threshold(system: System, resource: str | int, threshold: float) -> None
     end_piece(system)
     lower = value < system.conditions.threshold[j]
     put(system.conditions.threshold, j, value)
-    put(system.law.limit, j, value * system.law.capacity[j])
+    put(system.parameters.limit, j, value * system.parameters.capacity[j])
     _conclude(system, Entry.THRESHOLD, j, value)
     if lower:
         system.tighten(j)
@@ -93,7 +93,7 @@ def set_normalization(system: System, resource: str | int, normalization: float)
     j = resource_index(system.problem, resource)
     value = validation.number("normalization", normalization, low=0.0, low_open=True)
     end_piece(system)
-    put(system.law.normalization, j, value)
+    put(system.parameters.normalization, j, value)
     _conclude(system, Entry.NORMALIZATION, j, value)
 
 
@@ -125,8 +125,8 @@ def set_increase(system: System, agents: Agents, resource: str | int, increase: 
         if not conditions.away[i]:
             # Growth up to now is that of before.
             system.break_line(i, j, system.demand(i, j))
-            put(system.law.increase, (j, i), value)
-    put(conditions.growth, slice(None), growth_of(system.law.increase))
+            put(system.parameters.increase, (j, i), value)
+    put(conditions.growth, slice(None), growth_of(system.parameters.increase))
     _conclude(system, Entry.INCREASE, j, value, indices)
     system.tighten(j)
 
@@ -153,7 +153,7 @@ def set_decrease(system: System, agents: Agents, resource: str | int, decrease: 
     j, indices = resource_index(system.problem, resource), agent_indices(system.problem, agents)
     value = validation.number("decrease", decrease, low=0.0, high=1.0, high_open=True)
     end_piece(system)
-    put(system.law.decrease, (j, indices), value)
+    put(system.parameters.decrease, (j, indices), value)
     _conclude(system, Entry.DECREASE, j, value, indices)
 
 
@@ -161,7 +161,7 @@ def _conclude(
     system: System, entry: Entry, resource: int, value: float, agents: Sequence[int] = (-1,)
 ) -> None:
     """Tell of a change, and begin a piece with it."""
-    for tell in system.conditions.on_law:
+    for tell in system.conditions.on_parameters:
         tell()
     for agent in agents:
         note(system, entry, resource, agent, value)

@@ -5,7 +5,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 
 from aimd_des.plots import selection, style, units
-from aimd_des.plots.in_force import NEVER, Look, measured
+from aimd_des.plots.in_force import NEVER, Observation, measured
 from aimd_des.problem.optimum import Optimum
 from aimd_des.results.result import Result
 from aimd_des.utils.validation import FloatArray
@@ -158,7 +158,7 @@ def derivatives(axes: Axes, result: Result, optimum: Optimum | None = None) -> A
     return axes
 
 
-def _agreement(look: Look) -> FloatArray:
+def _agreement(look: Observation) -> FloatArray:
     """Measure mean and spread of the derivatives: shape (2, m)."""
     gradient = look.problem.costs.gradient(look.average)
     return np.array([gradient.mean(axis=0), gradient.std(axis=0)])
@@ -169,7 +169,7 @@ def _levels(
 ) -> FloatArray:
     """Say what agents, (m, q), should hold at some looks: shape (looks, m, q)."""
 
-    def level(look: Look) -> FloatArray:
+    def level(look: Observation) -> FloatArray:
         place = np.cumsum(look.present) - 1
         resource = np.arange(len(agents))[:, None]
         return np.where(look.present[agents], look.best.allocation[place[agents], resource], np.nan)

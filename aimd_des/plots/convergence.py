@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from aimd_des.plots import selection, style
 from aimd_des.plots.allocations import NOT_RECORDED
-from aimd_des.plots.in_force import NEVER, NOBODY, Look, measured
+from aimd_des.plots.in_force import NEVER, NOBODY, Observation, measured
 from aimd_des.problem.optimum import Optimum, solve_optimum
 from aimd_des.results import metrics
 from aimd_des.results.result import Result
@@ -124,7 +124,7 @@ def consensus(axes: Axes, result: Result, optimum: Optimum | None = None) -> Axe
     return axes
 
 
-def _agreement(look: Look) -> FloatArray:
+def _agreement(look: Observation) -> FloatArray:
     """Give quantiles of the derivatives in multiples of what they all should be: shape (3, m)."""
     gradient = look.problem.costs.gradient(look.average)
     return np.asarray(np.quantile(gradient, (0.05, 0.5, 0.95), axis=0) / look.best.multipliers)
@@ -203,12 +203,12 @@ def error_decay(
     return axes
 
 
-def _misallocation(look: Look) -> FloatArray:
+def _misallocation(look: Observation) -> FloatArray:
     used = look.average.sum(axis=0)
     if (used <= 0.0).any():
         return np.full(len(used), np.nan)
     return metrics.relative_error(look.average, solve_optimum(look.problem, capacity=used).allocation)
 
 
-def _relative_error(look: Look) -> FloatArray:
+def _relative_error(look: Observation) -> FloatArray:
     return metrics.relative_error(look.average, look.best.allocation)

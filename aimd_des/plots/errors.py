@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 
 from aimd_des.plots import selection, style, units
 from aimd_des.plots.allocations import NOT_RECORDED
-from aimd_des.plots.in_force import NEVER, NOBODY, Look, measured
+from aimd_des.plots.in_force import NEVER, NOBODY, Observation, measured
 from aimd_des.problem.optimum import Optimum
 from aimd_des.results import metrics
 from aimd_des.results.result import Result
@@ -183,13 +183,13 @@ def error_histogram(axes: Axes, result: Result, optimum: Optimum | None, resourc
     return axes
 
 
-def _quantiles(look: Look) -> FloatArray:
+def _quantiles(look: Observation) -> FloatArray:
     return np.asarray(np.quantile(np.abs(look.average - look.best.allocation), (0.5, 0.95), axis=0))
 
 
-def _error(look: Look) -> FloatArray:
+def _error(look: Observation) -> FloatArray:
     return metrics.relative_error(look.average, look.best.allocation)
 
 
-def _cost(look: Look) -> float:
+def _cost(look: Observation) -> float:
     return metrics.cost_ratio(look.problem.costs, look.average, look.best.allocation)

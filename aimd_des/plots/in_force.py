@@ -12,7 +12,7 @@ from aimd_des.results.result import Result
 from aimd_des.results.tracking import piece_problem
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["NEVER", "NOBODY", "Look", "measured"]
+__all__ = ["NEVER", "NOBODY", "Observation", "measured"]
 
 #: What a panel says that would show the agents that are here at the end.
 NOBODY = "Nobody is here at the end of the run."
@@ -20,7 +20,7 @@ NOBODY = "Nobody is here at the end of the run."
 NEVER = "Nobody was here at the looks of this panel."
 
 
-class Look(NamedTuple):
+class Observation(NamedTuple):
     """Those who are here at a time, and what they are held against.
 
     Attributes
@@ -45,7 +45,7 @@ def measured(
     result: Result,
     shown: npt.NDArray[np.intp],
     optimum: Optimum | None,
-    measure: Callable[[Look], npt.ArrayLike],
+    measure: Callable[[Observation], npt.ArrayLike],
     *shape: int,
 ) -> FloatArray:
     """Measure the averages at some looks."""
@@ -55,5 +55,7 @@ def measured(
         best = result.optimum_of(piece, optimum)
         if best is not None:
             average = seen.average[look].T[piece.present]
-            found[row] = measure(Look(piece_problem(result.problem, piece), piece.present, average, best))
+            found[row] = measure(
+                Observation(piece_problem(result.problem, piece), piece.present, average, best)
+            )
     return found

@@ -14,7 +14,7 @@ from aimd_des._version import __version__
 from aimd_des.study.store import write_file
 from aimd_des.utils.errors import InputError
 
-__all__ = ["Chart", "Choice", "Page", "Slider", "Table", "Verdict", "check_page", "render", "write_page"]
+__all__ = ["Chart", "Choice", "Page", "PageTable", "Slider", "Verdict", "check_page", "render", "write_page"]
 
 _LIBRARIES = ("altair", "jinja2", "vl_convert")
 
@@ -123,7 +123,7 @@ class Chart:
 
 
 @dataclass(frozen=True)
-class Table:
+class PageTable:
     """A table.
 
     Attributes
@@ -181,7 +181,7 @@ class Page:
     controls: Sequence[Slider | Choice]
     charts: Sequence[Chart]
     hint: str
-    tables: Sequence[Table]
+    tables: Sequence[PageTable]
     provenance: Sequence[tuple[str, str]]
     source: str
     notes: Sequence[str] = field(default_factory=list)

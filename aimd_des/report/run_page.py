@@ -5,7 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from aimd_des.report.html_page import Chart, Choice, Page, Slider, Table
+from aimd_des.report.html_page import Chart, Choice, Page, PageTable, Slider
 from aimd_des.report.verdicts import JUDGED, verdict
 from aimd_des.results.measures import measure_words
 from aimd_des.scenario.run_folder import StoredRun
@@ -119,13 +119,13 @@ def _spoken(table: Any) -> str:
     return ", ".join(f"{key.replace('_', ' ')} {_spoken(value)}" for key, value in table.items())
 
 
-def _measures(run: StoredRun) -> Table:
+def _measures(run: StoredRun) -> PageTable:
     names = list(run.measures)
     rows = [
         [measure_words(measure), *(short(run.measures[name][measure]) for name in names)]
         for measure in next(iter(run.measures.values()), {})
     ]
-    return Table("All measures of each resource", ["measure", *names], rows)
+    return PageTable("All measures of each resource", ["measure", *names], rows)
 
 
 def _provenance(run: StoredRun) -> list[tuple[str, str]]:

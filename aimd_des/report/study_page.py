@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import tomli_w
 
-from aimd_des.report.html_page import Chart, Choice, Page, Slider, Table, Verdict
+from aimd_des.report.html_page import Chart, Choice, Page, PageTable, Slider, Verdict
 from aimd_des.report.verdicts import JUDGED, verdict
 from aimd_des.results.measures import FIRST, measure_words
 from aimd_des.study import StudyResults, summarise
@@ -141,7 +141,7 @@ def _where(labels: dict[str, Any]) -> str:
     return ", ".join([*(f"{name} {short(value)}" for name, value in labels.items()), str(resource)])
 
 
-def _points(table: pd.DataFrame, names: Sequence[str], main: Sequence[str]) -> Table:
+def _points(table: pd.DataFrame, names: Sequence[str], main: Sequence[str]) -> PageTable:
     """List the means of the main measures at every point."""
     rows = []
     for labels, part in table.groupby([*names, "resource"], observed=True, sort=False):
@@ -151,14 +151,14 @@ def _points(table: pd.DataFrame, names: Sequence[str], main: Sequence[str]) -> T
         rows.append([*map(short, labels), f"{int(of['replications'].max()):,}", *cells])
     heads = [*names, "resource", "replications", *map(measure_words, main)]
     title = "Means at every point, with the half-widths of their 95 % confidence intervals"
-    return Table(title, heads, rows, labels=len(names) + 1)
+    return PageTable(title, heads, rows, labels=len(names) + 1)
 
 
 def _interval(mean: float, half: float) -> str:
     return interval(mean, half) if np.isfinite(half) else short(mean)
 
 
-def _failures(results: StudyResults) -> list[Table]:
+def _failures(results: StudyResults) -> list[PageTable]:
     failed = results.failed
     if not len(failed):
         return []
@@ -167,7 +167,7 @@ def _failures(results: StudyResults) -> list[Table]:
     title = f"Runs that failed: {len(failed):,}"
     if len(rows) > _MOST_FAILURES:
         title += f", of which the first {_MOST_FAILURES} are listed"
-    return [Table(title, heads, rows[:_MOST_FAILURES], labels=len(heads))]
+    return [PageTable(title, heads, rows[:_MOST_FAILURES], labels=len(heads))]
 
 
 def _facts(results: StudyResults) -> list[tuple[str, str]]:

@@ -17,7 +17,7 @@ from aimd_des.scenario.networks import refuse_vast
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["UNKNOWN_KIND", "KindTable", "NetworkTable", "kind_table", "one_of"]
+__all__ = ["UNKNOWN_KIND", "KindTable", "NetworkSettings", "kind_table", "one_of"]
 
 #: The type of the error where a value is none of the forms, or names no kind.
 UNKNOWN_KIND = "unknown_kind"
@@ -58,7 +58,7 @@ class KindTable(Part):
         return self.of.then(made, **{name: value for name, value in given.items() if name not in self.of.own})
 
 
-class NetworkTable(KindTable):
+class NetworkSettings(KindTable):
     """``[channel.network]``: see `aimd_des.topology`."""
 
     def build_to_check(self) -> None:
@@ -121,7 +121,7 @@ def _made(kind: Kind, default: str | None) -> type[KindTable]:
     words = f"{form}_{kind.group}".split("_")
     made = create_model(
         "".join(word.capitalize() for word in words),
-        __base__=NetworkTable if kind.group == "network" else KindTable,
+        __base__=NetworkSettings if kind.group == "network" else KindTable,
         __doc__=kind.meaning,
         __module__=__name__,
         **fields,

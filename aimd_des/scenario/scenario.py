@@ -26,12 +26,12 @@ from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.parameters import as_data, refuse_no_data
 from aimd_des.scenario.prices import RedrawnPrices
 from aimd_des.scenario.tables import (
-    ChannelTable,
-    ClocksTable,
-    CostsTable,
-    RecordingTable,
+    ChannelSettings,
+    ClocksSettings,
+    CostsSettings,
+    RecordingSettings,
     ResourceChange,
-    ResourceTable,
+    ResourceSettings,
 )
 from aimd_des.synchronous.synchronous import run_synchronous
 from aimd_des.utils import limits, validation
@@ -118,14 +118,14 @@ class Scenario(Table, InSentences):
     control_unit: ControlUnitTable = Field(
         default_factory=lambda: kind_table("control_unit", "sampled", default="sampled")
     )
-    channel: ChannelTable = Field(default_factory=ChannelTable)
-    clocks: ClocksTable = Field(default_factory=ClocksTable)
+    channel: ChannelSettings = Field(default_factory=ChannelSettings)
+    clocks: ClocksSettings = Field(default_factory=ClocksSettings)
     averaging: AveragingTable = Field(default_factory=lambda: kind_table("averaging", "cumulative"))
     compensation: CompensationTable | None = None
     interventions: list[InterventionTable] = Field(default_factory=list)
-    recording: RecordingTable = Field(default_factory=RecordingTable)
-    costs: CostsTable | None = None
-    resources: list[ResourceTable] | dict[str, ResourceChange] | None = None
+    recording: RecordingSettings = Field(default_factory=RecordingSettings)
+    costs: CostsSettings | None = None
+    resources: list[ResourceSettings] | dict[str, ResourceChange] | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -148,7 +148,7 @@ class Scenario(Table, InSentences):
             raise InputError.of("control_unit.kind", "crossing", reason)
         with under("averaging"):
             averaging: Averaging = self.averaging.build()
-            averaging.memory(CONTINUOUS if self.dynamics == "continuous" else DISCRETE)
+            averaging.parameters(CONTINUOUS if self.dynamics == "continuous" else DISCRETE)
         for number, table in enumerate(self.interventions):
             if table.of.make is RedrawnPrices and self.model is None:
                 raise InputError.of(
@@ -272,7 +272,7 @@ class Scenario(Table, InSentences):
             problem = Problem([table.build() for table in self.resources], self.costs.build())
         if self.compensation is not None:
             with under("compensation"):
-                self.compensation.build().answering(problem.n_agents)
+                self.compensation.build().parameters(problem.n_agents)
         changes = changes_of(self.interventions, problem, self.model, self.parameters, self.seed)
         return problem, changes
 

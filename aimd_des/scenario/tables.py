@@ -12,21 +12,28 @@ from aimd_des.results.recording import Recording
 from aimd_des.scenario.base import Part, Table
 from aimd_des.scenario.kind_tables import KindTable, one_of
 
-__all__ = ["ChannelTable", "ClocksTable", "CostsTable", "RecordingTable", "ResourceChange", "ResourceTable"]
+__all__ = [
+    "ChannelSettings",
+    "ClocksSettings",
+    "CostsSettings",
+    "RecordingSettings",
+    "ResourceChange",
+    "ResourceSettings",
+]
 
 Times = Literal["auto", "end"] | float | list[float]
 
 if TYPE_CHECKING:
     LatencyTable = float | list[float] | KindTable
     LossTable = float | list[float] | KindTable | list[KindTable]
-    NetworkTable = KindTable
+    NetworkSettings = KindTable
 else:
     LatencyTable = one_of("latency", plain=True)
     LossTable = one_of("loss", plain=True, several=True)
-    NetworkTable = one_of("network")
+    NetworkSettings = one_of("network")
 
 
-class ResourceTable(Part):
+class ResourceSettings(Part):
     """One of ``[[resources]]``: see `Resource`.
 
     Attributes
@@ -74,7 +81,7 @@ class ResourceChange(Table):
         return replace(resource, **{name: value for name, value in self if value is not None})
 
 
-class CostsTable(Part):
+class CostsSettings(Part):
     """``[costs]``: see `PolynomialCosts`.
 
     Attributes
@@ -93,7 +100,7 @@ class CostsTable(Part):
         return PolynomialCosts(self.exponents, self.coefficients)
 
 
-class ChannelTable(Part):
+class ChannelSettings(Part):
     """``[channel]``: see `BroadcastChannel`, or a network.
 
     Attributes
@@ -114,7 +121,7 @@ class ChannelTable(Part):
     loss: LossTable = 0.0
     duplication: float | list[float] = 0.0
     fifo: bool = False
-    network: NetworkTable | None = None
+    network: NetworkSettings | None = None
 
     def build_to_check(self) -> None:
         """Refuse, by making it, what cannot be made."""
@@ -151,7 +158,7 @@ class ChannelTable(Part):
         return given
 
 
-class ClocksTable(Part):
+class ClocksSettings(Part):
     """``[clocks]``: see `Clocks`.
 
     Attributes
@@ -170,7 +177,7 @@ class ClocksTable(Part):
         return Clocks(**dict(self))
 
 
-class RecordingTable(Part):
+class RecordingSettings(Part):
     """``[recording]``: see `Recording`.
 
     Attributes

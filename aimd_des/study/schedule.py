@@ -13,7 +13,7 @@ __all__ = ["Schedule"]
 
 
 @dataclass
-class _Progress:
+class _PointProgress:
     """How far a point is."""
 
     point: Point
@@ -29,13 +29,13 @@ class Schedule:
     def __init__(self, study: Study, points: Sequence[Point], earlier: Mapping[str, int]) -> None:
         self._study = study
         self._earlier = earlier
-        self._points = {point.name: _Progress(point) for point in points}
+        self._points = {point.name: _PointProgress(point) for point in points}
         self._due: deque[Run] = deque()
         for replication in range(study.replications):
             for progress in self._points.values():
                 self._add(progress, replication)
 
-    def _add(self, progress: _Progress, replication: int) -> None:
+    def _add(self, progress: _PointProgress, replication: int) -> None:
         run = run_of(self._study, progress.point, replication)
         progress.runs.append(run)
         progress.waiting += 1
@@ -69,7 +69,7 @@ class Schedule:
                 self._add(progress, replication)
 
 
-def _wanted(progress: _Progress, precision: Precision) -> int:
+def _wanted(progress: _PointProgress, precision: Precision) -> int:
     """Say how many replications a point should have, by those it has."""
     there = wanted = len(progress.runs)
     for resource, found in progress.values.items():

@@ -8,7 +8,7 @@ import numpy as np
 
 from aimd_des.dynamics.averaging import Averaging
 from aimd_des.dynamics.response import DISCRETE
-from aimd_des.dynamics.state import State, law_of, start
+from aimd_des.dynamics.state import State, agent_parameters, start
 from aimd_des.problem.costs.kernels import cost_table
 from aimd_des.problem.problem import Problem
 from aimd_des.results.metrics import Stretch, overshoot_of
@@ -16,7 +16,14 @@ from aimd_des.results.overload import Opportunities
 from aimd_des.results.recording import Recording
 from aimd_des.results.result import Result
 from aimd_des.results.run_data import Account, Observations, Signals
-from aimd_des.synchronous.kernels import Control, Scratch, Watch, close_books, take_custom_steps, take_steps
+from aimd_des.synchronous.kernels import (
+    RecordBuffers,
+    StepBuffers,
+    StepControl,
+    close_books,
+    take_custom_steps,
+    take_steps,
+)
 from aimd_des.utils import limits, rng, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Purpose
@@ -85,9 +92,9 @@ def run_synchronous(
     if recording.events:
         raise InputError.of("recording.events", True, "False: the synchronous algorithm has no events")
     n, m = problem.n_agents, problem.n_resources
-    law, table = law_of(problem, DISCRETE, averaging), cost_table(problem.costs)
-    state = start(m, n, DISCRETE, law.memory)
-    control = Control(
+    parameters, table = agent_parameters(problem, DISCRETE, averaging), cost_table(problem.costs)
+    state = start(m, n, DISCRETE, parameters.averaging)
+    control = StepControl(
         moment=np.zeros(1),
         total=np.zeros(m),
         signal=np.zeros(m, dtype=np.bool_),
@@ -100,19 +107,19 @@ def run_synchronous(
         middle=np.array([0.5 * steps]),
         half=np.zeros(m),
     )
-    watch = _openwatch_step(recording, steps, n, m)
+    records = _open_records(recording, steps, n, m)
     folded, average, gradient = np.zeros((3, m, n))
-    scratch = Scratch(folded, average, gradient, np.zeros(n), np.zeros((2, n)))
+    buffers = StepBuffers(folded, average, gradient, np.zeros(n), np.zeros((2, n)))
     # Empty where costs are the user's own functions, which compiled code cannot call.
     if table.n_agents:
         block = max(1, _IN_ONE_GO // (n * m))
         for first in range(0, steps, block):
             last = min(first + block, steps)
-            take_steps(state, law, table, first, last, lag, key, control, watch, scratch)
+            take_steps(state, parameters, table, first, last, lag, key, control, records, buffers)
     else:
-        take_custom_steps(problem.costs, state, law, steps, lag, key, control, watch, scratch)
-    close_books(state, law, steps, control, watch)
-    signals, observations, account = _outcome(problem, steps, state, control, watch)
+        take_custom_steps(problem.costs, state, parameters, steps, lag, key, control, records, buffers)
+    close_books(state, parameters, steps, control, records)
+    signals, observations, account = _outcome(problem, steps, state, control, records)
     # The looks at K / 2 or later, as the load that they are held against is that of the second half.
     looks = Opportunities(float(steps - (steps + 1) // 2), 1.0)
     return Result(
@@ -127,10 +134,10 @@ def check_steps(field: str, steps: object, problem: Problem) -> int:
     return clean
 
 
-def _openwatch_step(recording: Recording, steps: int, n: int, m: int) -> Watch:
+def _open_records(recording: Recording, steps: int, n: int, m: int) -> RecordBuffers:
     rows = recording.times("demand", steps, whole=True)
     pages = recording.times("allocations", steps, whole=True)
-    return Watch(
+    return RecordBuffers(
         demand_steps=rows,
         total_demand=np.zeros((len(rows), m)),
         total_average=np.zeros((len(rows), m)),
@@ -143,7 +150,7 @@ def _openwatch_step(recording: Recording, steps: int, n: int, m: int) -> Watch:
 
 
 def _outcome(
-    problem: Problem, steps: int, state: State, control: Control, watch: Watch
+    problem: Problem, steps: int, state: State, control: StepControl, records: RecordBuffers
 ) -> tuple[Signals, Observations, Account]:
     step, resource = np.nonzero(control.broadcast)
     # Sorted by step, and then by resource: the order in which an asynchronous run sends them.
@@ -156,12 +163,12 @@ def _outcome(
     measures = (control.peak, control.above, control.excess, control.used)
     stretches = (Stretch(0.0, float(steps), problem.capacity, *measures),)
     observations = Observations(
-        watch.demand_steps,
-        watch.total_demand,
-        watch.total_average,
-        watch.allocation_steps,
-        watch.demand,
-        watch.average,
+        records.demand_steps,
+        records.total_demand,
+        records.total_average,
+        records.allocation_steps,
+        records.demand,
+        records.average,
         overshoot_of(stretches),
         (control.used - control.half) / (0.5 * steps) / problem.capacity,
         stretches,

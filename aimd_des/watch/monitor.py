@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import Kind
+from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.problem.optimum import solve_optimum
 from aimd_des.problem.problem import Problem
@@ -20,7 +20,7 @@ from aimd_des.results.run_data import Piece
 from aimd_des.results.tracking import piece_problem
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Look", "Looker", "last_look"]
+__all__ = ["Monitor", "Snapshot", "last_snapshot"]
 
 # To measure the misallocation an optimum is solved for: seconds, for more agents.
 _MOST_AGENTS = 20_000
@@ -28,7 +28,7 @@ _MOST_AGENTS = 20_000
 _REST = 20.0
 
 
-class Look(NamedTuple):
+class Snapshot(NamedTuple):
     """What is seen at one moment; arrays have shape (m,).
 
     Attributes
@@ -53,7 +53,7 @@ class Look(NamedTuple):
     misallocation: FloatArray
 
 
-class Looker:
+class Monitor:
     """Looks at a run at equal intervals, as a process that observes and does nothing else.
 
     Attributes
@@ -64,7 +64,7 @@ class Looker:
 
     def __init__(
         self,
-        show: Callable[[Look], None],
+        show: Callable[[Snapshot], None],
         interval: float,
         speed: float | None = None,
         *,
@@ -85,17 +85,17 @@ class Looker:
             now = number * self._interval
             if now >= system.until:
                 return
-            yield system.env.at(now, Kind.OBSERVE)
+            yield system.env.at(now, EventKind.OBSERVE)
             if self._speed is not None:
                 self._sleep(max(0.0, began + now / self._speed - self._clock()))
             self.reached = now
             self._show(self._look(system, now))
 
-    def _look(self, system: System, now: float) -> Look:
+    def _look(self, system: System, now: float) -> Snapshot:
         demand, average = system.allocations()
         piece = system.conditions.pieces[-1]
         here = average.T[piece.present]
-        return Look(
+        return Snapshot(
             now,
             demand.sum(axis=1),
             piece.capacity,
@@ -123,11 +123,11 @@ def _misallocation(problem: Problem, piece: Piece, average: FloatArray) -> Float
     return metrics.relative_error(average, best.allocation)
 
 
-def last_look(result: Result) -> Look:
+def last_snapshot(result: Result) -> Snapshot:
     """Look at the end of a run."""
     piece = result.history[-1]
     average = result.average_at_end[piece.present]
-    return Look(
+    return Snapshot(
         result.until,
         result.demand_at_end.sum(axis=0),
         piece.capacity,

@@ -18,7 +18,7 @@ from aimd_des.plots.style import colour, resource_label
 from aimd_des.problem.problem import Problem
 from aimd_des.utils.formatting import grouped, percent
 from aimd_des.utils.terminal_text import fit
-from aimd_des.watch.monitor import Look
+from aimd_des.watch.monitor import Snapshot
 
 __all__ = ["LiveView", "PlainView", "View", "sparkline"]
 
@@ -55,10 +55,10 @@ class View(Protocol):
     ) -> None:
         """End, also where the run is stopped."""
 
-    def show(self, look: Look) -> None:
+    def show(self, look: Snapshot) -> None:
         """Show a look, or take note of it."""
 
-    def end(self, look: Look) -> None:
+    def end(self, look: Snapshot) -> None:
         """Show the last look."""
 
 
@@ -82,7 +82,7 @@ class PlainView:
     ) -> None:
         return None
 
-    def show(self, look: Look) -> None:
+    def show(self, look: Snapshot) -> None:
         """Write a line."""
         parts = [
             f"{resource_label(resource)} {look.demand[j]:.4g} of {look.capacity[j]:.4g},"
@@ -92,7 +92,7 @@ class PlainView:
         ]
         self._write(f"time {grouped(look.time)} of {grouped(self._until)}: {'; '.join(parts)}")
 
-    def end(self, look: Look) -> None:
+    def end(self, look: Snapshot) -> None:
         """Write the last line."""
         self.show(look)
 
@@ -113,7 +113,7 @@ class LiveView:
         self._problem, self._until, self._title, self._clock = problem, until, title, clock
         self._console = Console() if console is None else console
         self._live = Live(console=self._console, auto_refresh=False)
-        self._past: deque[Look] = deque(maxlen=_BROADEST)
+        self._past: deque[Snapshot] = deque(maxlen=_BROADEST)
         self._drawn = -np.inf
 
     def interval(self, speed: float | None) -> float:
@@ -131,13 +131,13 @@ class LiveView:
             self._draw()
         self._live.stop()
 
-    def show(self, look: Look) -> None:
+    def show(self, look: Snapshot) -> None:
         """Take note of a look, and draw if the last picture is old enough."""
         self._past.append(look)
         if self._clock() - self._drawn >= _FRAME:
             self._draw()
 
-    def end(self, look: Look) -> None:
+    def end(self, look: Snapshot) -> None:
         """Draw the last look."""
         self._past.append(look)
         self._draw()
@@ -175,7 +175,7 @@ class LiveView:
             )
         return Group(*self._heading(look), Text(), table)
 
-    def _heading(self, look: Look) -> list[Text | Table]:
+    def _heading(self, look: Snapshot) -> list[Text | Table]:
         """Say what is run, and how far it is."""
         clock = Table.grid(padding=(0, 1))
         bar = ProgressBar(total=self._until, completed=look.time, width=20)

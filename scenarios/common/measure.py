@@ -82,7 +82,7 @@ class _Peaks:
         self.tops: list[list[float]] = []
 
     def __call__(self, system: System) -> ProcessGenerator:
-        self._slope = system.law.increase.sum(axis=1).tolist()
+        self._slope = system.parameters.increase.sum(axis=1).tolist()
         self._total, self._time = [0.0] * len(self._slope), [0.0] * len(self._slope)
         self.tops = [[] for _ in self._slope]
         system.on_response.append(self._changed)

@@ -13,7 +13,7 @@ from aimd_des.averaging import Cumulative, Forgetting
 from aimd_des.interventions import CapacityProfile, Join, leave
 from aimd_des.latency import Exponential
 from aimd_des.loss import Bernoulli
-from aimd_des.lowlevel import FloatArray, Kind, ProcessGenerator, System
+from aimd_des.lowlevel import EventKind, FloatArray, ProcessGenerator, System
 from models.ev_charging import Vehicles, capacity_left, daily_base_load, ev_charging, vehicle_schedule
 from scenarios.common.measure import sensed
 
@@ -58,7 +58,7 @@ class Garage:
         minute = int(self.vehicles.arrival.min())
         while np.isnan(self.gone).any():
             minute += 1
-            yield system.env.at(float(minute), Kind.INTERVENE)
+            yield system.env.at(float(minute), EventKind.INTERVENE)
             before, held = held, system.allocations()[0][0]
             self.energy += 0.5 * (before + held) / 60.0
             self.history[minute] = self.energy

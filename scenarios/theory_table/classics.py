@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from aimd_des import Crossing, PolynomialCosts, Problem, Recording, Resource, Result, Simulation, theory
-from aimd_des.lowlevel import FloatArray, Kind, ProcessGenerator, System
+from aimd_des.lowlevel import EventKind, FloatArray, ProcessGenerator, System
 from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated
 
 _TWO_PERCENT = Rule("relative", 0.02, "within 2 %")
@@ -80,12 +80,12 @@ class _Drawn:
         slope = float(system.law.increase[0].sum())
         while True:
             # At an instant copies land before anybody looks: the last signal has been answered here.
-            yield system.env.at(system.env.now, Kind.SENSE)
+            yield system.env.at(system.env.now, EventKind.SENSE)
             wait = self.random.exponential() / self.rate
             if self.per_demand:
                 held = system.total(0)
                 wait = 2.0 * wait / (held + np.sqrt(held * held + 2.0 * slope * wait))
-            yield system.env.at(system.env.now + wait, Kind.SENSE)
+            yield system.env.at(system.env.now + wait, EventKind.SENSE)
             system.broadcast(0)
 
 

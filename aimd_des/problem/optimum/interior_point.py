@@ -22,7 +22,7 @@ import numpy as np
 from aimd_des.problem.optimum.starting_point import ScaledCosts, power_law_start
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Point", "follow_central_path", "kkt_residual"]
+__all__ = ["Iterate", "follow_central_path", "kkt_residual"]
 
 # A multiple of each block's diagonal that keeps it invertible where the Hessian is singular (costs
 # that are linear in some direction).  It bends the Newton direction a little, never the solution.
@@ -32,7 +32,7 @@ _SMALLEST_TAU = 1e-22
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class Iterate:
     """A point on the way to the optimum."""
 
     shares: FloatArray
@@ -69,7 +69,7 @@ def kkt_residual(shares: FloatArray, gradient: FloatArray, multipliers: FloatArr
     return float(max(feasibility, stationarity, complementarity))
 
 
-def follow_central_path(scaled: ScaledCosts, tolerance: float, max_iterations: int) -> tuple[Point, int]:
+def follow_central_path(scaled: ScaledCosts, tolerance: float, max_iterations: int) -> tuple[Iterate, int]:
     """Take Newton steps until the residual is within the tolerance."""
     point = _start(scaled)
     for iteration in range(max_iterations):
@@ -82,15 +82,15 @@ def follow_central_path(scaled: ScaledCosts, tolerance: float, max_iterations: i
     return point, max_iterations
 
 
-def _start(scaled: ScaledCosts) -> Point:
+def _start(scaled: ScaledCosts) -> Iterate:
     """Put bound multipliers to the shares that a power law gives, near the central path of tau = 1."""
     shares, gradient, multipliers = power_law_start(scaled)
     price = (shares * gradient).mean(axis=0)
     central = 0.1 * price / np.maximum(shares, 0.1)
-    return Point(shares, multipliers, np.maximum(gradient - multipliers, central), gradient)
+    return Iterate(shares, multipliers, np.maximum(gradient - multipliers, central), gradient)
 
 
-def _newton_step(scaled: ScaledCosts, point: Point) -> Point | None:
+def _newton_step(scaled: ScaledCosts, point: Iterate) -> Iterate | None:
     """Take one step: a predictor chooses the next tau, a corrected direction goes there; None if it fails."""
     y, z, price = point.shares, point.bound_multipliers, point.price
     blocks = scaled.hessian(y)
@@ -114,7 +114,7 @@ def _newton_step(scaled: ScaledCosts, point: Point) -> Point | None:
         return None
     step, gradient = found
     step_z = _step_to_bound(z, direction.bound_multipliers, _fraction_to_bound(point.tau))
-    return Point(
+    return Iterate(
         y + step * direction.shares,
         point.multipliers + step * direction.multipliers,
         z + step_z * direction.bound_multipliers,
@@ -135,7 +135,7 @@ def _inverse(blocks: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(unit) * (scale[:, :, None] * scale[:, None, :]))
 
 
-def _newton_direction(point: Point, inverse: FloatArray, products: FloatArray) -> _Direction:
+def _newton_direction(point: Iterate, inverse: FloatArray, products: FloatArray) -> _Direction:
     """Solve the Newton system in which y z is to change by -`products`.
 
     dz is eliminated first, then the blocks of the agents, which leaves m equations for d nu.
@@ -163,7 +163,7 @@ def _fraction_to_bound(tau: float) -> float:
 
 
 def _line_search(
-    scaled: ScaledCosts, point: Point, direction: _Direction, target: FloatArray, halvings: int
+    scaled: ScaledCosts, point: Iterate, direction: _Direction, target: FloatArray, halvings: int
 ) -> tuple[float, FloatArray] | None:
     """Halve the step until the barrier function sum_i f_i - sum target log(y) no longer rises steeply.
 
