@@ -189,7 +189,9 @@ def random_problem(
     return Problem(resources, costs)
 
 
-FAMILIES = ("polynomial", "coupled", "custom", "custom coupled")
+#: Families of `random_costs`; the first two run in compiled code.
+COMPILED = ("polynomial", "coupled")
+FAMILIES = (*COMPILED, "custom", "custom coupled")
 
 
 def problems(families: tuple[str, ...] = FAMILIES) -> st.SearchStrategy[Problem]:
@@ -205,10 +207,10 @@ def problems(families: tuple[str, ...] = FAMILIES) -> st.SearchStrategy[Problem]
     )
 
 
-def reference_draws(seed: int, purpose: int, j: int, b: int, n: int) -> Any:
-    """The draws of all agents for broadcast b of resource j, by NumPy alone."""
+def reference_draws(seed: int, purpose: int, j: int, b: int, n: int, lane: int = 0) -> Any:
+    """The draws of all agents for broadcast b of resource j, by NumPy alone; second copies have a lane."""
     key = np.random.SeedSequence(seed, spawn_key=(purpose,)).generate_state(2, np.uint64)
-    return np.random.Generator(np.random.Philox(key=key, counter=[0, 0, j, b])).random(n)
+    return np.random.Generator(np.random.Philox(key=key, counter=[0, lane, j, b])).random(n)
 
 
 def reference_derivative(costs: Costs, agent: int, x: list[float], j: int) -> float:

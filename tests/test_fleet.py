@@ -20,12 +20,9 @@ from aimd_des import (
     Problem,
     Recording,
     Resource,
-    Result,
     Sampled,
     Simulation,
     SimulationError,
-    averaging,
-    compensation,
     latency,
     loss,
     run_synchronous,
@@ -36,151 +33,27 @@ from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.fleet.compiled_agents import CompiledAgents
 from models import smart_cameras
-from tests.conftest import problems, quadratic_problem, quietly, random_problem
-from tests.disturbances import disturbances, networks
-
-SHARED = ("polynomial", "coupled")
-
-
-def both(problem: Problem, until: float, **parts: Any) -> tuple[Result, Result]:
-    """Run with a process for each agent, and with a fleet."""
-    for name, made in parts.items():
-        if callable(made):  # what depends on the number of agents
-            parts[name] = made(problem)
-    processes = quietly(Simulation(problem, agents=AgentProcess, **parts).run, until)
-    return processes, quietly(Simulation(problem, agents=Fleet, **parts).run, until)
-
-
-def assert_same(processes: Result, fleet: Result) -> None:
-    """All that a run keeps is the same, and not only what the digest covers."""
-    assert processes.digest == fleet.digest
-    for name in ("demand_times", "total_demand", "total_average", "demand", "average"):
-        one, other = getattr(processes.observations, name), getattr(fleet.observations, name)
-        assert np.array_equal(one, other), name
-    for name in ("peak", "time", "mean"):
-        one, other = (getattr(result.observations.overshoot, name) for result in (processes, fleet))
-        assert np.array_equal(one, other, equal_nan=True), name
-    for one, other in zip(processes.observations.stretches, fleet.observations.stretches, strict=True):
-        for name in ("start", "end", "capacity", "peak", "above", "excess", "used"):
-            assert np.array_equal(getattr(one, name), getattr(other, name)), name
-    for one, other in zip(processes.history, fleet.history, strict=True):
-        assert one.start == other.start
-        assert np.array_equal(one.capacity, other.capacity)
-        assert np.array_equal(one.present, other.present)
-    for name in ("delivered", "lost", "in_flight", "duplicated", "responses", "saturated"):
-        assert np.array_equal(getattr(processes.account, name), getattr(fleet.account, name)), name
-
+from tests.conftest import quadratic_problem, random_problem
+from tests.support.configurations import Configuration, assert_same, both, configurations
 
 # -- any configuration -----------------------------------------------------------------------------------
 
 
-times = st.sampled_from([0.0, 0.25, 0.5, 1.0, 1.5]) | st.floats(0.0, 3.0)
-probabilities = st.sampled_from([0.0, 0.3]) | st.floats(0.0, 0.9)
-positive = st.floats(0.05, 3.0)
-
-
-def latencies() -> st.SearchStrategy[Any]:
-    return st.one_of(
-        times,
-        st.builds(lambda low, more: latency.Uniform(low, low + more), times, times),
-        st.builds(latency.Exponential, times),
-        st.builds(latency.ShiftedGamma, positive, positive, times),
-        st.builds(latency.LogNormal, positive, times),
-        st.builds(latency.Pareto, st.floats(0.3, 4.0), positive),
-        st.builds(latency.Empirical, st.lists(times, min_size=1, max_size=5)),
-    )
-
-
-def losses() -> st.SearchStrategy[Any]:
-    single = st.one_of(
-        probabilities,
-        st.builds(loss.CommonMode, probabilities),
-        st.builds(loss.GilbertElliott, probabilities, positive),
-        st.builds(
-            lambda rows: loss.Trace(rows, repeat=True), st.lists(st.booleans(), min_size=1, max_size=7)
-        ),
-    )
-    return single | st.builds(loss.Combined, single, single)
-
-
-def channels() -> st.SearchStrategy[BroadcastChannel]:
-    return st.builds(
-        BroadcastChannel,
-        latency=latencies(),
-        loss=losses(),
-        duplication=st.sampled_from([0.0, 0.0, 0.4]),
-        fifo=st.booleans(),
-    )
-
-
-recordings = st.builds(
-    Recording,
-    demand=st.sampled_from(["auto", "end", 0.5, [0.0, 2.5, 5.0]]),
-    allocations=st.sampled_from(["end", 3.0]),
-    tail=st.sampled_from([0, 3]),
-    overshoot=st.booleans(),
-    events=st.booleans(),
-)
-clocks = st.builds(
-    Clocks,
-    period=st.sampled_from([1.0, 0.5, 1.3]),
-    phase=st.sampled_from([0.0, 0.25, "random"]),
-    drift=st.sampled_from([0.0, 0.01]),
-    jitter=st.sampled_from([0.0, 0.0, 0.3]),
-)
-samplers = st.builds(
-    Sampled,
-    period=st.sampled_from([1.0, 0.5, 0.7]),
-    phase=st.sampled_from([0.0, 0.25]),
-    sensing_delay=st.sampled_from([0.0, 0.0, 0.5]),
-)
-crossers = st.builds(
-    Crossing,
-    hold_off=st.sampled_from([1.0, 0.5]) | st.floats(0.1, 3.0),
-    sensing_delay=st.sampled_from([0.0, 0.5]),
-    longest_hold_off=st.sampled_from([None, None, 3.0, 8.0]),
-)
-
-
-averages = st.sampled_from(
-    [None, None, averaging.Window(4.0, parts=4), averaging.Window(10.0, parts=2), averaging.Forgetting(5.0)]
-)
-compensations = st.sampled_from(
-    [None, None, compensation.KnownLoss(0.3), compensation.EstimatedLoss(3), compensation.EstimatedLoss()]
-)
-
-
-@st.composite
-def configurations(draw: st.DrawFn) -> dict[str, Any]:
-    """A dynamics, a way of sensing, a channel, clocks, averages, interventions and what is recorded."""
-    dynamics = draw(st.sampled_from(["discrete", "continuous"]))
-    parts: dict[str, Any] = {
-        "dynamics": dynamics,
-        "channel": draw(channels() | networks()),
-        "recording": draw(recordings),
-        "averaging": draw(averages),
-        "compensation": draw(compensations),
-        "interventions": draw(st.just(()) | disturbances()),
-    }
-    if dynamics == "discrete":
-        parts["control_unit"] = draw(samplers)
-        parts["clocks"] = draw(st.none() | clocks)
-    else:
-        parts["control_unit"] = draw(samplers | crossers)
-    return parts
-
-
 @settings(max_examples=150)
-@given(problems(SHARED), configurations(), st.integers(0, 2**32))
-def test_a_fleet_does_what_processes_do(problem: Problem, parts: dict[str, Any], seed: int) -> None:
-    assert_same(*both(problem, 20.0, seed=seed, **parts))
+@given(configurations())
+def test_a_fleet_does_what_processes_do(configuration: Configuration) -> None:
+    assert_same(*configuration.both())
 
 
 @settings(max_examples=40)
-@given(st.integers(70, 200), configurations(), st.integers(0, 2**32))
-def test_copies_of_more_agents_than_a_block_holds(n: int, parts: dict[str, Any], seed: int) -> None:
-    # Long enough for all interventions to begin.
-    assert_same(*both(random_problem(seed % 1000, n, 2), 9.5, seed=seed, **parts))
+@given(
+    configurations(
+        problem=st.builds(random_problem, st.integers(0, 999), st.integers(70, 200), st.just(2)),
+        until=st.just(9.5),
+    )
+)
+def test_copies_of_more_agents_than_a_block_holds(configuration: Configuration) -> None:
+    assert_same(*configuration.both())
 
 
 def test_there_is_something_to_compare() -> None:
@@ -244,13 +117,11 @@ class Deaf:
 
 
 @settings(max_examples=60)
-@given(problems(SHARED), configurations(), st.integers(0, 2**32), st.data())
-def test_processes_and_a_fleet_in_one_simulation(
-    problem: Problem, parts: dict[str, Any], seed: int, data: st.DataObject
-) -> None:
-    agents = st.integers(0, problem.n_agents - 1)
+@given(configurations(until=st.just(12.0)), st.data())
+def test_processes_and_a_fleet_in_one_simulation(configuration: Configuration, data: st.DataObject) -> None:
+    agents = st.integers(0, configuration.problem.n_agents - 1)
     special = data.draw(st.dictionaries(agents, st.sampled_from([Deaf, AgentProcess]), min_size=1))
-    assert_same(*both(problem, 12.0, seed=seed, special=special, **parts))
+    assert_same(*configuration.both(special=special))
 
 
 def meddle(system: System) -> ProcessGenerator:
@@ -266,11 +137,11 @@ def meddle(system: System) -> ProcessGenerator:
 
 
 @settings(max_examples=60)
-@given(problems(SHARED), configurations(), st.integers(0, 2**32))
-def test_processes_that_meddle(problem: Problem, parts: dict[str, Any], seed: int) -> None:
+@given(configurations(until=st.just(12.0)))
+def test_processes_that_meddle(configuration: Configuration) -> None:
     # Bursts of loss take broadcasts in the order of time only, and these are sent without delay.
-    parts["control_unit"] = replace(parts["control_unit"], sensing_delay=0.0)
-    assert_same(*both(problem, 12.0, seed=seed, processes=[meddle], **parts))
+    control_unit = replace(configuration.parts["control_unit"], sensing_delay=0.0)
+    assert_same(*configuration.both(control_unit=control_unit, processes=[meddle]))
 
 
 class Own:
