@@ -1,44 +1,30 @@
 """One agent as one process: the rule, read literally, with clocks of their own and in continuous time."""
 
-import math
-from collections.abc import Sequence
-from heapq import heappop, heappush
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
-from hypothesis import strategies as st
 
 from aimd_des import (
     AgentProcess,
     BroadcastChannel,
     Clocks,
     CoupledCosts,
-    Crossing,
     PolynomialCosts,
     Problem,
     Recording,
     Result,
-    Sampled,
     Simulation,
-    latency,
-    loss,
 )
 from aimd_des.channel import Broadcast, Copies
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
-from aimd_des.utils.rng import Purpose, key
 from tests.conftest import (
-    problems,
     quadratic_problem,
     quietly,
     random_problem,
-    reference_derivative,
-    reference_draws,
     resource,
-    signals_of,
 )
 
 
@@ -59,321 +45,6 @@ def story(result: Result) -> list[str]:
         f"{event.kind} {event.number}"
         for event in result.events.itertuples()
     ]
-
-
-class Intervention(NamedTuple):
-    """A demand that is set from outside."""
-
-    time: float
-    agent: int
-    resource: int
-    demand: float
-
-
-def set_demands(interventions: Sequence[Intervention]) -> Any:
-    """A process that sets demands, in the order of time."""
-
-    def process(system: System) -> ProcessGenerator:
-        for time, agent, j, demand in interventions:
-            yield system.env.at(time, EventKind.INTERVENE)
-            system.set_demand(agent, j, demand)
-
-    return process
-
-
-@st.composite
-def interventions_in(draw: st.DrawFn, problem: Problem) -> list[Intervention]:
-    """Up to five, at quarters of a unit of time, up to twice the share of an agent."""
-    size = draw(st.sampled_from([0, 0, 1, 3, 5]))
-    times = sorted(0.25 * q for q in draw(st.lists(st.integers(0, 80), min_size=size, max_size=size)))
-    agents, resources = st.integers(0, problem.n_agents - 1), st.integers(0, problem.n_resources - 1)
-    planned = []
-    for time in times:
-        j = draw(resources)
-        share = float(problem.capacity[j]) / problem.n_agents
-        planned.append(Intervention(time, draw(agents), j, share * draw(st.floats(0.0, 2.0))))
-    return planned
-
-
-# -- the rule, event by event ----------------------------------------------------------------------------
-
-
-class Literal:
-    """The system in plain Python: every tick of every agent, every piece of every line, one by one.
-
-    Uniform draws and the fate of copies are shared with the program, times of ticks are given; all else is
-    written down once more.
-    """
-
-    def __init__(
-        self,
-        problem: Problem,
-        channel: BroadcastChannel,
-        control_unit: Sampled | Crossing,
-        seed: int,
-        ticks: list[list[float]] | None,
-        interventions: Sequence[Intervention] = (),
-    ) -> None:
-        n, m = problem.n_agents, problem.n_resources
-        self.problem, self.control_unit, self.seed = problem, control_unit, seed
-        self.link = channel.open(n, {purpose: key(seed, purpose) for purpose in Purpose})
-        self.continuous = ticks is None
-        self.now = 0.0
-        self.x = [[0.0] * m for _ in range(n)]
-        self.accumulated = [[0.0] * m for _ in range(n)]  # over ticks, or over time
-        self.ticked = [0] * n
-        self.latch: list[list[tuple[int, int] | None]] = [[None] * m for _ in range(n)]
-        self.signals: list[tuple[float, int, int]] = []
-        self.responses = [[0] * m for _ in range(n)]
-        self.margin = math.inf
-        self.held_off = [0.0] * m
-        self.heap: list[tuple[float, str, tuple[int, ...]]] = []
-        self.interventions = interventions
-        for turn, intervention in enumerate(interventions):
-            self.push(intervention.time, " intervention", turn)
-        if isinstance(control_unit, Sampled):
-            self.push(control_unit.phase, "B look", 0)
-        for i, times in enumerate(ticks or []):
-            for time in times:
-                self.push(time, "C tick", i)
-
-    def push(self, time: float, kind: str, *what: int) -> None:
-        # The first letters are in the order of the kinds: interventions, arrivals, looks, ticks.
-        heappush(self.heap, (time, kind, what))
-
-    def run(self, until: float) -> None:
-        while True:
-            crossing, j = self.next_crossing()
-            due = self.heap[0] if self.heap else (math.inf, "", ())
-            if min(crossing, due[0]) >= until:
-                break
-            self.margin = min(self.margin, abs(crossing - due[0]) if crossing != due[0] else math.inf)
-            if (crossing, "B look") < due[:2]:
-                self.pass_to(crossing)
-                self.held_off[j] = crossing + self.control_unit.hold_off  # type: ignore[union-attr]
-                self.broadcast(j)
-            else:
-                time, kind, what = heappop(self.heap)
-                self.pass_to(time)
-                handle = {" ": self.intervene, "A": self.arrive, "B": self.look, "C": self.tick}[kind[0]]
-                handle(*what)
-        self.pass_to(until)
-
-    def pass_to(self, time: float) -> None:
-        if self.continuous:
-            span = time - self.now
-            for i, row in enumerate(self.x):
-                for j in range(len(row)):
-                    grown = row[j] + self.problem.increase[i, j] * span
-                    self.accumulated[i][j] += 0.5 * span * (row[j] + grown)
-                    row[j] = grown
-        self.now = time
-
-    def next_crossing(self) -> tuple[float, int]:
-        if not isinstance(self.control_unit, Crossing):
-            return math.inf, 0
-        instants = []
-        for j, limit in enumerate(self.problem.limit.tolist()):
-            below = max(limit - sum(row[j] for row in self.x), 0.0)
-            reached = self.now + below / sum(self.problem.increase[:, j].tolist())
-            instants.append((max(reached, self.held_off[j]), j))
-        return min(instants)
-
-    def intervene(self, turn: int) -> None:
-        _, i, j, demand = self.interventions[turn]
-        self.x[i][j] = demand
-
-    def look(self, q: int) -> None:
-        for j, limit in enumerate(self.problem.limit.tolist()):
-            total = sum(row[j] for row in self.x)
-            self.margin = min(self.margin, abs(total / limit - 1))
-            if total > limit:
-                self.broadcast(j)
-        assert isinstance(self.control_unit, Sampled)
-        self.push(self.control_unit.phase + (q + 1) * self.control_unit.period, "B look", q + 1)
-
-    def broadcast(self, j: int) -> None:
-        number = sum(signal[1] == j for signal in self.signals)
-        copies = self.link.transmit(
-            Broadcast(j, number, self.now), self.now + self.control_unit.sensing_delay
-        )
-        for copy, row in enumerate((copies.arrival, copies.second)):
-            for i, arrival in enumerate([] if row is None else row.tolist()):
-                if arrival < math.inf:
-                    self.push(arrival, "A arrival", len(self.signals), copy, i, j, number)
-        self.signals.append((self.now, j, number))
-
-    def arrive(self, broadcast: int, copy: int, i: int, j: int, number: int) -> None:
-        if self.continuous:
-            self.answer(i, j, (number, copy), self.averages(i))
-        elif self.latch[i][j] is None:
-            self.latch[i][j] = (number, copy)
-
-    def tick(self, i: int) -> None:
-        for j, held in enumerate(self.x[i]):
-            self.accumulated[i][j] += held
-        self.ticked[i] += 1
-        averages = self.averages(i)
-        for j, latched in enumerate(self.latch[i]):
-            if latched is None:
-                self.x[i][j] += self.problem.increase[i, j]
-            else:
-                self.answer(i, j, latched, averages)
-        self.latch[i] = [None] * len(self.latch[i])
-
-    def averages(self, i: int) -> list[float]:
-        passed = self.now if self.continuous else self.ticked[i]
-        return [held / passed if passed else 0.0 for held in self.accumulated[i]]
-
-    def answer(self, i: int, j: int, latched: tuple[int, int], averages: list[float]) -> None:
-        if averages[j] == 0:
-            return
-        slope = reference_derivative(self.problem.costs, i, averages, j)
-        probability = self.problem.normalization[j] * slope / averages[j]
-        number, copy = latched
-        draw = lane_draws(self.seed, j, number, len(self.x), copy)[i]
-        self.margin = min(self.margin, abs(probability - draw))
-        if draw < probability:
-            self.x[i][j] *= self.problem.decrease[i, j]
-            self.responses[i][j] += 1
-
-    def at_the_end(self) -> tuple[Any, Any]:
-        """Demands, and averages; a discrete one counts the present demand."""
-        x, accumulated = np.array(self.x), np.array(self.accumulated)
-        if self.continuous:
-            return x, accumulated / self.now
-        return x, (accumulated + x) / (np.array(self.ticked)[:, None] + 1)
-
-
-def lane_draws(seed: int, j: int, number: int, n: int, copy: int) -> Any:
-    """The draws for answers, by NumPy alone: a second copy has its own lane."""
-    words = np.random.SeedSequence(seed, spawn_key=(Purpose.RESPONSE,)).generate_state(2, np.uint64)
-    return np.random.Generator(np.random.Philox(key=words, counter=[0, copy, j, number])).random(n)
-
-
-def tick_times(
-    seed: int, until: float, n: int, period: Any, phase: Any, drift: Any, jitter: Any
-) -> list[list[float]]:
-    """All ticks of all agents before the end, by NumPy alone."""
-    of_each = [np.broadcast_to(value, n).tolist() for value in (period, drift, jitter)]
-    period, drift, jitter = of_each
-    own = [p * (1 + d) for p, d in zip(period, drift, strict=True)]
-    if isinstance(phase, str):
-        starts = [p * u for p, u in zip(own, reference_draws(seed, Purpose.CLOCK, 1, 0, n), strict=True)]
-    else:
-        starts = np.broadcast_to(phase, n).tolist()
-    rows = [reference_draws(seed, Purpose.CLOCK, 0, q, n) for q in range(math.ceil(until / min(own)) + 1)]
-    return [
-        [
-            time
-            for q, row in enumerate(rows)
-            if (time := starts[i] + q * own[i] + (jitter[i] * row[i] if jitter[i] else 0.0)) < until
-        ]
-        for i in range(n)
-    ]
-
-
-CHANNELS = [
-    {},
-    {"latency": 0.7},
-    {"latency": 2.0, "loss": 0.3},
-    {"latency": latency.Exponential(1.3), "loss": 0.2, "duplication": 0.3},
-    {"latency": latency.Exponential(1.3), "duplication": 0.5, "fifo": True},
-    {"latency": latency.Uniform(0.0, 3.0), "loss": loss.GilbertElliott(0.3, 2.0)},
-]
-RHYTHMS = [
-    {"period": 1.0, "phase": 0.0, "drift": 0.0, "jitter": 0.0},
-    {"period": 1.0, "phase": "random", "drift": 0.0, "jitter": 0.0},
-    {"period": 0.7, "phase": 0.25, "drift": 0.0, "jitter": 0.0},
-    {"period": 1.0, "phase": "random", "drift": 0.03, "jitter": 0.0},
-    {"period": 1.0, "phase": 0.5, "drift": -0.1, "jitter": 0.8},
-    {"period": 1.3, "phase": "random", "drift": 0.01, "jitter": 0.4},
-]
-SAMPLED = [Sampled(), Sampled(0.5, 0.25), Sampled(2.3), Sampled(1.0, 0.5, sensing_delay=0.4)]
-CROSSING = [Crossing(1.0), Crossing(0.3), Crossing(2.5, sensing_delay=0.4)]
-
-
-def assert_same(literal: Literal, result: Result) -> None:
-    assert [signal[1:] for signal in signals_of(result)] == [signal[1:] for signal in literal.signals]
-    times = [signal[0] for signal in literal.signals]
-    np.testing.assert_allclose(result.signals_sent.time, times, rtol=1e-9)
-    assert result.account.responses.T.tolist() == literal.responses
-    demand, average = literal.at_the_end()
-    scale = 1e-9 * result.problem.capacity.min()
-    np.testing.assert_allclose(result.demand_at_end, demand, rtol=1e-9, atol=scale)
-    np.testing.assert_allclose(result.average_at_end, average, rtol=1e-9, atol=scale)
-
-
-@given(
-    problems(("polynomial", "coupled")),
-    st.integers(0, 2**32),
-    st.sampled_from(CHANNELS),
-    st.sampled_from([*SAMPLED, *CROSSING]),
-    st.sampled_from([0.5, 7.0, 30.0]),
-    st.data(),
-)
-def test_continuous_agents_are_the_model_event_by_event(
-    problem: Problem,
-    seed: int,
-    channel: dict[str, Any],
-    control_unit: Sampled | Crossing,
-    until: float,
-    data: st.DataObject,
-) -> None:
-    sent_over = BroadcastChannel(**channel)
-    planned = data.draw(interventions_in(problem), "interventions")
-    literal = Literal(problem, sent_over, control_unit, seed, None, planned)
-    literal.run(until)
-    assume(literal.margin > 1e-9)  # no decision hangs on the last bits of a float
-    parts = {"dynamics": "continuous", "control_unit": control_unit, "channel": sent_over}
-    parts["processes"] = [set_demands(planned)]
-    assert_same(literal, simulate(problem, until, seed, **parts))
-
-
-@given(
-    problems(("polynomial", "coupled")),
-    st.integers(0, 2**32),
-    st.sampled_from(CHANNELS),
-    st.sampled_from(SAMPLED),
-    st.sampled_from(RHYTHMS),
-    st.sampled_from([0.5, 7.0, 30.0]),
-    st.data(),
-)
-def test_discrete_agents_on_their_own_clocks_are_the_model_event_by_event(
-    problem: Problem,
-    seed: int,
-    channel: dict[str, Any],
-    control_unit: Sampled,
-    rhythm: dict[str, Any],
-    until: float,
-    data: st.DataObject,
-) -> None:
-    sent_over = BroadcastChannel(**channel)
-    planned = data.draw(interventions_in(problem), "interventions")
-    ticks = tick_times(seed, until, problem.n_agents, **rhythm)
-    literal = Literal(problem, sent_over, control_unit, seed, ticks, planned)
-    literal.run(until)
-    assume(literal.margin > 1e-9)
-    parts = {"control_unit": control_unit, "channel": sent_over, "clocks": Clocks(**rhythm)}
-    parts["processes"] = [set_demands(planned)]
-    assert_same(literal, simulate(problem, until, seed, **parts))
-
-
-@pytest.mark.parametrize("channel", CHANNELS, ids=str)
-@pytest.mark.parametrize("control_unit", [SAMPLED[1], CROSSING[1]], ids=str)
-def test_the_model_event_by_event_does_respond(
-    channel: dict[str, Any], control_unit: Sampled | Crossing
-) -> None:
-    """Were there no signals and responses, the tests above would show little."""
-    problem, sent_over = random_problem(2, 5, 2), BroadcastChannel(**channel)
-    rhythms = [None] if isinstance(control_unit, Crossing) else [None, RHYTHMS[4]]
-    for rhythm in rhythms:
-        ticks = None if rhythm is None else tick_times(0, 30.0, 5, **rhythm)
-        literal = Literal(problem, sent_over, control_unit, 0, ticks)
-        literal.run(30.0)
-        assert len(literal.signals) > 10
-        assert min(sum(of_resource) for of_resource in zip(*literal.responses, strict=True)) > 3
-        assert literal.margin > 1e-9
 
 
 # -- one agent by hand -----------------------------------------------------------------------------------

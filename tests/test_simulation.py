@@ -3,14 +3,12 @@
 import math
 import re
 from collections.abc import Generator
-from heapq import heappop, heappush
-from itertools import count
 from typing import Any
 
 import numpy as np
 import pytest
 import simpy
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from aimd_des import InputError, Problem, Recording, Result, run_synchronous
@@ -29,7 +27,6 @@ from tests.conftest import (
     quadratic_problem,
     quietly,
     random_problem,
-    reference_derivative,
     reference_draws,
     signals_of,
 )
@@ -137,139 +134,9 @@ def test_a_latency_beyond_a_period_is_another_system() -> None:
     assert simulate(problem, 100, 1, latency=1.0 + 1e-9).digest != reference.digest
 
 
-# -- the rules, taken literally --------------------------------------------------------------------------
-
-
-class Literal:
-    """The asynchronous system in plain Python: a heap, a tick of every agent, a latch for every bit.
-
-    Only the uniform draws are shared with the program.
-    """
-
-    def __init__(self, problem: Problem, seed: int, latency: list[float], loss: list[float]) -> None:
-        n, m = problem.n_agents, problem.n_resources
-        self.problem, self.seed, self.latency, self.loss = problem, seed, latency, loss
-        self.x = [[0.0] * m for _ in range(n)]
-        self.average = [[0.0] * m for _ in range(n)]
-        self.latch: list[list[int | None]] = [[None] * m for _ in range(n)]
-        self.signals: list[tuple[float, int, int]] = []
-        self.lost, self.delivered, self.responses = [0] * m, [0] * m, [0] * m
-        self.margin = math.inf
-        self.heap: list[tuple[float, str, int, Any]] = []
-        self.turn = count()
-        self.ticks = 0
-
-    def push(self, time: float, kind: str, what: Any = None) -> None:
-        # The letters are in the order of the kinds: arrivals, the look, the tick.
-        heappush(self.heap, (time, kind, next(self.turn), what))
-
-    def run(self, until: float, looks: tuple[float, float], ticks: tuple[float, float]) -> None:
-        self.push(looks[1], "B look", 0)
-        self.push(ticks[1], "C tick", 0)
-        while self.heap[0][0] < until:
-            time, kind, _, what = heappop(self.heap)
-            if kind == "A arrival":
-                self.arrive(*what)
-            elif kind == "B look":
-                self.look(time)
-                self.push(looks[1] + (what + 1) * looks[0], kind, what + 1)
-            else:
-                self.tick(what)
-                self.push(ticks[1] + (what + 1) * ticks[0], kind, what + 1)
-        self.fold(self.ticks)  # the average at the end counts the present demand
-
-    def look(self, time: float) -> None:
-        for j in range(self.problem.n_resources):
-            total = sum(row[j] for row in self.x)
-            limit = self.problem.threshold[j] * self.problem.capacity[j]
-            self.margin = min(self.margin, abs(total / limit - 1))
-            if total > limit:
-                number = sum(signal[1] == j for signal in self.signals)
-                self.signals.append((time, j, number))
-                draws = reference_draws(self.seed, Purpose.LOSS, j, number, len(self.x))
-                for i, draw in enumerate(draws):
-                    if draw < self.loss[i]:
-                        self.lost[j] += 1
-                    else:
-                        self.push(time + self.latency[i], "A arrival", (i, j, number))
-
-    def arrive(self, i: int, j: int, number: int) -> None:
-        self.delivered[j] += 1
-        if self.latch[i][j] is None:
-            self.latch[i][j] = number
-
-    def fold(self, k: int) -> None:
-        for i, row in enumerate(self.x):
-            for j, held in enumerate(row):
-                self.average[i][j] = k / (k + 1) * self.average[i][j] + held / (k + 1)
-
-    def tick(self, k: int) -> None:
-        self.ticks += 1
-        self.fold(k)
-        for i, row in enumerate(self.x):
-            for j in range(len(row)):
-                number, self.latch[i][j] = self.latch[i][j], None
-                if number is None:
-                    row[j] += self.problem.increase[i, j]
-                elif self.responds(i, j, number):
-                    row[j] *= self.problem.decrease[i, j]
-                    self.responses[j] += 1
-
-    def responds(self, i: int, j: int, number: int) -> bool:
-        average = self.average[i]
-        if average[j] == 0:
-            return False
-        slope = reference_derivative(self.problem.costs, i, average, j)
-        probability = self.problem.normalization[j] * slope / average[j]
-        draw = reference_draws(self.seed, Purpose.RESPONSE, j, number, len(self.x))[i]
-        self.margin = min(self.margin, abs(probability - draw))
-        return bool(draw < probability)
-
+# -- what is seen ----------------------------------------------------------------------------------------
 
 CLOCKS = st.tuples(st.sampled_from([1.0, 0.5, 0.7, 2.3]), st.sampled_from([0.0, 0.25, 0.5, 1.0, 3.0]))
-
-
-@given(problems(("polynomial", "coupled", "custom")), st.integers(0, 2**32), CLOCKS, CLOCKS, st.data())
-def test_it_is_the_model_event_by_event(
-    problem: Problem, seed: int, looks: tuple[float, float], ticks: tuple[float, float], data: st.DataObject
-) -> None:
-    size = problem.n_agents
-    latency = data.draw(
-        st.lists(st.sampled_from([0.0, 0.5, 1.0, 1.7, 2.0, 4.6]), min_size=size, max_size=size), "latency"
-    )
-    loss = data.draw(st.lists(st.sampled_from([0.0, 0.2, 0.9]), min_size=size, max_size=size), "loss")
-    until = data.draw(st.sampled_from([0.5, 7.0, 43.21, 120.0]), "until")
-    literal = Literal(problem, seed, latency, loss)
-    literal.run(until, looks, ticks)
-    assume(literal.margin > 1e-9)  # no decision hangs on the last bits of a float
-    result = simulate(
-        problem, until, seed, latency=latency, loss=loss, clocks=Clocks(*ticks), control_unit=Sampled(*looks)
-    )
-    assert signals_of(result) == literal.signals
-    assert result.account.responses.sum(axis=1).tolist() == literal.responses
-    scale = 1e-9 * problem.capacity.min()
-    np.testing.assert_allclose(result.demand_at_end, literal.x, rtol=1e-9, atol=scale)
-    np.testing.assert_allclose(result.average_at_end, literal.average, rtol=1e-9, atol=scale)
-    if min(sum(held) for held in zip(*literal.average, strict=True)) > 0:
-        summary = result.summary()
-        assert summary["lost"].tolist() == literal.lost
-        assert summary["delivered"].tolist() == literal.delivered
-        copies = size * summary["signals"]
-        assert (summary["delivered"] + summary["lost"] + summary["in_flight"] == copies).all()
-
-
-@pytest.mark.parametrize(
-    ("looks", "ticks", "latency"), [((0.5, 0.0), (1.0, 0.25), 1.7), ((1.0, 0.5), (0.7, 0.0), 0.0)]
-)
-def test_the_model_event_by_event_does_respond(
-    looks: tuple[float, float], ticks: tuple[float, float], latency: float
-) -> None:
-    """Were there no signals and responses, the test above would show little."""
-    literal = Literal(random_problem(2, 5, 2), 0, [latency] * 5, [0.2] * 5)
-    literal.run(43.21, looks, ticks)
-    assert len(literal.signals) > 15
-    assert min(literal.responses) > 3
-    assert min(literal.lost) > 3
 
 
 @given(problems(("polynomial",)), CLOCKS, st.sampled_from([0.0, 0.5, 2.0]), st.sampled_from([7.0, 43.21]))

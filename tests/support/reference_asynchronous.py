@@ -1,4 +1,4 @@
-"""A second simulator, written from docs/model.md and docs/disturbances.md, to hold the framework against.
+"""A reference simulator, written from docs/model.md and docs/disturbances.md, to hold the framework against.
 
 It is plain and slow: every tick is an event, all demands are brought forward at every event, and a heap of
 (time, kind, order) says what comes next.  With the framework it shares nothing but the numbers of a problem
@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from aimd_des import Problem
+from tests.conftest import reference_draws
 
 # What is due at one instant happens in this order; what leaves the control unit meets partitions in force.
 INTERVENE, DEPART, DELIVER, SENSE, OBSERVE, ACT = range(6)
@@ -41,8 +42,8 @@ class Setting:
     problem: Problem
     seed: int
     until: float
-    #: (period, phase, drift, jitter), phase None where it is random; None for continuous agents.
-    clocks: tuple[list[float], list[float] | None, list[float], list[float]] | None
+    #: (period, phase, drift, jitter), as `tick_times` takes them; None for continuous agents.
+    clocks: tuple[Any, Any, Any, Any] | None
     #: ("sampled", period, phase, delay) or ("crossing", hold-off, longest, delay).
     unit: tuple[str, float, float, float]
     #: ("constant", values), ("uniform", low, high) or ("exponential", means).
@@ -92,6 +93,8 @@ class Outcome:
     #: (time, demands, averages), the last at the end
     seen: list[tuple[float, list[list[float]], list[list[float]]]]
     pieces: list[Piece]
+    #: How near a decision was to the other one: below 1e-9 it may hang on the last bits of a float.
+    margin: float = math.inf
 
 
 class Average:
@@ -155,6 +158,20 @@ def above(begin: float, end: float, capacity: float, span: float) -> tuple[float
     return time, 0.5 * time * (high - capacity)
 
 
+def tick_times(
+    seed: int, until: float, n: int, period: Any, phase: Any, drift: Any, jitter: Any
+) -> list[list[float]]:
+    """All ticks of all agents before the end; a number for all agents or one for each, or a random phase."""
+    own = [_of(period, i) * (1.0 + _of(drift, i)) for i in range(n)]
+    if isinstance(phase, str):
+        phase = [p * u for p, u in zip(own, reference_draws(seed, CLOCK, PHASES, 0, n).tolist(), strict=True)]
+    last = math.ceil(until / min(own))  # phases are at least 0
+    rows = [reference_draws(seed, CLOCK, TICKS, tick, n).tolist() for tick in range(last + 1)]
+    late = [_of(jitter, i) for i in range(n)]
+    ticks = [[_of(phase, i) + q * own[i] + late[i] * row[i] for q, row in enumerate(rows)] for i in range(n)]
+    return [[time for time in times if time < until] for times in ticks]
+
+
 class _Run:
     """The state of everything, and what happens."""
 
@@ -200,13 +217,15 @@ class _Run:
             getattr(self, f"begin_{name}")(place, *arguments)
         for look in setting.looks:
             self.at(look, OBSERVE, (), self.observe)
-        if not self.continuous:
-            for agent in self.agents:
-                self.at(self.tick_time(agent, 0), ACT, (agent,), partial(self.tick, agent, 0))
+        if setting.clocks is not None:
+            for agent, times in enumerate(tick_times(setting.seed, setting.until, self.n, *setting.clocks)):
+                for time in times:
+                    self.at(time, ACT, (agent,), partial(self.tick, agent))
         if setting.unit[0] == "sampled":
             self.at(setting.unit[2], SENSE, (), partial(self.look, 0))
         while due := [event for event in (*self.heap[:1], *self.crossings()) if event[0] < setting.until]:
             following = min(due)
+            self.near(*(event[0] - following[0] for event in due if event[0] > following[0]))
             if following in self.heap[:1]:
                 heapq.heappop(self.heap)
             self.advance(following[0])
@@ -214,6 +233,10 @@ class _Run:
         self.advance(setting.until)
         self.observe()
         return self.outcome
+
+    def near(self, *differences: float) -> None:
+        """Note how far what is compared is apart."""
+        self.outcome.margin = min([self.outcome.margin, *map(abs, differences)])
 
     def advance(self, now: float) -> None:
         """Bring all demands and averages forward, and measure total demand on the way."""
@@ -250,24 +273,13 @@ class _Run:
     @cache  # noqa: B019 - a run is thrown away after its end
     def draws(self, purpose: int, j: int, number: int, lane: int = 0) -> list[float]:
         """Uniform numbers of all agents."""
-        key = np.random.SeedSequence(self.setting.seed, spawn_key=(purpose,)).generate_state(2, np.uint64)
-        generator = np.random.Generator(np.random.Philox(key=key, counter=[0, lane, j, number]))
-        return [float(uniform) for uniform in generator.random(self.n)]
+        drawn: list[float] = reference_draws(self.setting.seed, purpose, j, number, self.n, lane).tolist()
+        return drawn
 
     # -- agents --------------------------------------------------------------------------------------------
 
-    def tick_time(self, i: int, tick: int) -> float:
-        """Time of an agent's tick."""
-        assert self.setting.clocks is not None
-        periods, phases, drift, jitter = self.setting.clocks
-        period = periods[i] * (1.0 + drift[i])
-        phase = period * self.draws(CLOCK, PHASES, 0)[i] if phases is None else phases[i]
-        late = jitter[i] * self.draws(CLOCK, TICKS, tick)[i] if jitter[i] else 0.0
-        return phase + tick * period + late
-
-    def tick(self, i: int, tick: int) -> None:
-        """Fold in all demands, then answer what is latched or grow; and again."""
-        self.at(self.tick_time(i, tick + 1), ACT, (i,), partial(self.tick, i, tick + 1))
+    def tick(self, i: int) -> None:
+        """Fold in all demands, then answer what is latched or grow."""
         if self.away[i]:
             return
         for j in self.resources:
@@ -303,7 +315,9 @@ class _Run:
         chance = self.problem.normalization[j] * gradient / averages[j] if averages[j] > 0.0 else 0.0
         chance *= self.factor(i, j, number, copy)
         fall: float | None = None
-        if self.draws(RESPONSE, j, number, SECOND_RESPONSE if copy else 0)[i] < chance:
+        draw = self.draws(RESPONSE, j, number, SECOND_RESPONSE if copy else 0)[i]
+        self.near(chance - draw, chance - 1.0)
+        if draw < chance:
             fall = self.demand[i][j] - self.demand[i][j] * self.beta[i][j]
             self.demand[i][j] *= self.beta[i][j]
             self.fallen[j] += fall
@@ -343,6 +357,7 @@ class _Run:
         _, period, phase, _ = self.setting.unit
         self.at(phase + (look + 1) * period, SENSE, (), partial(self.look, look + 1))
         for j in self.resources:
+            self.near(self.total(j) / self.limit(j) - 1.0)
             if not self.failed and self.total(j) > self.limit(j):
                 self.broadcast(j)
 
@@ -455,6 +470,13 @@ class _Run:
             for time, value in zip(times, values, strict=True):
                 self.begin_step(place, j, cycle * (period or 0.0) + time, value)
 
+    def begin_demand(self, place: int, at: float, i: int, j: int, demand: float) -> None:
+        def set_demand() -> None:
+            if not self.away[i]:
+                self.demand[i][j] = demand
+
+        self.at(at, INTERVENE, (place,), set_demand)
+
     def begin_absence(self, place: int, i: int, at: float, until: float | None, anew: bool) -> None:
         self.change(place, at, partial(self.leave, i))
         self.change(place, until, partial(self.join, i, anew))
@@ -499,9 +521,9 @@ class _Run:
 
 def _of(numbers: Any, agent: int) -> float:
     """The value of an agent, of one for all or one for each."""
-    return float(numbers[agent] if isinstance(numbers, list) else numbers)
+    return float(numbers if np.ndim(numbers) == 0 else numbers[agent])
 
 
 def simulate(setting: Setting) -> Outcome:
-    """Run the second simulator."""
+    """Run the reference simulator."""
     return _Run(setting).run()
