@@ -13,7 +13,7 @@ from aimd_des import BroadcastChannel, Crossing, Fleet, InputError, Problem, Res
 from aimd_des.engine.control_unit import adapted
 from aimd_des.interventions import Absence, Join
 from tests.conftest import assert_same_run, problems, quadratic_problem, quietly, signals_of
-from tests.test_camera import Script
+from tests.support.scripts import Script
 
 NEVER = [math.inf, math.inf]
 CERTAIN = {"normalization": 0.5}  # with a factor of 1 in the costs: everybody responds to every signal

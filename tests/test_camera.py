@@ -16,7 +16,6 @@ from aimd_des import (
     Result,
     Simulation,
 )
-from aimd_des.channel import Broadcast, Copies
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
@@ -26,52 +25,14 @@ from tests.conftest import (
     random_problem,
     resource,
 )
+from tests.support.scripts import Script, exactly, send_at, story
 
 
 def simulate(problem: Problem, until: float, seed: int = 0, **parts: Any) -> Result:
     return quietly(Simulation(problem, seed=seed, **parts).run, until)
 
 
-def exactly(time: float) -> str:
-    """A time without zeros at its end, and with all digits that it has."""
-    return repr(time).removesuffix(".0")
-
-
-def story(result: Result) -> list[str]:
-    """The log, one line for each entry: time, what happened, to whom, in which broadcast."""
-    names = result.problem.agent_names
-    return [
-        f"{exactly(event.time)} {f'agent {event.agent} ' if event.agent in names else ''}"
-        f"{event.kind} {event.number}"
-        for event in result.events.itertuples()
-    ]
-
-
 # -- one agent by hand -----------------------------------------------------------------------------------
-
-
-class Script:
-    """A channel that says when the copies of broadcast b of each resource arrive."""
-
-    def __init__(self, *arrivals: list[float]) -> None:
-        self.arrivals = arrivals
-
-    def open(self, n_agents: int, keys: Any) -> "Script":
-        return self
-
-    def transmit(self, sent: Broadcast, departure: float) -> Copies:
-        return Copies(np.array(self.arrivals[sent.number]))
-
-
-def send_at(time: float, *resources: int) -> Any:
-    """A process that has the control unit broadcast at an instant."""
-
-    def process(system: System) -> ProcessGenerator:
-        yield system.env.at(time, EventKind.SENSE)
-        for j in resources:
-            system.broadcast(j)
-
-    return process
 
 
 def two_resources(**changes: Any) -> Problem:

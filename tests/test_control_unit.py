@@ -28,7 +28,7 @@ from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from tests.conftest import problems, quadratic_problem, quietly, random_problem, resource
-from tests.test_camera import Script
+from tests.support.scripts import Script
 
 CERTAIN = {"normalization": 0.5}  # with a factor of 1 in the costs: everybody responds to every signal
 

@@ -34,7 +34,7 @@ from aimd_des.engine.system import System
 from aimd_des.interventions import CapacityProfile, CapacityRamp, CapacityStep
 from aimd_des.results.event_log import Entry, EventLog
 from tests.conftest import problems, quadratic_problem, quietly, random_problem
-from tests.test_camera import Script, exactly, send_at, story
+from tests.support.scripts import Script, exactly, send_at, story
 
 Log = list[Any]
 

@@ -32,7 +32,7 @@ from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from tests.conftest import assert_same_run, problems, quadratic_problem, quietly, random_problem
 from tests.support.reference_asynchronous import tick_times
-from tests.test_camera import send_at
+from tests.support.scripts import send_at
 
 LATE = BroadcastChannel(latency.Exponential(1.0), loss=0.2, duplication=0.2)
 RHYTHM: dict[str, Any] = {"period": 1.1, "phase": "random", "drift": 0.01, "jitter": 0.4}
