@@ -1,5 +1,6 @@
 """What several test files share: small problems, references for draws and derivatives, fresh processes."""
 
+import math
 import os
 import subprocess
 import sys
@@ -19,7 +20,7 @@ from hypothesis import strategies as st
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 
-from aimd_des import CoupledCosts, CustomCosts, PolynomialCosts, Problem, Resource, Result
+from aimd_des import CoupledCosts, CustomCosts, InputError, PolynomialCosts, Problem, Resource, Result
 from aimd_des.problem.costs import Costs
 from aimd_des.utils.jit import _PackageCache
 
@@ -115,6 +116,24 @@ def quietly(run: Callable[..., _Outcome], *args: Any, **kwargs: Any) -> _Outcome
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
         return run(*args, **kwargs)
+
+
+def refusal(build: Callable[[], object]) -> str:
+    """The sentence with which something is refused."""
+    with pytest.raises(InputError) as caught:
+        build()
+    return str(caught.value)
+
+
+def standard_error(samples: Any) -> Any:
+    """The standard error of the mean over independent runs, the first axis."""
+    samples = np.asarray(samples)
+    return samples.std(axis=0, ddof=1) / math.sqrt(len(samples))
+
+
+def z_score(samples: Any, expected: Any) -> Any:
+    """How many standard errors the mean is away from what is expected."""
+    return np.abs(np.mean(samples, axis=0) - expected) / standard_error(samples)
 
 
 def resource(name: str = "memory", **changes: Any) -> Resource:

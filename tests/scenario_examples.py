@@ -1,9 +1,11 @@
 """Scenario files in which every table, and every kind of each, occurs; and the files that they name."""
 
 from pathlib import Path
+from typing import Any
 
 import networkx as nx
 
+from aimd_des.scenario import Scenario, load_scenario
 from tests.conftest import INLINE
 
 # What comes before the first table: the rest of INLINE follows.
@@ -135,3 +137,10 @@ def write_files(folder: Path) -> None:
     nx.set_edge_attributes(graph, 0.25, "latency")
     nx.set_edge_attributes(graph, 0.1, "loss")
     nx.write_graphml(graph, folder / "network.graphml")
+
+
+def load(text: str, **changes: Any) -> Scenario:
+    """Read a scenario from a file in the working directory."""
+    path = Path("scenario.toml")
+    path.write_text(text, encoding="utf-8")
+    return load_scenario(path, **changes)

@@ -17,7 +17,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from aimd_des import InputError
 from aimd_des.channel import BroadcastChannel, Draws
 from aimd_des.channel.latency.kernels import quantile_row
 from aimd_des.latency import (
@@ -33,6 +32,7 @@ from aimd_des.latency import (
 from aimd_des.utils import rng
 from aimd_des.utils.rng import Purpose
 from aimd_des.utils.validation import FloatArray
+from tests.conftest import refusal
 
 SEED, SIZE = 31, 200_000
 HIGHEST = 1.0 - 2.0**-53  # the largest uniform number
@@ -66,12 +66,6 @@ def draws(n: int, number: int = 0, resource: int = 0, seed: int = SEED, copy: in
     """The random numbers of one broadcast, none but those for latency."""
     keys = {Purpose.LATENCY: rng.key(seed, Purpose.LATENCY)}
     return Draws(keys, resource, number, 0.0, n, copy)
-
-
-def refusal(build: Callable[[], object]) -> str:
-    with pytest.raises(InputError) as caught:
-        build()
-    return str(caught.value)
 
 
 def scores(sample: FloatArray, mean: float, variance: float, fourth: float) -> tuple[float, float]:

@@ -15,12 +15,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from aimd_des import InputError, SimulationError
+from aimd_des import SimulationError
 from aimd_des.channel import BroadcastChannel, Draws
 from aimd_des.loss import Bernoulli, Combined, CommonMode, GilbertElliott, Loss, Trace
 from aimd_des.utils import rng
 from aimd_des.utils.rng import Purpose
 from aimd_des.utils.validation import FloatArray
+from tests.conftest import refusal
 
 SEED, LINKS = 47, 2000
 
@@ -34,12 +35,6 @@ def losses(loss: Loss, n: int, times: Iterable[float], seed: int = SEED) -> Any:
     """What n agents lose of broadcasts for one resource at some times, shape (times, n)."""
     process = loss.start(n)
     return np.array([process.draw(draws(n, b, float(time), seed=seed)) for b, time in enumerate(times)])
-
-
-def refusal(build: Callable[[], object]) -> str:
-    with pytest.raises(InputError) as caught:
-        build()
-    return str(caught.value)
 
 
 def binomial_score(successes: int, trials: int, probability: float) -> float:

@@ -19,6 +19,7 @@ from aimd_des.scenario import Scenario, load_scenario
 from aimd_des.scenario.models import model_parameters, named_model
 from models import smart_cameras
 from tests.conftest import INLINE, ROOT, quietly
+from tests.scenario_examples import load
 
 BY_MODEL = """
 title = "cameras"
@@ -41,12 +42,6 @@ def _in_a_folder_of_its_own(
     """Models are looked for in the working directory, too, which goes onto the path."""
     monkeypatch.chdir(tmp_path_factory.mktemp("cwd"))
     monkeypatch.syspath_prepend(str(ROOT))
-
-
-def load(text: str, **changes: Any) -> Scenario:
-    path = Path("scenario.toml")
-    path.write_text(text, encoding="utf-8")
-    return load_scenario(path, **changes)
 
 
 def line_of(text: str, beginning: str, nth: int = 0) -> int:

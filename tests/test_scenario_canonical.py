@@ -17,7 +17,6 @@ from aimd_des.scenario.settings import with_settings
 from aimd_des.study.file import read_study as load_study_file
 from aimd_des.study.points import expand, run_of
 from aimd_des.study.study import Study, stored_study
-from tests.conftest import ROOT
 
 CAMERAS: dict[str, Any] = {
     "until": 60,
@@ -27,10 +26,7 @@ CAMERAS: dict[str, Any] = {
 }
 
 
-@pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(ROOT))
+pytestmark = pytest.mark.usefixtures("own_folder")
 
 
 def canonical(**changes: Any) -> bytes:

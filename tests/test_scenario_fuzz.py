@@ -22,7 +22,7 @@ from aimd_des import InputError
 from aimd_des.scenario import Scenario, load_scenario
 from aimd_des.scenario.kinds import KINDS
 from aimd_des.scenario.schema import scenario_schema
-from tests.conftest import INLINE, ROOT
+from tests.conftest import INLINE
 from tests.scenario_examples import EXAMPLES, write_files
 
 MANY = settings.get_profile("explore").max_examples <= settings().max_examples
@@ -161,9 +161,7 @@ def mutated(r: random.Random) -> str:
 
 
 @pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(ROOT))
+def _in_a_folder_of_its_own(own_folder: None, tmp_path: Path) -> None:
     write_files(tmp_path)
 
 

@@ -25,29 +25,21 @@ from aimd_des import (
     run_synchronous,
     topology,
 )
-from aimd_des.scenario import Scenario, load_scenario, validate_scenario
+from aimd_des.scenario import Scenario, validate_scenario
 from aimd_des.scenario.dry_run import check_to_run
 from aimd_des.scenario.kind_tables import KindTable, NetworkSettings
 from aimd_des.scenario.schema import scenario_schema
 from models import smart_cameras
-from tests.conftest import ROOT, quietly
-from tests.scenario_examples import EXAMPLES, MODEL, inline, write_files
+from tests.conftest import quietly
+from tests.scenario_examples import EXAMPLES, MODEL, inline, load, write_files
 
 SCHEMA = scenario_schema()
 VALIDATOR = jsonschema.Draft7Validator(SCHEMA)
 
 
 @pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(ROOT))
+def _in_a_folder_of_its_own(own_folder: None, tmp_path: Path) -> None:
     write_files(tmp_path)
-
-
-def load(text: str, **changes: Any) -> Scenario:
-    path = Path("scenario.toml")
-    path.write_text(text, encoding="utf-8")
-    return load_scenario(path, **changes)
 
 
 def test_a_scenario_can_be_sent_to_another_process() -> None:

@@ -30,19 +30,17 @@ from aimd_des.theory import prediction
 from aimd_des.theory.moments import exact_averages
 from aimd_des.utils.validation import FloatArray
 from models import smart_cameras
-from tests.conftest import FAMILIES, random_costs, random_problem, resource
+from tests.conftest import (
+    FAMILIES,
+    random_costs,
+    random_problem,
+    resource,
+    standard_error,
+    z_score,
+)
 
 # What the closed forms are meant to reach: signals within 5 %, utilisation within 2 points.
 SIGNALS, POINTS = 0.05, 0.02
-
-
-def standard_error(samples: Any) -> Any:
-    samples = np.asarray(samples)
-    return samples.std(axis=0, ddof=1) / math.sqrt(len(samples))
-
-
-def z_score(samples: Any, expected: Any) -> Any:
-    return np.abs(np.mean(samples, axis=0) - expected) / standard_error(samples)
 
 
 def mixed_problem(n: int = 40, probability: float = 0.2, seed: int = 3, **changes: Any) -> Problem:

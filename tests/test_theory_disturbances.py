@@ -30,18 +30,12 @@ from aimd_des.problem.costs import CoupledCosts, PolynomialCosts
 from aimd_des.theory.totals import Cuts, walk_by_crossings, walk_by_looks
 from aimd_des.utils.validation import FloatArray
 from models import smart_cameras
-from tests.conftest import resource
+from tests.conftest import (
+    resource,
+    standard_error,
+)
 
 EXCEEDANCE = 0.01
-
-
-def standard_error(samples: Any) -> Any:
-    samples = np.asarray(samples)
-    return samples.std(axis=0, ddof=1) / math.sqrt(len(samples))
-
-
-def z_score(samples: Any, expected: Any) -> Any:
-    return np.abs(np.mean(samples, axis=0) - expected) / standard_error(samples)
 
 
 def with_thresholds(problem: Problem, thresholds: Any) -> Problem:

@@ -37,7 +37,12 @@ from aimd_des.channel import Broadcast, CompiledLink, Draws
 from aimd_des.channel.transmit_kernel import transmit
 from aimd_des.utils import rng
 from aimd_des.utils.rng import Purpose
-from tests.conftest import assert_same_run, quietly, random_problem
+from tests.conftest import (
+    assert_same_run,
+    quietly,
+    random_problem,
+    refusal,
+)
 
 HIGHEST_Z = 4.5
 KEYS = {purpose: rng.key(11, purpose) for purpose in Purpose}
@@ -542,12 +547,6 @@ def test_directed_files(tmp_path: Path) -> None:
 
 
 # -- errors ------------------------------------------------------------------------------------------------
-
-
-def refusal(build: Callable[[], object]) -> str:
-    with pytest.raises(InputError) as caught:
-        build()
-    return str(caught.value)
 
 
 def broken(**changes: Any) -> Any:

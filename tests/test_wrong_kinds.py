@@ -1,6 +1,5 @@
 """Every public constructor and function is given wrong kinds of things, and right ones in other dress."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -31,14 +30,8 @@ from aimd_des import (
     run_study,
     run_synchronous,
 )
+from tests.conftest import refusal
 from tests.wrong_kinds import CALLS, PROBLEM, TAKEN, WRONG
-
-
-def refusal(make: Callable[[], Any]) -> str:
-    with pytest.raises(InputError) as refused:
-        make()
-    return str(refused.value)
-
 
 OWN_FUNCTIONS = {
     ("topology.tree", "latency"),
