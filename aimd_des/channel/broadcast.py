@@ -29,17 +29,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.rng import Key, Purpose
 from aimd_des.utils.validation import FloatArray
 
-__all__ = [
-    "Broadcast",
-    "BroadcastChannel",
-    "Channel",
-    "CompiledLink",
-    "Copies",
-    "DrawnLink",
-    "Link",
-    "compiled_models",
-]
-
 # What there are formulas for in compiled code; not what users derive from these.
 _COMPILED = {Constant, Empirical, Exponential, LogNormal, Pareto, ShiftedGamma, Uniform}
 

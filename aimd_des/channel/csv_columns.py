@@ -9,8 +9,6 @@ from typing import TypeVar
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
-__all__ = ["read_columns"]
-
 _Cell = TypeVar("_Cell")
 
 # What stands for a truth value; a number says what it is by itself.

@@ -19,8 +19,6 @@ import numpy.typing as npt
 from aimd_des.utils.jit import routine
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["NetworkTable", "network_table", "spread"]
-
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 

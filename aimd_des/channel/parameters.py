@@ -11,8 +11,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["LONGEST", "fit", "model_of", "refuse", "scalar_or_row", "take"]
-
 # Times above this are refused: so far below the largest double, no draw can overflow to infinity,
 # which is how a lost copy is written.
 LONGEST = 1e100

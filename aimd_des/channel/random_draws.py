@@ -7,8 +7,6 @@ from aimd_des.utils import rng
 from aimd_des.utils.rng import Key, Purpose
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["LANES_PER_COPY", "LANES_PER_PART", "Draws"]
-
 #: Lanes of a second copy are kept apart from those of the first.
 LANES_PER_COPY = 1 << 32
 

@@ -14,8 +14,6 @@ from aimd_des.utils.jit import kernel, routine
 from aimd_des.utils.rng import Key, Purpose, uniforms_row
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["ChannelTable", "channel_table", "put_in_order", "transmit"]
-
 BoolArray = npt.NDArray[np.bool_]
 
 

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from aimd_des.scenario.kinds import Kind
 
-__all__ = ["TOPICS", "CatalogEntry", "Key", "Topic", "entries"]
-
 
 @dataclass(frozen=True)
 class Topic:

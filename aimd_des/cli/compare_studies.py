@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from aimd_des.study import StudyResults
 
-__all__ = ["compare_studies"]
-
 _MOST_POINTS = 5
 
 

@@ -6,8 +6,6 @@ from click.shell_completion import get_completion_class
 from aimd_des.cli.errors import Refusal
 from aimd_des.cli.printing import say
 
-__all__ = ["command"]
-
 _PROGRAM = "aimd-des"
 _VARIABLE = "_AIMD_DES_COMPLETE"
 

@@ -8,8 +8,6 @@ import click
 
 from aimd_des.utils.errors import InputError, SimulationError
 
-__all__ = ["INTERRUPTED", "Refusal", "refusing", "writing"]
-
 #: The exit code where Ctrl-C has ended a command, as shells have it.
 INTERRUPTED = 130
 

@@ -9,8 +9,6 @@ from aimd_des.cli.catalog import TOPICS, CatalogEntry, entries
 from aimd_des.cli.errors import refusing
 from aimd_des.cli.printing import say
 
-__all__ = ["command"]
-
 
 @click.command("list")
 @click.argument("topic", metavar="[TOPIC]", required=False, type=click.Choice(list(TOPICS)))

@@ -13,8 +13,6 @@ from aimd_des.cli.errors import INTERRUPTED
 from aimd_des.cli.printing import let_go_of_output, say
 from aimd_des.utils.terminal_text import fit
 
-__all__ = ["main"]
-
 # In the order in which help shows them; each is `command` in the module of its name.
 _COMMANDS = ("run", "watch", "sweep", "validate", "show", "report", "compare", "list", "schema", "completion")
 

@@ -7,8 +7,6 @@ import click
 
 from aimd_des.utils.terminal_text import fit
 
-__all__ = ["let_go_of_output", "say"]
-
 
 def say(text: str = "", *, err: bool = False, end: bool = True) -> None:
     """Print a text."""

@@ -12,8 +12,6 @@ from aimd_des.utils.formatting import grouped
 if TYPE_CHECKING:
     from aimd_des.study.run import Tally
 
-__all__ = ["RunProgress", "StudyProgress"]
-
 _PATIENCE = 1.0
 
 

@@ -7,8 +7,6 @@ import click
 from aimd_des.cli.errors import refusing, writing
 from aimd_des.cli.printing import say
 
-__all__ = ["command"]
-
 _EPILOG = """\b
 Examples:
   aimd-des report results/run

@@ -9,8 +9,6 @@ from aimd_des.cli.errors import refusing, writing
 from aimd_des.cli.printing import say
 from aimd_des.cli.set_option import changes, check_command, set_option
 
-__all__ = ["command"]
-
 
 @click.command(
     "run",

@@ -10,8 +10,6 @@ from aimd_des.results.measures import measure_words
 from aimd_des.scenario.run_folder import StoredRun
 from aimd_des.utils.errors import InputError
 
-__all__ = ["compare_runs", "print_measures", "show_run"]
-
 # What a scenario says of the problem, and how long it is.
 _PROBLEM = ("resources", "costs")
 

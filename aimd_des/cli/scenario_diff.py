@@ -7,8 +7,6 @@ from aimd_des.cli.printing import say
 from aimd_des.cli.terminal_tables import print_table
 from aimd_des.utils.formatting import given
 
-__all__ = ["HEADS", "differences", "flat", "print_differences"]
-
 #: How the two are called in tables.
 HEADS = ("first", "second")
 

@@ -9,8 +9,6 @@ import click
 from aimd_des.cli.errors import writing
 from aimd_des.cli.printing import say
 
-__all__ = ["command", "schema_of"]
-
 _EPILOG = """\b
 Editors that use Taplo, such as VS Code with Even Better TOML, find the schema
 by the first line of a file:
@@ -32,7 +30,7 @@ def command(kind: str, out: Path | None) -> None:
     if out is None:
         say(text, end=False)
         return
-    from aimd_des.study.store import write_file
+    from aimd_des.study.seal import write_file
 
     with writing(out):
         write_file(out, text.encode())

@@ -10,8 +10,6 @@ from click.shell_completion import CompletionItem
 
 from aimd_des.utils.errors import InputError
 
-__all__ = ["changes", "check_command", "holds_a_study", "set_option"]
-
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 # What a study file has at its top and a scenario file has not.

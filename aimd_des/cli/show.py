@@ -6,8 +6,6 @@ import click
 
 from aimd_des.cli.errors import Refusal, refusing
 
-__all__ = ["command"]
-
 
 @click.command("show")
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path, exists=True, file_okay=False))

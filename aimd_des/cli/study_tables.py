@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from aimd_des.study import Study, StudyResults
 
-__all__ = ["chosen_measures", "is_study", "show_study"]
-
 # How many of the measures are shown unless they are chosen.
 _MOST_MEASURES = 4
 _MOST_FAILURES = 10

@@ -17,8 +17,6 @@ from aimd_des.cli.set_option import changes, check_command, set_option
 if TYPE_CHECKING:
     from aimd_des.study.study import Study
 
-__all__ = ["command"]
-
 _EPILOG = """\b
 Examples:
   aimd-des sweep study.toml --out results/study --dry-run

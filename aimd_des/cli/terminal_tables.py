@@ -12,8 +12,6 @@ from rich.text import Text
 from aimd_des.utils.formatting import given, interval, measured
 from aimd_des.utils.terminal_text import fit
 
-__all__ = ["plus_minus", "plus_or_minus", "print_pairs", "print_table"]
-
 _PADDING = 3  # on both sides of a column together
 _NARROWEST = 20
 

@@ -7,8 +7,6 @@ import click
 from aimd_des.cli.printing import say
 from aimd_des.cli.set_option import holds_a_study
 
-__all__ = ["command"]
-
 
 @click.command("validate", short_help="Check files, and run nothing.")
 @click.argument(

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from aimd_des.scenario import Scenario
     from aimd_des.watch import View
 
-__all__ = ["command"]
-
 _EPILOG = """\b
 Examples:
   aimd-des watch scenarios/paper.toml

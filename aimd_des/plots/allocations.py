@@ -10,8 +10,6 @@ from aimd_des.problem.optimum import Optimum
 from aimd_des.results.result import Result
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["average_allocations", "derivatives", "instantaneous_allocations"]
-
 _CURVE_POINTS = 400
 _BARS = 12
 _MOST_CURVES = 9

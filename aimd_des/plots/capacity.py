@@ -10,8 +10,6 @@ from aimd_des.results.result import Result
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["capacity_at", "capacity_events", "capacity_line", "sum_of_averages", "sum_of_demand"]
-
 _CURVE_POINTS = 400
 _COUNT_POINTS = 200
 

@@ -16,8 +16,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["averages_against_optimum", "consensus", "error_decay"]
-
 _BAND_LOOKS = 60
 _DECAY_LOOKS = 30
 _MEASURES = {"misallocation": "misallocation", "relative_error": "relative error"}

@@ -12,8 +12,6 @@ from aimd_des.results.result import Result
 from aimd_des.utils import formatting
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["absolute_error", "cost_ratio", "error_histogram", "relative_error"]
-
 _BINS = 20
 
 

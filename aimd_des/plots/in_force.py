@@ -12,8 +12,6 @@ from aimd_des.results.result import Result
 from aimd_des.results.tracking import piece_problem
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["NEVER", "NOBODY", "Observation", "measured"]
-
 #: What a panel says that would show the agents that are here at the end.
 NOBODY = "Nobody is here at the end of the run."
 #: What a panel over time says that has no number to show.

@@ -17,8 +17,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["heat_map"]
-
 _MOST_NUMBERS = 120
 _MOST_TICKS = 12
 # Both can be told apart by people who see colours differently, and in grey.

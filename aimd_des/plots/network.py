@@ -15,8 +15,6 @@ from aimd_des.plots import style
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["network_map"]
-
 _MOST_NAMES = 30
 # Beyond this many nodes, springs between all pairs take too long.
 _MOST_SPRINGS = 300

@@ -15,8 +15,6 @@ from aimd_des.problem.optimum import Optimum
 from aimd_des.results.result import Result
 from aimd_des.utils.errors import InputError
 
-__all__ = ["figure_makers", "paper_figures"]
-
 _PANEL = (4.3, 3.7)  # inches: text of the default size stays readable on a page
 
 _Panel = tuple[str, Callable[[Axes], Axes]]

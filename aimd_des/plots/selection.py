@@ -6,8 +6,6 @@ import numpy.typing as npt
 from aimd_des.results.result import Result
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["few_looks", "looks", "typical_agents", "window"]
-
 IndexArray = npt.NDArray[np.intp]
 
 # How many numbers a panel over time may look at: with very many agents, fewer looks are drawn.

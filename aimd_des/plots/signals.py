@@ -11,8 +11,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["demand_and_signals", "signal_raster"]
-
 _MOST_NAMES = 25
 _MOST_ROWS = 100
 

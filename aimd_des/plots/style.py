@@ -13,21 +13,6 @@ from aimd_des.problem.problem import Problem, Resource
 from aimd_des.results.result import Result
 from aimd_des.utils import formatting
 
-__all__ = [
-    "REFERENCE",
-    "axis_label",
-    "colour",
-    "colour_bar",
-    "frame",
-    "name_resources",
-    "note",
-    "number_axis",
-    "plain",
-    "resource_label",
-    "shared_legend",
-    "time_axis",
-]
-
 # Okabe and Ito's colours, which stay apart for all common kinds of colour blindness; yellow is
 # left out as too pale for lines.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")

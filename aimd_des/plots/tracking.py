@@ -7,8 +7,6 @@ from aimd_des.plots.allocations import NOT_RECORDED
 from aimd_des.plots.in_force import NEVER
 from aimd_des.results.result import Result
 
-__all__ = ["tracking_error", "tracking_level"]
-
 
 def tracking_error(axes: Axes, result: Result) -> Axes:
     """Draw how far the averages are from the optimum that is in force, through all interventions.

@@ -7,8 +7,6 @@ import numpy as np
 from aimd_des.problem.problem import Problem
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Scale", "comparable", "scale_for_agents", "scale_for_totals", "units_of"]
-
 # Beyond this ratio of the largest to the smallest, curves do not share an axis in their own units.
 _COMPARABLE = 10.0
 _LONGEST_UNIT = 32

@@ -9,8 +9,6 @@ import pandas as pd
 
 from aimd_des.plots import colour
 
-__all__ = ["REFERENCE", "chosen", "data", "finished", "resource_colour", "rounded", "slid"]
-
 #: Of lines that are no data; seen on light and on dark ground.
 REFERENCE = "#808890"
 _HEIGHT = 260

@@ -11,10 +11,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from aimd_des._version import __version__
-from aimd_des.study.store import write_file
+from aimd_des.study.seal import write_file
 from aimd_des.utils.errors import InputError
-
-__all__ = ["Chart", "Choice", "Page", "PageTable", "Slider", "Verdict", "check_page", "render", "write_page"]
 
 _LIBRARIES = ("altair", "jinja2", "vl_convert")
 

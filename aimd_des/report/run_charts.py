@@ -11,8 +11,6 @@ from aimd_des.report.charts import REFERENCE, chosen, data, finished, resource_c
 from aimd_des.report.html_page import Chart, Choice, Slider
 from aimd_des.utils.formatting import grouped
 
-__all__ = ["demand_charts", "over_capacity", "settling_chart", "share_chart", "window_controls"]
-
 # What a page can hold, and an eye can see.
 _MOST_ROWS = 12_000
 _MOST_SIGNALS = 6_000

@@ -11,8 +11,6 @@ from aimd_des.results.measures import measure_words
 from aimd_des.scenario.run_folder import StoredRun
 from aimd_des.utils.formatting import short
 
-__all__ = ["report_run"]
-
 _FRAMES = ("demand", "signals", "allocations")
 # What an earlier version did not write.
 _OLD = "the folder has no {}.parquet; run the scenario again to see this"

@@ -11,8 +11,6 @@ from aimd_des.report.html_page import Chart, Choice, Slider
 from aimd_des.report.verdicts import JUDGED
 from aimd_des.results.measures import MEASURES
 
-__all__ = ["Along", "line_chart", "map_chart", "study_controls"]
-
 
 class Along(NamedTuple):
     """An axis of the study as charts have it; axes that vary together are one.

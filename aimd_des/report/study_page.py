@@ -14,8 +14,6 @@ from aimd_des.study import StudyResults, summarise
 from aimd_des.study.results import run_away_words
 from aimd_des.utils.formatting import interval, short
 
-__all__ = ["report_study"]
-
 _MOST_FAILURES = 20
 _MOST_MEASURES = 8
 

@@ -8,8 +8,6 @@ from aimd_des.report.html_page import Verdict
 from aimd_des.results.measures import MEASURES
 from aimd_des.utils.formatting import percent
 
-__all__ = ["JUDGED", "verdict"]
-
 
 class Judgement(NamedTuple):
     """How the page judges a measure.

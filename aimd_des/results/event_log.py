@@ -11,8 +11,6 @@ import pandas as pd
 from aimd_des.results.frames import categorical
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Entry", "EventLog", "LogEntry"]
-
 #: Time, kind (`Entry`), resource, agent, number of the broadcast, value.
 LogEntry = tuple[float, int, int, int, int, float]
 

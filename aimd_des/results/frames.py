@@ -6,8 +6,6 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-__all__ = ["categorical", "columns_now", "name_as_written", "safe_names"]
-
 # What a spreadsheet takes for the beginning of a formula, and the sign by which it takes it for text.
 _FORMULAS = ("=", "+", "-", "@", "\t", "\r")
 _TEXT = "'"

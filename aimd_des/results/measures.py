@@ -19,8 +19,6 @@ from aimd_des.results.run_data import Account, Piece
 from aimd_des.results.tracking import piece_problem
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["FIRST", "MEASURES", "Measure", "Measured", "measure_words"]
-
 
 @dataclass(frozen=True, eq=False)
 class Measured:

@@ -9,18 +9,6 @@ from aimd_des.problem.costs import Costs
 from aimd_des.utils.jit import kernel
 from aimd_des.utils.validation import FloatArray
 
-__all__ = [
-    "Overshoot",
-    "Stretch",
-    "consensus_spread",
-    "cost_ratio",
-    "fold_overshoot",
-    "load_of",
-    "overshoot_of",
-    "relative_error",
-    "utilisation",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class Overshoot:

@@ -14,8 +14,6 @@ import numpy.typing as npt
 from aimd_des.results.run_data import Signals
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Opportunities", "overload_words", "run_away"]
-
 # Of the second half of a run: mean demand over the capacity, the part of the opportunities to signal, of
 # which there must be so many for that to mean anything, and signals in a row.  Far above the capacity less is
 # enough: where all agents grow by several capacities in a step one look in ten sees little left.

@@ -11,8 +11,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Recording", "Times"]
-
 #: When to look: "end", "auto" (a thousand times and the end), a period, or the times themselves.
 Times = Literal["auto", "end"] | float | Sequence[float] | FloatArray
 

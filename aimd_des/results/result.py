@@ -28,8 +28,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError, OverloadWarning
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Result"]
-
 
 class Result:
     """The outcome of one run.

@@ -10,8 +10,6 @@ from aimd_des.problem.costs import Costs
 from aimd_des.results.metrics import Overshoot, Stretch
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Account", "Observations", "Piece", "Signals"]
-
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 

@@ -14,8 +14,6 @@ from aimd_des.results.frames import categorical
 from aimd_des.results.run_data import Observations, Piece
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["PieceOptima", "is_unchanged", "piece_problem", "pieces_frame", "tracking_frame"]
-
 
 def is_unchanged(problem: Problem, piece: Piece) -> bool:
     """Tell whether the problem of a piece is that of the run."""

@@ -14,8 +14,6 @@ from aimd_des.study.columns import LABELS
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 
-__all__ = ["Axis", "Setting", "StudyTable", "Value"]
-
 Value = bool | int | float | str
 
 #: A position along an axis: how it is called in the column, and the keys of the scenario that it sets.

@@ -5,8 +5,6 @@ from difflib import get_close_matches
 from aimd_des.results.measures import MEASURES
 from aimd_des.utils.errors import InputError
 
-__all__ = ["FRAMES", "LABELS", "known_frame", "known_measure"]
-
 #: What a row is of, besides the axes; no axis may have such a name.
 LABELS = ("point", "replication", "seed", "key", "digest", "resource", "until")
 

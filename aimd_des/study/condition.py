@@ -8,8 +8,6 @@ from typing import Any
 
 from aimd_des.utils.errors import InputError
 
-__all__ = ["Condition"]
-
 # No powers: 9**9**9 would keep a computer busy.
 _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Eq: operator.eq,

@@ -10,8 +10,6 @@ from aimd_des.study.worker_task import Outcome, Task, perform
 from aimd_des.study.workers import Pool
 from aimd_des.utils.errors import SimulationError
 
-__all__ = ["execute"]
-
 _DIED = (
     "the worker process died while it ran this, and twice again when nothing else ran: it ran out of memory,"
     " was killed from outside, or crashed in compiled code"

@@ -13,8 +13,6 @@ from aimd_des.study.study import Study
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
-__all__ = ["read_study"]
-
 
 def read_study(path: str | Path, settings: Mapping[str, Any] | None = None) -> Study:
     """Read a study from a TOML file.

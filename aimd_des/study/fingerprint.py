@@ -16,8 +16,6 @@ import numpy as np
 
 from aimd_des.problem.problem import Problem
 
-__all__ = ["FORM", "fingerprint", "problem_digests"]
-
 #: Raised where the same problem gets other digests than before: they cannot be compared then.
 FORM = 1
 

@@ -12,8 +12,6 @@ from pathlib import Path
 
 from aimd_des.utils.errors import InputError
 
-__all__ = ["LOCK", "alone", "exclusive", "private_folder"]
-
 #: The file of the lock of a folder.
 LOCK = ".lock"
 

@@ -19,8 +19,6 @@ import numpy as np
 
 from aimd_des.utils.errors import InputError
 
-__all__ = ["decoded", "encoded"]
-
 _ALLOWED = (
     "numbers, strings, NumPy arrays of them, and lists, tuples, mappings, NamedTuples and frozen dataclasses"
     " of such, with classes of a module"

@@ -17,8 +17,6 @@ from aimd_des.study.store import STUDY_FILE, Store
 from aimd_des.study.study import Study, shown_labels, stored_study
 from aimd_des.utils.errors import InputError
 
-__all__ = ["digests_of", "earlier_replications", "plan_table", "planned"]
-
 _LOGGER = logging.getLogger("aimd_des")
 
 # What a plan has behind the axes.

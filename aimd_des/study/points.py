@@ -18,8 +18,6 @@ from aimd_des.study.fingerprint import problem_digests
 from aimd_des.study.study import Study, place_of, shown_labels
 from aimd_des.utils.errors import InputError
 
-__all__ = ["Job", "Point", "Run", "expand", "problem_words", "run_of"]
-
 # What a seed is for: the first word of its spawn key. They never change.
 _PAIRED, _UNPAIRED = 0, 1
 

@@ -24,8 +24,6 @@ from aimd_des.utils.errors import InputError, SimulationError
 from aimd_des.utils.folders import check_folder
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["jackknife", "mean_and_error", "replicate"]
-
 _Outcome = TypeVar("_Outcome")
 _Call = tuple[Callable[[int], _Outcome], int]
 

@@ -18,8 +18,6 @@ from aimd_des.study.study import Study, stored_study
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
-__all__ = ["StudyResults", "load_study", "run_away_words"]
-
 
 def load_study(folder: str | Path) -> "StudyResults":
     """Open the folder of a study, whether or not all of its runs are there.

@@ -25,8 +25,6 @@ from aimd_des.study.workers import Given, Pool, Processes
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError, OverloadWarning
 
-__all__ = ["Tally", "run_study"]
-
 _LOGGER = logging.getLogger("aimd_des")
 
 # Of files that are damaged so many are named.

@@ -18,18 +18,6 @@ from aimd_des.study.axis import Axis
 from aimd_des.study.points import problem_words
 from aimd_des.study.study import Study
 
-__all__ = [
-    "RUN_AWAY",
-    "SCENARIO",
-    "VERSIONS",
-    "axis_fields",
-    "frame_table",
-    "plan_schema",
-    "run_schema",
-    "run_table",
-    "summary_of",
-]
-
 #: Where the metadata of a file hold the scenario of its run, as TOML.
 SCENARIO = b"aimd_des.scenario"
 #: And where the versions that made it, as JSON.

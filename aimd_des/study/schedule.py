@@ -9,8 +9,6 @@ from aimd_des.study.points import Point, Run, run_of
 from aimd_des.study.statistics.stopping import replications_needed
 from aimd_des.study.study import Precision, Study
 
-__all__ = ["Schedule"]
-
 
 @dataclass
 class _PointProgress:

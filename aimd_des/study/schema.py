@@ -5,8 +5,6 @@ from typing import Any
 from aimd_des.scenario.schema import file_schema, scenario_schema
 from aimd_des.study.study import Study
 
-__all__ = ["study_schema"]
-
 # What a file may say besides, and what is made of it when it is read.
 _OF_FILES = {
     "base": "The scenario file on which the scenario is based, seen from this file.",

@@ -15,8 +15,6 @@ import pyarrow as pa
 
 from aimd_des.utils.errors import InputError
 
-__all__ = ["is_left", "read_sealed", "sweep_left", "unsealed", "write_file", "write_sealed"]
-
 # What stands before and after the digest.  In JSON it is the last key, in TOML a comment at the end; in
 # Parquet it stands between the last page and the footer, where nothing points to.
 _FORMS = {

@@ -17,11 +17,9 @@ from aimd_des._version import RESULT_VERSION
 from aimd_des.results.frames import columns_now
 from aimd_des.study.columns import FRAMES
 from aimd_des.study.locks import LOCK, alone
-from aimd_des.study.seal import is_left, read_sealed, sweep_left, write_file, write_sealed
+from aimd_des.study.seal import is_left, read_sealed, sweep_left, write_sealed
 from aimd_des.study.study import Study
 from aimd_des.utils.errors import InputError
-
-__all__ = ["AGAIN", "STUDY_FILE", "Store", "parquet", "write_file"]
 
 _LOGGER = logging.getLogger("aimd_des")
 

@@ -19,8 +19,6 @@ from aimd_des.study.condition import Condition
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 
-__all__ = ["Precision", "Study", "place_of", "shown_labels", "stored_study"]
-
 
 def shown_labels(labels: Mapping[str, Value]) -> str:
     """Name a point by its axes."""

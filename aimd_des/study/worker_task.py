@@ -24,8 +24,6 @@ from aimd_des.study.run_tables import frame_table, run_table, summary_of
 from aimd_des.study.store import Store, parquet
 from aimd_des.utils.errors import OverloadWarning
 
-__all__ = ["Outcome", "Task", "failure", "perform", "present"]
-
 _LOGGER = logging.getLogger("aimd_des")
 
 

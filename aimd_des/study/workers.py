@@ -14,8 +14,6 @@ from typing import Any, Protocol
 from aimd_des.study import worker_task
 from aimd_des.utils.errors import InputError
 
-__all__ = ["Given", "Pool", "Processes", "dask_executor"]
-
 # Workers share the machine run by run: threads of their own would only be in each other's way.
 _ONE_THREAD = dict.fromkeys(
     (

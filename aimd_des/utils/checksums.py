@@ -7,8 +7,6 @@ from pathlib import Path
 
 from aimd_des.utils.errors import InputError
 
-__all__ = ["SUMS", "checksum", "checksums_of", "read_checksums", "verified", "write_checksums"]
-
 #: The file that holds them: a line for each file, its SHA-256 and its name.
 SUMS = "SHA256SUMS"
 

@@ -8,9 +8,6 @@ pools do that).  `OverloadWarning` says that a run did not hold its capacity.
 
 import re
 
-__all__ = ["InputError", "OverloadWarning", "SimulationError"]
-
-
 _LONGEST = 500
 
 # Where an object lies in memory says nothing to anybody, and differs from run to run.

@@ -11,8 +11,6 @@ from pathlib import Path
 
 from aimd_des.utils.errors import InputError
 
-__all__ = ["PROVENANCE", "Place", "TakenError", "check_folder", "new_folder"]
-
 #: The file by which the folder of a run is recognised as one that this program wrote.
 PROVENANCE = "run.json"
 

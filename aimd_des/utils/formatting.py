@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from math import floor, isfinite, isnan, log10
 from typing import Any
 
-__all__ = ["given", "grouped", "interval", "measured", "percent", "short"]
-
 _DIGITS = 4
 _LONGEST_LIST = 6
 

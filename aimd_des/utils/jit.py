@@ -25,8 +25,6 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
 from numba.core.types.misc import unliteral
 from numba.extending import intrinsic, register_jitable
 
-__all__ = ["announced", "formula", "instruction", "kernel", "routine"]
-
 # Nobody has to set up logging to see a warning; whoever does can silence it.
 _LOGGER = logging.getLogger("aimd_des")
 

@@ -5,8 +5,6 @@ import re
 
 from aimd_des.utils.errors import InputError
 
-__all__ = ["memory", "text"]
-
 # Letters of a name, or of a title.
 _LONGEST_TEXT = 500
 # Control characters, what ends a line, and halves of pairs, which no file can hold.

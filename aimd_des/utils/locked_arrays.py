@@ -4,8 +4,6 @@ from typing import Any, TypeVar
 
 import numpy.typing as npt
 
-__all__ = ["locked", "put"]
-
 _Array = TypeVar("_Array", bound=npt.NDArray[Any])
 
 

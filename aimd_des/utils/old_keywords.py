@@ -8,8 +8,6 @@ from typing import Any, TypeVar
 from aimd_des._deprecated import renamed
 from aimd_des.utils.errors import InputError
 
-__all__ = ["KEYWORDS", "keywords", "refuse_both"]
-
 _Made = TypeVar("_Made", bound=Callable[..., Any])
 
 #: Old keywords of functions, which are keys of files too, each with the new one.

@@ -20,8 +20,6 @@ import numpy.typing as npt
 from aimd_des.utils.jit import formula, kernel
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["exp", "expm1", "exps", "log", "log1p", "log_normal", "logs", "standard_normal"]
-
 # log 2 in two parts. The first has 20 bits to spare, so that its product with an exponent is exact.
 _LOG2_HIGH, _LOG2_LOW = float.fromhex("0x1.62e42fee00000p-1"), float.fromhex("0x1.a39ef35793c76p-33")
 _PER_LOG2 = 1.4426950408889634

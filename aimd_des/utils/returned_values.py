@@ -13,8 +13,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["flags", "generator", "having", "instance", "numbers", "said_by"]
-
 BoolArray = npt.NDArray[np.bool_]
 
 _Kind = TypeVar("_Kind")

@@ -20,8 +20,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.jit import instruction, kernel, routine
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Key", "Purpose", "generator", "key", "uniform_at", "uniforms", "uniforms_row"]
-
 Key = tuple[np.uint64, np.uint64]
 
 _MULTIPLIER = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)

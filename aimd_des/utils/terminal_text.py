@@ -2,8 +2,6 @@
 
 import re
 
-__all__ = ["fit"]
-
 # Control characters but the tabulator and the end of a line, what reorders a line, and halves of pairs.
 _STEERING = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"

@@ -12,22 +12,6 @@ import numpy.typing as npt
 
 from aimd_des.utils.errors import InputError
 
-__all__ = [
-    "FloatArray",
-    "array",
-    "axes",
-    "choice",
-    "elements",
-    "fits",
-    "flag",
-    "instance",
-    "instances",
-    "integer",
-    "number",
-    "path",
-    "per_agent",
-]
-
 FloatArray = npt.NDArray[np.float64]
 
 _Value = TypeVar("_Value")

@@ -20,8 +20,6 @@ from aimd_des.results.run_data import Piece
 from aimd_des.results.tracking import piece_problem
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Monitor", "Snapshot", "last_snapshot"]
-
 # To measure the misallocation an optimum is solved for: seconds, for more agents.
 _MOST_AGENTS = 20_000
 # Of the time for which a run is watched, at most one part in so many goes into that.

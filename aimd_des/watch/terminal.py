@@ -20,8 +20,6 @@ from aimd_des.utils.formatting import grouped, percent
 from aimd_des.utils.terminal_text import fit
 from aimd_des.watch.monitor import Snapshot
 
-__all__ = ["LiveView", "PlainView", "View", "sparkline"]
-
 # How often a run is looked at, in lines and as fast as it goes.
 _LINES, _LOOKS = 20, 1000
 # Seconds between two pictures.

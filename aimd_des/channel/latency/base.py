@@ -11,8 +11,6 @@ from aimd_des.utils import returned_values
 from aimd_des.utils.rng import Purpose
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Latency", "Parametrised", "draw_latency"]
-
 
 @runtime_checkable
 class Latency(Protocol):

@@ -11,8 +11,6 @@ from aimd_des.channel.parameters import LONGEST, scalar_or_row
 from aimd_des.utils import validation
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Constant"]
-
 
 @dataclass(frozen=True, eq=False)
 class Constant(Parametrised):

@@ -15,8 +15,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Empirical"]
-
 
 @dataclass(frozen=True, eq=False)
 class Empirical(Parametrised):

@@ -8,8 +8,6 @@ from aimd_des.channel.latency.kernels import Distribution, LatencyTable, latency
 from aimd_des.channel.parameters import LONGEST, fit, scalar_or_row, take
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["ShiftedGamma"]
-
 # Beyond the first, the power of a uniform number is 0; beyond the second, the test for acceptance
 # loses the digits that it needs.
 _SMALLEST_SHAPE, _LARGEST_SHAPE = 1e-6, 1e9

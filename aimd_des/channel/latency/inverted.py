@@ -13,8 +13,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.portable_math import expm1, exps, log1p
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Exponential", "LogNormal", "Pareto", "Uniform"]
-
 # The largest uniform number is 1 - 2**-53: with this shape its latency is 2**530 times the minimum.
 _SMALLEST_PARETO_SHAPE = 0.1
 

@@ -28,8 +28,6 @@ from aimd_des.utils.portable_math import exp, log, log_normal, standard_normal
 from aimd_des.utils.rng import Key, uniform_at, uniforms_row
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Distribution", "LatencyTable", "latency_row", "latency_table", "quantile_row"]
-
 # Far from the numbers of any attempt.
 _POWER = 1 << 31
 

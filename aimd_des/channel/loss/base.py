@@ -8,8 +8,6 @@ import numpy.typing as npt
 from aimd_des.channel.random_draws import Draws
 from aimd_des.utils import returned_values
 
-__all__ = ["BoolArray", "Loss", "LossProcess", "draw_loss", "start_loss"]
-
 BoolArray = npt.NDArray[np.bool_]
 
 

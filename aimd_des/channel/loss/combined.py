@@ -15,8 +15,6 @@ from aimd_des.channel.random_draws import Draws
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Combined"]
-
 
 class Combined:
     """A copy is lost if any of several models says so; they are independent of each other.

@@ -20,8 +20,6 @@ from aimd_des.channel.loss.kernels import Cause, TabledLoss, loss_table
 from aimd_des.channel.parameters import LONGEST, fit, scalar_or_row, take
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["GilbertElliott"]
-
 
 @dataclass(frozen=True, eq=False)
 class GilbertElliott:

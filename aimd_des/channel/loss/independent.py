@@ -10,8 +10,6 @@ from aimd_des.channel.parameters import scalar_or_row
 from aimd_des.utils import validation
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Bernoulli", "CommonMode"]
-
 
 @dataclass(frozen=True, eq=False)
 class Bernoulli:

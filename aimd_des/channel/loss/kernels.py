@@ -15,8 +15,6 @@ from aimd_des.utils.portable_math import exp
 from aimd_des.utils.rng import Key, Purpose, uniform_at, uniforms_row
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Cause", "LossTable", "TabledLoss", "join", "loss_row", "loss_table", "refuse_loss"]
-
 IntArray = npt.NDArray[np.int64]
 
 

@@ -15,8 +15,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Trace"]
-
 _WORDS = {"0": False, "1": True, "false": False, "true": True}
 _REMEDY = "one row for each broadcast, and either no columns or one for each agent"
 

@@ -15,8 +15,6 @@ if TYPE_CHECKING:  # the class has parameters in the stubs only
 else:
     Graph = nx.Graph
 
-__all__ = ["HIGHEST", "Graph", "edge_number", "known_node", "near", "simple_graph"]
-
 #: The attributes of every edge, and the largest number that each may hold.
 HIGHEST = {"latency": LONGEST, "loss": 1.0}
 

@@ -22,8 +22,6 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Key, Purpose
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["FloodChannel", "TreeChannel", "flood", "tree"]
-
 
 @dataclass(frozen=True, eq=False)
 class _NetworkChannel:

@@ -13,8 +13,6 @@ from aimd_des.channel.topology.attributes import HIGHEST, Graph, edge_number, kn
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
-__all__ = ["from_edges", "from_graphml"]
-
 # Of attributes in GraphML, as far as networkx reads them.
 _TYPES = {"boolean", "int", "integer", "long", "float", "double", "string"}
 

@@ -13,8 +13,6 @@ from aimd_des.channel.topology.attributes import HIGHEST, Graph, known_node
 from aimd_des.utils import rng, validation
 from aimd_des.utils.rng import Purpose
 
-__all__ = ["balanced_tree", "grid", "random_geometric", "star"]
-
 # Positions stand apart from the numbers that problems of the same seed are made from.
 _LANE = 1
 

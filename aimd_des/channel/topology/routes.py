@@ -20,8 +20,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Routes", "find_routes"]
-
 IntArray = npt.NDArray[np.int64]
 Arc = tuple[int, int]
 

@@ -22,8 +22,6 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Key, Purpose
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["estimated_statistics", "tree_statistics"]
-
 
 def tree_statistics(routes: Routes, latency: object, loss: object) -> pd.DataFrame:
     """Compute the statistics of a tree."""

@@ -22,8 +22,6 @@ import numpy as np
 from aimd_des.problem.optimum.starting_point import ScaledCosts, power_law_start
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Iterate", "follow_central_path", "kkt_residual"]
-
 # A multiple of each block's diagonal that keeps it invertible where the Hessian is singular (costs
 # that are linear in some direction).  It bends the Newton direction a little, never the solution.
 _REGULARIZATION = 1e-14

@@ -13,8 +13,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["in_f_delta", "normalization_factors"]
-
 _N_SAMPLES = 64
 # The search moves by this factor at first, and halves the move wherever it leads no further up.
 _FIRST_FACTOR = 2.0

@@ -15,8 +15,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import SimulationError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Optimum", "solve_optimum"]
-
 
 @dataclass(frozen=True, eq=False)
 class Optimum:

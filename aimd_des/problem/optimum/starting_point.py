@@ -7,8 +7,6 @@ import numpy as np
 from aimd_des.problem.costs import Costs
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["ScaledCosts", "power_law_start"]
-
 # More sweeps, or smaller shares, were no better on trials with coefficients from 1e-6 to 1e6.
 _SWEEPS = 8
 _SMALLEST_SHARE = 1e-13

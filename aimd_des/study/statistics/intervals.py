@@ -11,8 +11,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Interval", "difference", "mean_interval", "paired_difference", "quantile"]
-
 
 @dataclass(frozen=True)
 class Interval:

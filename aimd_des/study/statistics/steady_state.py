@@ -10,8 +10,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["BatchMeans", "batch_means", "mser"]
-
 # Fewer batches than these say nothing about where a start ends.
 _FEWEST = 10
 

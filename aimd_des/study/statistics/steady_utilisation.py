@@ -11,8 +11,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["steady_utilisation"]
-
 # Looks may lie so much farther apart in one place than in another: whole steps cannot be spread evenly.
 _MOST_UNEVEN = 2.5
 # How far apart two integrals of the same may be, relatively: 1e7 additions, each rounded by 1e-16.

@@ -9,8 +9,6 @@ from aimd_des.study.statistics.intervals import mean_interval
 from aimd_des.utils import validation
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["replications_needed"]
-
 # No more than so many times as many in one step: a half-width from few values is itself uncertain.
 _MOST_GROWTH = 2.0
 # Of successes and of failures, before the interval of a share means something.

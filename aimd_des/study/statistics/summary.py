@@ -13,8 +13,6 @@ from aimd_des.study.columns import LABELS
 from aimd_des.study.statistics.intervals import quantile
 from aimd_des.utils.errors import InputError
 
-__all__ = ["compare", "summarise"]
-
 _PAIR = "replication"
 _AT_BASELINE = " at the baseline"
 
