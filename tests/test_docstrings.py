@@ -125,6 +125,26 @@ def described_fields(cls: type) -> set[str]:
     return {name for name, field in fields.items() if getattr(field, "description", None)}
 
 
+@functools.cache
+def contracts() -> list[type]:
+    """Protocols: what a class owes to one is described there, once for all classes."""
+    return [
+        thing
+        for name in MODULES
+        for thing in vars(importlib.import_module(name)).values()
+        if isinstance(thing, type) and thing.__module__ == name and getattr(thing, "_is_protocol", False)
+    ]
+
+
+def owed(cls: type) -> set[str]:
+    """Methods that a base or a contract asks for: what they take and return is said there."""
+    found = {name for base in cls.__mro__[1:-1] for name in vars(base)}
+    for contract in contracts():
+        names = {name for name in {*vars(contract), *contract.__annotations__} if not name.startswith("_")}
+        found |= names if all(hasattr(cls, name) for name in names) else set()
+    return found
+
+
 def class_gaps(name: str, cls: type) -> Iterator[str]:
     """What the docstrings of a class and of its own public methods leave out."""
     if not cls.__doc__:
@@ -145,7 +165,9 @@ def class_gaps(name: str, cls: type) -> Iterator[str]:
             continue
         one_line = "\n" not in (function.__doc__ or "\n").strip()
         if getattr(cls, "_is_protocol", False) and (one_line or key in known):
-            continue  # those who implement a protocol document its methods
+            continue  # a contract says it in a sentence
+        if function.__doc__ and not is_property and key in owed(cls):
+            continue
         if is_property:
             if not function.__doc__ and key not in known:
                 yield f"{name}.{key}: no docstring"

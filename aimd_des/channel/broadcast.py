@@ -150,7 +150,7 @@ class Channel(Protocol):
     """Anything that carries broadcasts."""
 
     def open(self, n_agents: int, keys: Mapping[Purpose, Key]) -> Link:
-        """Begin a run with n agents and the run's keys of random numbers."""
+        """Begin a run with n agents and the run's keys of random numbers; refuse what does not fit n."""
         ...
 
 
@@ -189,25 +189,7 @@ class BroadcastChannel:
         object.__setattr__(self, "duplication", duplication)
 
     def open(self, n_agents: int, keys: Mapping[Purpose, Key]) -> Link:
-        """Begin a run.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-        keys : mapping of Purpose to Key
-            The run's keys of random numbers.
-
-        Returns
-        -------
-        Link
-            The channel in this run.
-
-        Raises
-        ------
-        InputError
-            If there is a value for each agent somewhere and their number is not n.
-        """
+        """Begin a run."""
         assert isinstance(self.latency, Latency)  # noqa: S101 - __post_init__ saw to it
         assert isinstance(self.loss, Loss)  # noqa: S101
         self.latency.check(n_agents)

@@ -36,18 +36,7 @@ class Parametrised:
     _each: ClassVar[tuple[str, ...]]
 
     def check(self, n_agents: int) -> None:
-        """Refuse parameters that are given for each agent and do not number n.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-
-        Raises
-        ------
-        InputError
-            Naming both lengths.
-        """
+        """Refuse parameters that are given for each agent and do not number n."""
         fit(self, self._each, n_agents)
 
     def table(self, n_agents: int) -> LatencyTable:
@@ -66,18 +55,7 @@ class Parametrised:
         raise NotImplementedError
 
     def draw(self, draws: Draws) -> FloatArray:
-        """Return the latency of each agent's copy.
-
-        Parameters
-        ----------
-        draws : Draws
-            The broadcast's random numbers.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            In units of time.
-        """
+        """Return the latency of each agent's copy."""
         out, spare = np.empty((2, draws.n_agents))
         address = draws.keys[Purpose.LATENCY], draws.resource, draws.number, draws.lane(0)
         latency_row(self.table(draws.n_agents), *address, out, spare)

@@ -44,31 +44,9 @@ class Constant(Parametrised):
         return scalar_or_row(np.zeros(np.shape(self.value)))
 
     def check(self, n_agents: int) -> None:
-        """Refuse a latency for each agent where their number is not n.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-
-        Raises
-        ------
-        InputError
-            Naming both lengths.
-        """
+        """Refuse a latency for each agent where their number is not n."""
         validation.fits("latency", self.value, n_agents)
 
     def table(self, n_agents: int) -> LatencyTable:
-        """Lay out the model for compiled code.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-
-        Returns
-        -------
-        LatencyTable
-            The distribution and its parameters.
-        """
+        """Lay out the model for compiled code."""
         return latency_table(Distribution.CONSTANT, n_agents, self.value)

@@ -92,18 +92,7 @@ class Empirical(Parametrised):
         return math.fsum(self.values.tolist()) / len(self.values)
 
     def table(self, n_agents: int) -> LatencyTable:
-        """Lay out the model for compiled code.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-
-        Returns
-        -------
-        LatencyTable
-            The distribution and its parameters.
-        """
+        """Lay out the model for compiled code."""
         return latency_table(Distribution.EMPIRICAL, n_agents, self.scale, values=self.values)
 
 

@@ -53,16 +53,5 @@ class ShiftedGamma(Parametrised):
         return scalar_or_row(self.shape * (self.scale * self.scale))
 
     def table(self, n_agents: int) -> LatencyTable:
-        """Lay out the model for compiled code.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-
-        Returns
-        -------
-        LatencyTable
-            The distribution and its parameters.
-        """
+        """Lay out the model for compiled code."""
         return latency_table(Distribution.GAMMA, n_agents, self.shape, self.scale, self.shift)

@@ -62,18 +62,7 @@ class Uniform(Parametrised):
         return scalar_or_row(width * width / 12.0)
 
     def table(self, n_agents: int) -> LatencyTable:
-        """Lay out the model for compiled code.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-
-        Returns
-        -------
-        LatencyTable
-            The distribution and its parameters.
-        """
+        """Lay out the model for compiled code."""
         return latency_table(Distribution.UNIFORM, n_agents, self.low, self.high)
 
 
@@ -104,18 +93,7 @@ class Exponential(Parametrised):
         return scalar_or_row(self.mean * self.mean)
 
     def table(self, n_agents: int) -> LatencyTable:
-        """Lay out the model for compiled code.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-
-        Returns
-        -------
-        LatencyTable
-            The distribution and its parameters.
-        """
+        """Lay out the model for compiled code."""
         return latency_table(Distribution.EXPONENTIAL, n_agents, self.mean)
 
 
@@ -195,18 +173,7 @@ class LogNormal(Parametrised):
         return scalar_or_row(self.std * self.std)
 
     def table(self, n_agents: int) -> LatencyTable:
-        """Lay out the model for compiled code.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-
-        Returns
-        -------
-        LatencyTable
-            The distribution and its parameters.
-        """
+        """Lay out the model for compiled code."""
         return latency_table(Distribution.LOGNORMAL, n_agents, self.median, self.sigma)
 
 
@@ -252,16 +219,5 @@ class Pareto(Parametrised):
         return scalar_or_row(np.where(np.isfinite(shape), finite, np.inf))
 
     def table(self, n_agents: int) -> LatencyTable:
-        """Lay out the model for compiled code.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-
-        Returns
-        -------
-        LatencyTable
-            The distribution and its parameters.
-        """
+        """Lay out the model for compiled code."""
         return latency_table(Distribution.PARETO, n_agents, self.shape, self.minimum)

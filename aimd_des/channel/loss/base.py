@@ -24,7 +24,7 @@ class Loss(Protocol):
     """A model of loss, which starts afresh with every run."""
 
     def start(self, n_agents: int) -> LossProcess:
-        """Begin a run with n agents."""
+        """Begin a run with n agents; refuse parameters that are given for each and do not number n."""
         ...
 
 

@@ -66,23 +66,7 @@ class Combined:
         return scalar_or_row(1.0 - kept)
 
     def start(self, n_agents: int) -> LossProcess:
-        """Begin a run of every model.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-
-        Returns
-        -------
-        LossProcess
-            All of them.
-
-        Raises
-        ------
-        InputError
-            If there is a value for each agent somewhere and their number is not n.
-        """
+        """Begin a run of every model."""
         processes = [start_loss(part, n_agents) for part in self.losses]
         tables = [process.table for process in processes if type(process) is TabledLoss]
         return TabledLoss(join(tables)) if len(tables) == len(processes) else _Parts(processes)

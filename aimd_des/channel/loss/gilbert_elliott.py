@@ -69,22 +69,6 @@ class GilbertElliott:
         return scalar_or_row(1.0 / (self.mean_burst * (1.0 - np.asarray(self.mean_loss))))
 
     def start(self, n_agents: int) -> TabledLoss:
-        """Begin a run, with links as they are in the long run.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-
-        Returns
-        -------
-        TabledLoss
-            The links of all agents.
-
-        Raises
-        ------
-        InputError
-            If there is a value for each agent and their number is not n.
-        """
+        """Begin a run, with links as they are in the long run."""
         fit(self, self._each, n_agents)
         return TabledLoss(loss_table(Cause.BURSTS, n_agents, self.mean_loss, self.rate))

@@ -39,23 +39,7 @@ class Bernoulli:
         return scalar_or_row(self.probability)
 
     def start(self, n_agents: int) -> TabledLoss:
-        """Begin a run: independent losses remember nothing.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-
-        Returns
-        -------
-        TabledLoss
-            The losses of the run.
-
-        Raises
-        ------
-        InputError
-            If there is a probability for each agent and their number is not n.
-        """
+        """Begin a run: independent losses remember nothing."""
         validation.fits("loss", self.probability, n_agents)
         cause = Cause.CHANCE if np.any(self.probability) else Cause.NOTHING
         return TabledLoss(loss_table(cause, n_agents, self.probability))
@@ -88,16 +72,5 @@ class CommonMode:
         return self.probability
 
     def start(self, n_agents: int) -> TabledLoss:
-        """Begin a run: independent losses remember nothing.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-
-        Returns
-        -------
-        TabledLoss
-            The losses of the run.
-        """
+        """Begin a run: independent losses remember nothing."""
         return TabledLoss(loss_table(Cause.COMMON, n_agents, self.probability))

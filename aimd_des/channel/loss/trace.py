@@ -87,23 +87,7 @@ class Trace:
         return scalar_or_row(lost.sum(axis=0) / len(lost))
 
     def start(self, n_agents: int) -> TabledLoss:
-        """Begin a run at the first row.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-
-        Returns
-        -------
-        TabledLoss
-            A reading of the record.
-
-        Raises
-        ------
-        InputError
-            If the record is for another number of agents.
-        """
+        """Begin a run at the first row."""
         lost = np.asarray(self.lost)
         if lost.ndim > 1 and lost.shape[1] != n_agents:
             raise InputError.of("shape of Trace.lost", lost.shape, f"({len(lost)}, {n_agents})", _REMEDY)

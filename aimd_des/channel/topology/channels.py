@@ -36,26 +36,7 @@ class _NetworkChannel:
         self.latency.check(len(self.routes.head))
 
     def open(self, n_agents: int, keys: Mapping[Purpose, Key]) -> Link:
-        """Begin a run.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-        keys : mapping of Purpose to Key
-            The run's keys of random numbers.
-
-        Returns
-        -------
-        Link
-            The channel in this run.
-
-        Raises
-        ------
-        InputError
-            If the network has not n agents, or there is a value for each arc somewhere and their number
-            is not that of the arcs.
-        """
+        """Begin a run; refuse a network without n agents, and values for arcs that are too few or many."""
         if len(self.routes.agents) != n_agents:
             remedy = "name the agents among the nodes by `agents`; the others are relays"
             raise InputError.of("agents of the network", len(self.routes.agents), f"{n_agents}", remedy)
