@@ -24,32 +24,19 @@ BoolArray = npt.NDArray[np.bool_]
 
 
 class NetworkTable(NamedTuple):
-    """A network for compiled code, with working memory; all arrays are empty where there is none.
+    """A network for compiled code, with working memory; all arrays are empty where there is none."""
 
-    Attributes
-    ----------
-    first : ndarray of int, shape (v + 1,)
-        Where the arcs out of each node begin in `arc` and `head`, and where the last ones end; node 0
-        is the control unit's, and nodes stand in the order of their nominal distance from it.
-    arc, head : ndarray of int, shape (a,)
-        Number of an arc, which is the address of its draws, and the node to which it leads.
-    agent : ndarray of int, shape (n,)
-        The node of each agent.
-    latency : ndarray, shape (a,)
-        Receives the latencies of a broadcast, by number of the arc.
-    time : ndarray, shape (v,)
-        Working memory, and so is `fresh`, (v,): nodes whose time the next ones have not seen.
-    fresh : ndarray of bool, shape (v,)
-        See there.
-    """
-
+    # (v + 1,): where the arcs out of each node begin in `arc` and `head`, and where the last ones end; node 0
+    # is the control unit's, and nodes stand in the order of their nominal distance from it.
     first: IntArray
+    # (a,): number of an arc, which is the address of its draws, and the node to which it leads.
     arc: IntArray
     head: IntArray
-    agent: IntArray
-    latency: FloatArray
+    agent: IntArray  # (n,): the node of each agent
+    latency: FloatArray  # (a,): receives the latencies of a broadcast, by number of the arc
+    # (v,): working memory, and so is `fresh`, (v,): nodes whose time the next ones have not seen.
     time: FloatArray
-    fresh: BoolArray
+    fresh: BoolArray  # (v,): see there
 
 
 def network_table(

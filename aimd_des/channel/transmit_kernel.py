@@ -21,43 +21,21 @@ class ChannelTable(NamedTuple):
     """A channel in one run, for compiled code, with its memory.
 
     Its a links are those of the n agents or, where there is a network, the arcs of that.
-
-    Attributes
-    ----------
-    latency : LatencyTable
-        The model of latency, for each link.
-    loss : LossTable
-        The model of loss, for each link.
-    duplication : ndarray, shape (n,)
-        Probability that a copy which is not lost arrives twice.
-    duplicates : bool
-        Whether any can.
-    fifo : bool
-        Whether each agent's link keeps the order of what is sent over it.
-    latest : ndarray, shape (n,)
-        The last arrival on each link, kept where links are FIFO.
-    latency_key, loss_key, duplication_key : tuple of two uint64
-        The run's keys.
-    lost : ndarray of bool, shape (a,)
-        Working memory, and so is `spare`, (a,).
-    spare : ndarray, shape (a,)
-        See there.
-    network : NetworkTable
-        Over which copies travel; empty where each agent has a link of its own.
     """
 
-    latency: LatencyTable
-    loss: LossTable
-    duplication: FloatArray
-    duplicates: bool
-    fifo: bool
-    latest: FloatArray
+    latency: LatencyTable  # the model of latency, for each link
+    loss: LossTable  # the model of loss, for each link
+    duplication: FloatArray  # (n,): probability that a copy which is not lost arrives twice
+    duplicates: bool  # whether any can
+    fifo: bool  # whether each agent's link keeps the order of what is sent over it
+    latest: FloatArray  # (n,): the last arrival on each link, kept where links are FIFO
+    # The run's keys.
     latency_key: Key
     loss_key: Key
     duplication_key: Key
-    lost: BoolArray
-    spare: FloatArray
-    network: NetworkTable
+    lost: BoolArray  # (a,): working memory, and so is `spare`, (a,)
+    spare: FloatArray  # (a,): see there
+    network: NetworkTable  # over which copies travel; empty where each agent has a link of its own
 
 
 def channel_table(

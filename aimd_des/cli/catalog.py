@@ -13,18 +13,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Topic:
-    """Something that can be listed.
+    """Something that can be listed."""
 
-    Attributes
-    ----------
-    title : str
-        What it is, and how a name of it is used.
-    group : str
-        The group of kinds; scenarios are none.
-    """
-
-    title: str
-    group: str = ""
+    title: str  # what it is, and how a name of it is used
+    group: str = ""  # the group of kinds; scenarios are none
 
 
 #: What is listed, by the word for it.
@@ -46,43 +38,21 @@ _FOLDERS = (".", "scenarios")
 
 @dataclass(frozen=True)
 class Key:
-    """A parameter, as it stands in a scenario file.
+    """A parameter, as it stands in a scenario file."""
 
-    Attributes
-    ----------
-    name : str
-        How it is called.
-    required : bool
-        Whether it must be given.
-    default : str
-        What holds unless it is given, as TOML has it.
-    meaning : str
-        In a line or more.
-    """
-
-    name: str
-    required: bool
-    default: str
-    meaning: str
+    name: str  # how it is called
+    required: bool  # whether it must be given
+    default: str  # what holds unless it is given, as TOML has it
+    meaning: str  # in a line or more
 
 
 @dataclass(frozen=True)
 class CatalogEntry:
-    """Something that has a name.
+    """Something that has a name."""
 
-    Attributes
-    ----------
-    name : str
-        As it is used.
-    meaning : str
-        In one line.
-    parameters : tuple of Key
-        What it takes.
-    """
-
-    name: str
-    meaning: str
-    parameters: tuple[Key, ...] = ()
+    name: str  # as it is used
+    meaning: str  # in one line
+    parameters: tuple[Key, ...] = ()  # what it takes
 
 
 def entries(topic: str) -> list[CatalogEntry]:

@@ -19,24 +19,12 @@ NEVER = "Nobody was here at the looks of this panel."
 
 
 class Observation(NamedTuple):
-    """Those who are here at a time, and what they are held against.
+    """Those who are here at a time, and what they are held against."""
 
-    Attributes
-    ----------
-    problem : Problem
-        In force, for those who are here.
-    present : ndarray of bool, shape (n,)
-        Who they are.
-    average : ndarray, shape (k, m)
-        Their averages, in units of the resources.
-    best : Optimum
-        Of the problem.
-    """
-
-    problem: Problem
-    present: npt.NDArray[np.bool_]
-    average: FloatArray
-    best: Optimum
+    problem: Problem  # in force, for those who are here
+    present: npt.NDArray[np.bool_]  # (n,): who they are
+    average: FloatArray  # (k, m): their averages, in units of the resources
+    best: Optimum  # of the problem
 
 
 def measured(

@@ -13,18 +13,10 @@ _LONGEST_UNIT = 32
 
 
 class Scale(NamedTuple):
-    """How the amounts of several resources share one axis.
+    """How the amounts of several resources share one axis."""
 
-    Attributes
-    ----------
-    divisor : ndarray, shape (m,)
-        What amounts are divided by, in units of the resources or 1.
-    unit : str
-        What the axis then shows, in words.
-    """
-
-    divisor: FloatArray
-    unit: str
+    divisor: FloatArray  # (m,): what amounts are divided by, in units of the resources or 1
+    unit: str  # what the axis then shows, in words
 
 
 def comparable(values: FloatArray) -> bool:

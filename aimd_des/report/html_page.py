@@ -19,99 +19,48 @@ _LIBRARIES = ("altair", "jinja2", "vl_convert")
 
 @dataclass(frozen=True)
 class Verdict:
-    """One of the numbers that say how it went.
+    """One of the numbers that say how it went."""
 
-    Attributes
-    ----------
-    name : str
-        What is measured.
-    number : str
-        With its unit.
-    words : str
-        What the number says, of what.
-    meaning : str
-        What the measure means.
-    """
-
-    name: str
-    number: str
-    words: str
-    meaning: str
+    name: str  # what is measured
+    number: str  # with its unit
+    words: str  # what the number says, of what
+    meaning: str  # what the measure means
 
 
 @dataclass(frozen=True)
 class Slider:
-    """A control that moves along values.
+    """A control that moves along values."""
 
-    Attributes
-    ----------
-    id : str
-        By which charts are bound to it.
-    label : str
-        What it changes.
-    values : sequence of str
-        What is shown at each position.
-    start : int
-        The position at first.
-    axis : str, optional
-        The axis of a study that it moves along, as the control `along` calls it: it rests while charts run
-        along that axis.
-    """
-
-    id: str
-    label: str
-    values: Sequence[str]
-    start: int = 0
+    id: str  # by which charts are bound to it
+    label: str  # what it changes
+    values: Sequence[str]  # what is shown at each position
+    start: int = 0  # the position at first
+    # The axis of a study that it moves along, as the control `along` calls it: it rests while charts run
+    # along that axis.
     axis: str | None = None
     kind: ClassVar[str] = "slider"
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A control that chooses one of several.
+    """A control that chooses one of several."""
 
-    Attributes
-    ----------
-    id : str
-        By which charts are bound to it.
-    label : str
-        What it changes.
-    options : sequence of (str, str)
-        What charts get, and what is shown.
-    start : str
-        What is chosen at first.
-    """
-
-    id: str
-    label: str
-    options: Sequence[tuple[str, str]]
-    start: str
+    id: str  # by which charts are bound to it
+    label: str  # what it changes
+    options: Sequence[tuple[str, str]]  # what charts get, and what is shown
+    start: str  # what is chosen at first
     kind: ClassVar[str] = "choice"
 
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart.
+    """A chart."""
 
-    Attributes
-    ----------
-    id : str
-        Of the element.
-    title : str
-        Above it.
-    text : str
-        What is to be seen: below it, and for those who do not see it.
-    spec : dict
-        Vega-Lite, with its data.
-    wide : bool
-        Whether it takes the whole width, where there is room for several side by side.
-    """
-
-    id: str
-    title: str
-    text: str
-    spec: dict[str, Any]
-    wide: bool = True
+    id: str  # of the element
+    title: str  # above it
+    text: str  # what is to be seen: below it, and for those who do not see it
+    spec: dict[str, Any]  # Vega-Lite, with its data
+    wide: bool = True  # whether it takes the whole width, where there is room for several side by side
 
     def json(self) -> str:
         """Write the specification so that nothing in it can end a script."""
@@ -122,67 +71,29 @@ class Chart:
 
 @dataclass(frozen=True)
 class PageTable:
-    """A table.
+    """A table."""
 
-    Attributes
-    ----------
-    title : str
-        Its caption.
-    heads : sequence of str
-        Of the columns.
-    rows : sequence of sequence of str
-        The cells.
-    labels : int
-        How many cells of a row, from the left, say what it is.
-    """
-
-    title: str
-    heads: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    labels: int = 1
+    title: str  # its caption
+    heads: Sequence[str]  # of the columns
+    rows: Sequence[Sequence[str]]  # the cells
+    labels: int = 1  # how many cells of a row, from the left, say what it is
 
 
 @dataclass(frozen=True)
 class Page:
-    """What a page says.
+    """What a page says."""
 
-    Attributes
-    ----------
-    kind : str
-        "Run" or "Study".
-    title : str
-        The heading.
-    facts : sequence of (str, str)
-        What was run.
-    verdicts : sequence of Verdict
-        How it went.
-    controls : sequence of Slider or Choice
-        Of the charts.
-    charts : sequence of Chart
-        In the order in which they are shown.
-    hint : str
-        How the controls are used.
-    notes : sequence of str
-        What is not shown, and why.
-    tables : sequence of Table
-        In the order in which they are shown.
-    provenance : sequence of (str, str)
-        Seed, digest, versions.
-    source : str
-        The scenario or the study, as TOML.
-    """
-
-    kind: str
-    title: str
-    facts: Sequence[tuple[str, str]]
-    verdicts: Sequence[Verdict]
-    controls: Sequence[Slider | Choice]
-    charts: Sequence[Chart]
-    hint: str
-    tables: Sequence[PageTable]
-    provenance: Sequence[tuple[str, str]]
-    source: str
-    notes: Sequence[str] = field(default_factory=list)
+    kind: str  # "Run" or "Study"
+    title: str  # the heading
+    facts: Sequence[tuple[str, str]]  # what was run
+    verdicts: Sequence[Verdict]  # how it went
+    controls: Sequence[Slider | Choice]  # of the charts
+    charts: Sequence[Chart]  # in the order in which they are shown
+    hint: str  # how the controls are used
+    tables: Sequence[PageTable]  # in the order in which they are shown
+    provenance: Sequence[tuple[str, str]]  # seed, digest, versions
+    source: str  # the scenario or the study, as TOML
+    notes: Sequence[str] = field(default_factory=list)  # what is not shown, and why
 
 
 def check_page(path: Path, *, overwrite: bool) -> None:

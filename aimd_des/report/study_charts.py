@@ -13,18 +13,10 @@ from aimd_des.results.measures import MEASURES
 
 
 class Along(NamedTuple):
-    """An axis of the study as charts have it; axes that vary together are one.
+    """An axis of the study as charts have it; axes that vary together are one."""
 
-    Attributes
-    ----------
-    name : str
-        For people.
-    values : tuple of str
-        What its positions are called.
-    """
-
-    name: str
-    values: tuple[str, ...]
+    name: str  # for people
+    values: tuple[str, ...]  # what its positions are called
 
 
 def _slider(axis: int) -> str:

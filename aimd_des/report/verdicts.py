@@ -10,21 +10,11 @@ from aimd_des.utils.formatting import percent
 
 
 class Judgement(NamedTuple):
-    """How the page judges a measure.
+    """How the page judges a measure."""
 
-    Attributes
-    ----------
-    more : str
-        What to know besides its meaning.
-    badness : callable
-        Is the larger the worse a value is.
-    words : callable
-        Says a value of it, as a share.
-    """
-
-    more: str
-    badness: Callable[[float], float]
-    words: Callable[[float], str]
+    more: str  # what to know besides its meaning
+    badness: Callable[[float], float]  # is the larger the worse a value is
+    words: Callable[[float], str]  # says a value of it, as a share
 
 
 def _used(share: float) -> str:

@@ -22,35 +22,16 @@ from aimd_des.utils.validation import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A run at its end, as the measures see it.
+    """A run at its end, as the measures see it."""
 
-    Attributes
-    ----------
-    problem : Problem
-        Of the whole run.
-    last : Piece
-        What is in force at the end.
-    everybody : ndarray, shape (n, m)
-        Averages at the end, in units of the resources.
-    signals : ndarray of int, shape (m,)
-        How many were broadcast.
-    bits_per_signal : int
-        What a signal costs.
-    account : Account
-        Copies and responses.
-    overshoot : Overshoot
-        Over the whole run.
-    optimum : callable
-        Gives the optimum that the averages are held against, None where nobody is here.
-    """
-
-    problem: Problem
-    last: Piece
-    everybody: FloatArray
-    signals: npt.NDArray[np.int64]
-    bits_per_signal: int
-    account: Account
-    overshoot: metrics.Overshoot
+    problem: Problem  # of the whole run
+    last: Piece  # what is in force at the end
+    everybody: FloatArray  # (n, m): averages at the end, in units of the resources
+    signals: npt.NDArray[np.int64]  # (m,): how many were broadcast
+    bits_per_signal: int  # what a signal costs
+    account: Account  # copies and responses
+    overshoot: metrics.Overshoot  # over the whole run
+    # Gives the optimum that the averages are held against, None where nobody is here.
     optimum: Callable[[], Optimum | None]
 
     @cached_property
@@ -84,36 +65,17 @@ class Measured:
 
 
 class Measure(NamedTuple):
-    """One column of the summary.
+    """One column of the summary."""
 
-    Attributes
-    ----------
-    name : str
-        Of the column.
-    kind : {"integer", "number"}
-        What it holds.
-    title : str
-        Its name for people.
-    unit : str
-        What its numbers count, or are shares of.
-    meaning : str
-        In one sentence.
-    function : callable
-        From a `Measured` to a value for each resource.
-    of_those_here : bool
-        Whether it is taken of the agents that are here at the end, and so is NaN where nobody is.
-    needs_optimum : bool
-        Whether it holds the averages against the optimum of the problem in force.
-    """
-
-    name: str
-    kind: Literal["integer", "number"]
-    title: str
-    unit: str
-    meaning: str
-    function: Callable[[Measured], npt.NDArray[Any]]
+    name: str  # of the column
+    kind: Literal["integer", "number"]  # what it holds
+    title: str  # its name for people
+    unit: str  # what its numbers count, or are shares of
+    meaning: str  # in one sentence
+    function: Callable[[Measured], npt.NDArray[Any]]  # from a `Measured` to a value for each resource
+    # Whether it is taken of the agents that are here at the end, and so is NaN where nobody is.
     of_those_here: bool = False
-    needs_optimum: bool = False
+    needs_optimum: bool = False  # whether it holds the averages against the optimum of the problem in force
 
     def of(self, run: Measured) -> npt.NDArray[Any]:
         """Measure a run, shape (m,)."""

@@ -12,47 +12,26 @@ from aimd_des.utils.validation import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Overshoot:
-    """How far total demand went beyond capacity.
+    """How far total demand went beyond capacity."""
 
-    Attributes
-    ----------
-    peak : ndarray, shape (m,)
-        Highest total demand over the capacity; 1.05 is 5 % above.  What it is for no time, between two events
-        of one instant, does not count.
-    time : ndarray, shape (m,)
-        Share of time with total demand above capacity.
-    mean : ndarray, shape (m,)
-        Time average of what exceeds the capacity, over the capacity.
-    """
-
+    # (m,): highest total demand over the capacity; 1.05 is 5 % above.  What it is for no time, between two
+    # events of one instant, does not count.
     peak: FloatArray
-    time: FloatArray
-    mean: FloatArray
+    time: FloatArray  # (m,): share of time with total demand above capacity
+    mean: FloatArray  # (m,): time average of what exceeds the capacity, over the capacity
 
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """What total demand did over a stretch of time with one capacity; arrays have shape (m,).
+    """What total demand did over a stretch of time with one capacity; arrays have shape (m,)."""
 
-    Attributes
-    ----------
-    start, end : float
-        From when to when.
-    capacity : ndarray
-        C, in units of the resources.
-    peak : ndarray
-        Highest total demand, in units of the resources.
-    above : ndarray
-        For how long it was above capacity.
-    excess, used : ndarray
-        Integrals of what exceeded it, and of all, in units of the resources times time.
-    """
-
+    # From when to when.
     start: float
     end: float
-    capacity: FloatArray
-    peak: FloatArray
-    above: FloatArray
+    capacity: FloatArray  # C, in units of the resources
+    peak: FloatArray  # highest total demand, in units of the resources
+    above: FloatArray  # for how long it was above capacity
+    # Integrals of what exceeded it, and of all, in units of the resources times time.
     excess: FloatArray
     used: FloatArray
 

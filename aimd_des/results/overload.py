@@ -27,18 +27,10 @@ _ROUNDING = 1e-9
 
 
 class Opportunities(NamedTuple):
-    """When a control unit may signal.
+    """When a control unit may signal."""
 
-    Attributes
-    ----------
-    number : float
-        How often in the second half of the run.
-    spacing : float
-        Longest time between two opportunities of which both are used.
-    """
-
-    number: float
-    spacing: float
+    number: float  # how often in the second half of the run
+    spacing: float  # longest time between two opportunities of which both are used
 
 
 def run_away(

@@ -16,21 +16,11 @@ IntArray = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """The capacity events of a run, in the order in which they were broadcast.
+    """The capacity events of a run, in the order in which they were broadcast."""
 
-    Attributes
-    ----------
-    time : ndarray, shape (s,)
-        Time of the look that caused the broadcast.
-    resource : ndarray of int, shape (s,)
-        j.
-    number : ndarray of int, shape (s,)
-        b, counted from 0 for each resource.
-    """
-
-    time: FloatArray
-    resource: npt.NDArray[np.int64]
-    number: npt.NDArray[np.int64]
+    time: FloatArray  # (s,): time of the look that caused the broadcast
+    resource: npt.NDArray[np.int64]  # (s,): j
+    number: npt.NDArray[np.int64]  # (s,): b, counted from 0 for each resource
 
     def counts(self, n_resources: int) -> npt.NDArray[np.int64]:
         """Count the signals of each resource, shape (m,)."""
@@ -39,75 +29,41 @@ class Signals:
 
 @dataclass(frozen=True, eq=False)
 class Account:
-    """What was communicated and how it was answered.
+    """What was communicated and how it was answered."""
 
-    Attributes
-    ----------
-    delivered, lost, in_flight : ndarray of int, shape (m, n)
-        Copies of the signals by what became of them: each broadcast makes one for each agent.
-    duplicated : ndarray of int, shape (m, n)
-        Duplicates that arrived besides.
-    responses, saturated : ndarray of int, shape (m, n)
-        Decreases of each agent, and those of them that had a response probability above 1.
-    """
-
+    # (m, n): copies of the signals by what became of them: each broadcast makes one for each agent.
     delivered: IntArray
     lost: IntArray
     in_flight: IntArray
-    duplicated: IntArray
+    duplicated: IntArray  # (m, n): duplicates that arrived besides
+    # (m, n): decreases of each agent, and those of them that had a response probability above 1.
     responses: IntArray
     saturated: IntArray
 
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """What the observers saw.
+    """What the observers saw."""
 
-    Attributes
-    ----------
-    demand_times : ndarray, shape (q,)
-        When totals were kept.
-    total_demand, total_average : ndarray, shape (q, m)
-        Sums over the agents of demand and of average, in units of the resources.
-    allocation_times : ndarray, shape (r,)
-        When allocations were kept; the last is the end of the run.
-    demand, average : ndarray, shape (r, m, n)
-        Of every agent, in units of the resources.
-    overshoot : Overshoot
-        Exact integrals over the whole run.
-    second_half : ndarray, shape (m,)
-        Mean total demand in the second half of the run over the capacity in force; NaN if not integrated.
-    stretches : tuple of Stretch
-        The same between interventions; empty if overshoot was not integrated.
-    """
-
-    demand_times: FloatArray
+    demand_times: FloatArray  # (q,): when totals were kept
+    # (q, m): sums over the agents of demand and of average, in units of the resources.
     total_demand: FloatArray
     total_average: FloatArray
-    allocation_times: FloatArray
+    allocation_times: FloatArray  # (r,): when allocations were kept; the last is the end of the run
+    # (r, m, n): of every agent, in units of the resources.
     demand: FloatArray
     average: FloatArray
-    overshoot: Overshoot
+    overshoot: Overshoot  # exact integrals over the whole run
+    # (m,): mean total demand in the second half of the run over the capacity in force; NaN if not integrated.
     second_half: FloatArray
+    # The same between interventions; empty if overshoot was not integrated.
     stretches: tuple[Stretch, ...] = ()
 
 
 class Piece(NamedTuple):
-    """The problem that is in force from one intervention to the next.
+    """The problem that is in force from one intervention to the next."""
 
-    Attributes
-    ----------
-    start : float
-        Since when, in units of time.
-    capacity : ndarray, shape (m,)
-        C, in units of the resources.
-    present : ndarray of bool, shape (n,)
-        Which agents take part.
-    costs : Costs
-        The private costs of all agents.
-    """
-
-    start: float
-    capacity: FloatArray
-    present: BoolArray
-    costs: Costs
+    start: float  # since when, in units of time
+    capacity: FloatArray  # (m,): C, in units of the resources
+    present: BoolArray  # (n,): which agents take part
+    costs: Costs  # the private costs of all agents

@@ -24,65 +24,31 @@ _PAIRED, _UNPAIRED = 0, 1
 
 @dataclass(frozen=True)
 class Point:
-    """A position along each axis.
+    """A position along each axis."""
 
-    Attributes
-    ----------
-    name : str
-        A hash of the settings: the same whatever values there are besides, and in whatever order.
-    labels : dict
-        The value of each axis by its name.
-    scenario : Scenario
-        The run at this point, without its seed.
-    problem : dict of str
-        Digests of the problem with seed 0, part by part.
-    """
-
-    name: str
-    labels: dict[str, Value]
-    scenario: Scenario
-    problem: dict[str, str]
+    name: str  # a hash of the settings: the same whatever values there are besides, and in whatever order
+    labels: dict[str, Value]  # the value of each axis by its name
+    scenario: Scenario  # the run at this point, without its seed
+    problem: dict[str, str]  # digests of the problem with seed 0, part by part
 
 
 @dataclass(frozen=True)
 class Job:
-    """A run as it is sent to a worker: tables of scenarios are made by each process for itself.
+    """A run as it is sent to a worker: tables of scenarios are made by each process for itself."""
 
-    Attributes
-    ----------
-    key : str
-        Of the run.
-    labels : dict
-        What the columns hold that say which run it is.
-    scenario : dict
-        Every value spelled out.
-    """
-
-    key: str
-    labels: dict[str, Any]
-    scenario: dict[str, Any]
+    key: str  # of the run
+    labels: dict[str, Any]  # what the columns hold that say which run it is
+    scenario: dict[str, Any]  # every value spelled out
 
 
 @dataclass(frozen=True)
 class Run:
-    """One replication of a point.
+    """One replication of a point."""
 
-    Attributes
-    ----------
-    point : Point
-        Where.
-    replication : int
-        Which, from 0.
-    scenario : Scenario
-        Resolved, with the seed of the run.
-    key : str
-        A hash of the scenario and of the version of results: the name of the files.
-    """
-
-    point: Point
-    replication: int
-    scenario: Scenario
-    key: str
+    point: Point  # where
+    replication: int  # which, from 0
+    scenario: Scenario  # resolved, with the seed of the run
+    key: str  # a hash of the scenario and of the version of results: the name of the files
 
     def job(self) -> Job:
         """Say what a worker has to know."""

@@ -29,50 +29,26 @@ _LOGGER = logging.getLogger("aimd_des")
 
 @dataclass(frozen=True)
 class Task:
-    """What is the same for all runs of a study.
+    """What is the same for all runs of a study."""
 
-    Attributes
-    ----------
-    folder : str
-        Of the study.
-    schema : pyarrow.Schema
-        Of a run's rows.
-    measures, keep : tuple of str
-        Columns of the summary and frames to keep.
-    measure : str, optional
-        What the sweep wants to know of each run, for all resources.
-    """
-
-    folder: str
-    schema: pa.Schema
+    folder: str  # of the study
+    schema: pa.Schema  # of a run's rows
+    # Columns of the summary and frames to keep.
     measures: tuple[str, ...]
     keep: tuple[str, ...]
-    measure: str | None
+    measure: str | None  # what the sweep wants to know of each run, for all resources
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a run.
+    """What became of a run."""
 
-    Attributes
-    ----------
-    kind : {"done", "failed", "died", "unwritten"}
-        "died": its worker did, and wrote nothing; "unwritten": the disk is full, or refuses.
-    message : str
-        Why, unless it is done.
-    values : tuple of (str, float)
-        The measure the sweep wanted, of each resource.
-    saturated : bool
-        Whether response probabilities were above 1.
-    errno : int
-        Of the system's refusal, if it is unwritten.
-    """
-
+    # "died": its worker did, and wrote nothing; "unwritten": the disk is full, or refuses.
     kind: Literal["done", "failed", "died", "unwritten"]
-    message: str = ""
-    values: tuple[tuple[str, float], ...] = ()
-    saturated: bool = False
-    errno: int = 0
+    message: str = ""  # why, unless it is done
+    values: tuple[tuple[str, float], ...] = ()  # the measure the sweep wanted, of each resource
+    saturated: bool = False  # whether response probabilities were above 1
+    errno: int = 0  # of the system's refusal, if it is unwritten
 
 
 def perform(task: Task, job: Job) -> Outcome:

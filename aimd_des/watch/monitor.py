@@ -27,28 +27,15 @@ _REST = 20.0
 
 
 class Snapshot(NamedTuple):
-    """What is seen at one moment; arrays have shape (m,).
+    """What is seen at one moment; arrays have shape (m,)."""
 
-    Attributes
-    ----------
-    time : float
-        In units of simulated time.
-    demand, capacity : ndarray
-        Total demand, and the capacity in force, in units of the resources.
-    signals : ndarray of int
-        How many were sent until now.
-    utilisation : ndarray
-        Sum of the averages of those who are here, over the capacity.
-    misallocation : ndarray
-        Of those who are here; NaN where it is not measured.
-    """
-
-    time: float
+    time: float  # in units of simulated time
+    # Total demand, and the capacity in force, in units of the resources.
     demand: FloatArray
     capacity: FloatArray
-    signals: npt.NDArray[np.int64]
-    utilisation: FloatArray
-    misallocation: FloatArray
+    signals: npt.NDArray[np.int64]  # how many were sent until now
+    utilisation: FloatArray  # sum of the averages of those who are here, over the capacity
+    misallocation: FloatArray  # of those who are here; NaN where it is not measured
 
 
 class Monitor:

@@ -51,24 +51,15 @@ _CONSTANT, _UNIFORM, _EXPONENTIAL, _LOGNORMAL, _PARETO, _EMPIRICAL, _GAMMA = (
 
 
 class LatencyTable(NamedTuple):
-    """A model of latency for compiled code.
+    """A model of latency for compiled code."""
 
-    Attributes
-    ----------
-    distribution : int
-        Of `Distribution`.
-    first, second, third : ndarray, shape (n,)
-        Its parameters in the order in which the model's constructor has them (of a lognormal one: median
-        and sigma; of an empirical one: scale); whatever is not needed is 0.
-    values : ndarray, shape (v,)
-        Measured latencies, ascending; empty for other distributions.
-    """
-
-    distribution: int
+    distribution: int  # of `Distribution`
+    # (n,): its parameters in the order in which the model's constructor has them (of a lognormal one: median
+    # and sigma; of an empirical one: scale); whatever is not needed is 0.
     first: FloatArray
     second: FloatArray
     third: FloatArray
-    values: FloatArray
+    values: FloatArray  # (v,): measured latencies, ascending; empty for other distributions
 
 
 def latency_table(

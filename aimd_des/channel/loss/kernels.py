@@ -35,39 +35,21 @@ _SENT, _RECORD_ENDED, _BACK_IN_TIME = 0, 1, 2
 
 
 class LossTable(NamedTuple):
-    """One or several causes of loss, for compiled code, with their memory; a copy is lost to any of them.
+    """One or several causes of loss, for compiled code, with their memory; a copy is lost to any of them."""
 
-    Attributes
-    ----------
-    cause : ndarray of int, shape (p,)
-        Of `Cause`.
-    probability, rate : ndarray, shape (p, n)
-        Probability of loss, and the rate at which links forget.
-    bad : ndarray of bool, shape (p, n)
-        State of the links at the last broadcast.
-    time : ndarray, shape (p,)
-        When that was; not a number before the first.
-    record : ndarray of bool, shape (r,)
-        The rows of all records, one after another.
-    begin, rows, width : ndarray of int, shape (p,)
-        Where a record begins, how many rows it has, and how many columns: 1 or n.
-    repeat : ndarray of bool, shape (p,)
-        Whether a record begins anew after its last row.
-    row : ndarray of int, shape (p,)
-        How many rows have been read.
-    """
-
-    cause: IntArray
+    cause: IntArray  # (p,): of `Cause`
+    # (p, n): probability of loss, and the rate at which links forget.
     probability: FloatArray
     rate: FloatArray
-    bad: BoolArray
-    time: FloatArray
-    record: BoolArray
+    bad: BoolArray  # (p, n): state of the links at the last broadcast
+    time: FloatArray  # (p,): when that was; not a number before the first
+    record: BoolArray  # (r,): the rows of all records, one after another
+    # (p,): where a record begins, how many rows it has, and how many columns: 1 or n.
     begin: IntArray
     rows: IntArray
     width: IntArray
-    repeat: BoolArray
-    row: IntArray
+    repeat: BoolArray  # (p,): whether a record begins anew after its last row
+    row: IntArray  # (p,): how many rows have been read
 
 
 def loss_table(

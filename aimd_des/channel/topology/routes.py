@@ -29,28 +29,16 @@ _NAMED = 10
 
 @dataclass(frozen=True, eq=False)
 class Routes:
-    """The part of a graph over which a channel sends.
+    """The part of a graph over which a channel sends."""
 
-    Attributes
-    ----------
-    agents : tuple
-        The node of each agent, as the graph names it.
-    hops : ndarray of int, shape (n,)
-        Edges on the shortest path to each agent.
-    tail, head : ndarray of int, shape (a,)
-        From which node each arc leads to which; nodes are numbered in the order of their distance
-        from the control unit, which is node 0.
-    node : ndarray of int, shape (n,)
-        Number of each agent's node.
-    latency, loss : ndarray, shape (a,)
-        Attributes of each arc's edge, in units of time and as a probability.
-    """
-
-    agents: tuple[Any, ...]
-    hops: IntArray
+    agents: tuple[Any, ...]  # the node of each agent, as the graph names it
+    hops: IntArray  # (n,): edges on the shortest path to each agent
+    # (a,): from which node each arc leads to which; nodes are numbered in the order of their distance from
+    # the control unit, which is node 0.
     tail: IntArray
     head: IntArray
-    node: IntArray
+    node: IntArray  # (n,): number of each agent's node
+    # (a,): attributes of each arc's edge, in units of time and as a probability.
     latency: FloatArray
     loss: FloatArray
 

@@ -16,23 +16,12 @@ __all__ = ["CostTable", "cost_table", "gradient_at", "gradient_row", "horner_ste
 
 
 class CostTable(NamedTuple):
-    """The parameters of a built-in cost family, with agents along the last, contiguous axis.
+    """The parameters of a built-in cost family, with agents along the last, contiguous axis."""
 
-    Attributes
-    ----------
-    slopes : ndarray, shape (m, D, n)
-        Derivatives by each resource as dense polynomials, lowest power first.
-    quadratic : ndarray, shape (m, m, n) or (0, 0, 0)
-        Quadratic forms; empty where costs are separable.
-    weights : ndarray, shape (m, n) or (0, 0)
-        Weights of the weighted sum; empty where costs are separable.
-    sum_slopes : ndarray, shape (D', n) or (0, 0)
-        Derivative of the function of the weighted sum; empty where costs are separable.
-    """
-
-    slopes: FloatArray
-    quadratic: FloatArray
-    weights: FloatArray
+    slopes: FloatArray  # (m, D, n): derivatives by each resource as dense polynomials, lowest power first
+    quadratic: FloatArray  # (m, m, n): quadratic forms; empty where costs are separable
+    weights: FloatArray  # (m, n): weights of the weighted sum; empty where costs are separable
+    # (D', n): derivative of the function of the weighted sum; empty where costs are separable.
     sum_slopes: FloatArray
 
     @property
