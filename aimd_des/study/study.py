@@ -50,11 +50,6 @@ class Precision(StudyTable):
         Of the interval.
     at_most : int
         Replications of a point, whatever the interval.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     measure: str

@@ -111,11 +111,6 @@ def believed_loss(loss: npt.ArrayLike, number_bits: int) -> FloatArray:
     ndarray
         Estimated probabilities of loss.
 
-    Raises
-    ------
-    InputError
-        If an argument is outside its range.
-
     Notes
     -----
     Exact for signals that arrive in their order, but for w of 6 and more, where it is p_i: a number is then

@@ -63,11 +63,6 @@ def event_mean(
     ndarray, shape (n,) or (n, m)
         In units of the resource, just before the decrease.
 
-    Raises
-    ------
-    InputError
-        If an argument is outside its range or shapes do not fit.
-
     Notes
     -----
     The mean of x_i(k+1) = B_i x_i(k) + alpha_i T(k), with B_i = beta_i with probability lambda_i and 1
@@ -104,11 +99,6 @@ def event_interval(
     ndarray, shape () or (m,)
         In units of time.
 
-    Raises
-    ------
-    InputError
-        If an argument is outside its range or shapes do not fit.
-
     Notes
     -----
     E T of `event_mean`, from sum_i E x_i = C; as exact as that.
@@ -130,11 +120,6 @@ def synchronised_utilisation(increase: npt.ArrayLike, decrease: npt.ArrayLike) -
     -------
     ndarray, shape () or (m,)
         A pure number.
-
-    Raises
-    ------
-    InputError
-        If an argument is outside its range or shapes do not fit.
 
     Notes
     -----
@@ -165,11 +150,6 @@ def poisson_moment(
     ndarray
         E x^k, in units of the resource to that power: alpha / (r (1 - beta)) for the first,
         2 alpha^2 / (r^2 (1 - beta)(1 - beta^2)) for the second.
-
-    Raises
-    ------
-    InputError
-        If an argument is outside its range or shapes do not fit.
 
     Notes
     -----
@@ -207,11 +187,6 @@ def square_root_law(
     -------
     ndarray
         Packets per unit of time.
-
-    Raises
-    ------
-    InputError
-        If an argument is outside its range or shapes do not fit.
 
     Notes
     -----

@@ -37,11 +37,6 @@ def loss_weights(loss: npt.ArrayLike, signal_share: npt.ArrayLike = 0.0) -> Floa
         Weights for `reweighted_optimum`; only their ratios matter.  For m resources give loss the shape
         (n, 1) and the share (m,).
 
-    Raises
-    ------
-    InputError
-        If an argument is outside its range or shapes do not fit.
-
     Notes
     -----
     Assumes that losses are independent of everything else, and no lambda above 1.  If all p_i are the
@@ -72,11 +67,6 @@ def compensated_probability(
     ndarray
         lambda (1 - e + e p_i) / ((1 - e) (1 - p_i)): the optimum is restored while this stays below 1,
         so it is not cut off here.
-
-    Raises
-    ------
-    InputError
-        If an argument is outside its range or shapes do not fit.
 
     Notes
     -----
@@ -109,11 +99,6 @@ def critical_loss(
     -------
     ndarray
         Probability of loss, the same for all agents; 0 where signals do not suffice even without.
-
-    Raises
-    ------
-    InputError
-        If an argument is outside its range or shapes do not fit.
 
     Notes
     -----
@@ -157,11 +142,6 @@ def runaway_multiplier(
     ndarray
         mu, for `allocation_at`: alpha r / ((1 - p) (1 - beta) Gamma) for continuous agents, with p in
         the place of r on the clock.
-
-    Raises
-    ------
-    InputError
-        If an argument is outside its range or shapes do not fit.
 
     Notes
     -----

@@ -44,11 +44,6 @@ def signal_rate(
     ndarray
         rho, per unit of time.
 
-    Raises
-    ------
-    InputError
-        If an argument is outside its range or shapes do not fit.
-
     Notes
     -----
     Assumes that signals find an agent with its time average.  They come when the total is at its
@@ -77,11 +72,6 @@ def signal_share(rate: npt.ArrayLike, loss: npt.ArrayLike = 0.0) -> FloatArray:
     -------
     ndarray
         e, a pure number.  1 from the critical loss on.
-
-    Raises
-    ------
-    InputError
-        If an argument is outside its range or shapes do not fit.
 
     Notes
     -----
@@ -116,11 +106,6 @@ def utilisation(
     -------
     ndarray
         A pure number; below 0 where the formula does not hold any more.
-
-    Raises
-    ------
-    InputError
-        If an argument is outside its range or shapes do not fit.
 
     Notes
     -----
@@ -158,11 +143,6 @@ def price_in_bits(n_agents: npt.ArrayLike, increase: npt.ArrayLike, capacity: np
         Bits per unit of time, times the share of the capacity that lies idle: to halve the idle
         share takes twice the signals, whatever the costs are.
 
-    Raises
-    ------
-    InputError
-        If an argument is outside its range or shapes do not fit.
-
     Notes
     -----
     The saw of `utilisation` falls by D = n alpha / rho at each signal and lacks D / 2 in the mean.  Costs
@@ -197,11 +177,6 @@ def peak_lift(
     ndarray
         In units of the resource: every peak for exact crossings, the highest one for samples.
 
-    Raises
-    ------
-    InputError
-        If an argument is outside its range or shapes do not fit.
-
     Notes
     -----
     Everybody goes on growing for d after the crossing.  Exact for continuous agents whenever one signal
@@ -228,11 +203,6 @@ def clock_offset(share: npt.ArrayLike, lag: int = 0) -> FloatArray:
     -------
     ndarray
         F, negative where the capacity is not used up: utilisation is threshold + F * n alpha / C.
-
-    Raises
-    ------
-    InputError
-        If an argument is outside its range.
 
     Notes
     -----

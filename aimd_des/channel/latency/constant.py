@@ -20,11 +20,6 @@ class Constant(Parametrised):
     ----------
     value : float or array_like, shape (n,)
         Latency of all agents or of each, at least 0, in units of time.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     value: npt.ArrayLike

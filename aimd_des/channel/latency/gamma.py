@@ -25,11 +25,6 @@ class ShiftedGamma(Parametrised):
         Mean of the random part over its shape, at least 0, in units of time.
     shift : float or array_like, shape (n,)
         The fixed part, at least 0, in units of time.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     shape: float | FloatArray

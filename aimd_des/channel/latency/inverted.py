@@ -34,11 +34,6 @@ class Uniform(Parametrised):
     ----------
     low, high : float or array_like, shape (n,)
         Shortest and longest latency, at least 0 and not below `low`, in units of time.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     low: float | FloatArray
@@ -74,11 +69,6 @@ class Exponential(Parametrised):
     ----------
     mean : float or array_like, shape (n,)
         At least 0, in units of time.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     mean: float | FloatArray
@@ -117,11 +107,6 @@ class LogNormal(Parametrised):
         mean / sqrt(1 + (std / mean)**2), in units of time.
     sigma : float or ndarray, shape (n,)
         Standard deviation of the logarithm, sqrt(log(1 + (std / mean)**2)).
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     mean: float | FloatArray
@@ -155,11 +140,6 @@ class LogNormal(Parametrised):
         -------
         LogNormal
             With mean median * exp(sigma**2 / 2).
-
-        Raises
-        ------
-        InputError
-            If a value is outside its range.
         """
         middle = validation.per_agent("LogNormal.median", median, low=0.0, low_open=True, high=LONGEST)
         spread = np.asarray(validation.per_agent("LogNormal.sigma", sigma, low=0.0, high=_LARGEST_SIGMA))
@@ -187,11 +167,6 @@ class Pareto(Parametrised):
         Tail exponent, at least 0.1; the mean is infinite up to 1, the variance up to 2.
     minimum : float or array_like, shape (n,)
         Shortest latency, greater than 0, in units of time.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     shape: float | FloatArray

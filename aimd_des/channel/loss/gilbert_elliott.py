@@ -34,11 +34,6 @@ class GilbertElliott:
         Share of the time in which a link is bad, at least 0 and less than 1.
     mean_burst : float or array_like, shape (n,)
         Mean duration of a bad period, greater than 0, in units of time.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     mean_loss: float | FloatArray

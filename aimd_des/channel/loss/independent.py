@@ -19,11 +19,6 @@ class Bernoulli:
     ----------
     probability : float or array_like, shape (n,)
         Probability of loss for all agents or for each, from 0 to 1.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     probability: npt.ArrayLike
@@ -53,11 +48,6 @@ class CommonMode:
     ----------
     probability : float
         Probability that a broadcast is lost, from 0 to 1.
-
-    Raises
-    ------
-    InputError
-        If the value is outside its range.
     """
 
     probability: float

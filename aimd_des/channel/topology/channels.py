@@ -116,11 +116,6 @@ class FloodChannel(_NetworkChannel):
         DataFrame
             As of a tree, where `hops` are those of the shortest path, with the standard errors of two
             columns: `delivery_error` and `latency_mean_error`.
-
-        Raises
-        ------
-        InputError
-            If a number is outside its range.
         """
         return estimated_statistics(self.routes, self.open, broadcasts, seed)
 

@@ -44,11 +44,6 @@ def star(n_agents: int, latency: npt.ArrayLike = 0.0, loss: npt.ArrayLike = 0.0)
     -------
     networkx.Graph
         With n + 1 nodes.
-
-    Raises
-    ------
-    InputError
-        If a number is outside its range.
     """
     graph = nx.star_graph(validation.integer("n_agents", n_agents, low=1))
     return _finished(graph, 0, latency=latency, loss=loss)
@@ -72,11 +67,6 @@ def balanced_tree(branching: int, height: int, latency: float = 0.0, loss: float
     -------
     networkx.Graph
         With 1 + branching + branching**2 + ... + branching**height nodes.
-
-    Raises
-    ------
-    InputError
-        If a number is outside its range.
     """
     width, depth = (
         validation.integer("branching", branching, low=1),
@@ -146,11 +136,6 @@ def random_geometric(
     -------
     networkx.Graph
         With n + 1 nodes, each with its place as the attribute `pos`.
-
-    Raises
-    ------
-    InputError
-        If a number is outside its range.
     """
     n = validation.integer("n_agents", n_agents, low=1)
     reach = validation.number("radius", radius, low=0.0, low_open=True)

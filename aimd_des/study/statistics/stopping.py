@@ -37,11 +37,6 @@ def replications_needed(
         k where the interval is narrow enough or there may be no more; else more than k, as many as the
         scatter so far makes necessary, but at most twice as many.
 
-    Raises
-    ------
-    InputError
-        If an argument is outside its range.
-
     Notes
     -----
     The answer depends on nothing but the values up to here, so that neither the number of workers nor the
