@@ -2,7 +2,6 @@
 
 import csv
 from collections.abc import Callable, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TypeVar
 
@@ -25,11 +24,10 @@ def read_columns(
     if columns is None:
         columns = known
     for column in validation.instances("columns", columns, str, "the name of a column"):
-        if known.count(column) != 1:
-            near = get_close_matches(column, known, n=1)
-            hint = f"did you mean {near[0]!r}?" if near and column not in known else ""
-            many = ", which stands there more than once" if column in known else ""
-            raise InputError.of(f"{path}: column", column, f"one of {', '.join(known)}{many}", hint)
+        validation.known(f"{path}: column", column, known)
+        if known.count(column) > 1:
+            allowed = f"one of {', '.join(known)}, which stands there more than once"
+            raise InputError.of(f"{path}: column", column, allowed)
         cells = [row[known.index(column)] for row in rows]
         values.append(_parsed(f"{path}: column {column!r}", cells, parse, allowed))
     return values

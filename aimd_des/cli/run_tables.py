@@ -1,13 +1,13 @@
 """Runs as tables: what was run, what came out, and how two of them differ."""
 
 from collections.abc import Sequence
-from difflib import get_close_matches
 
 from aimd_des.cli.printing import say
 from aimd_des.cli.scenario_diff import HEADS, differences, print_differences
 from aimd_des.cli.terminal_tables import print_pairs, print_table
 from aimd_des.results.measures import measure_words
 from aimd_des.scenario.run_folder import StoredRun
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
 # What a scenario says of the problem, and how long it is.
@@ -44,10 +44,7 @@ def _chosen(run: StoredRun, measures: Sequence[str]) -> list[str]:
     """Take the measures that are asked for, or all of the run."""
     known = list(next(iter(run.measures.values()), {}))
     for name in measures:
-        if name not in known:
-            near = get_close_matches(name, known, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else ""
-            raise InputError.of("measure", name, f"one of {', '.join(known)}", hint)
+        validation.known("measure", name, known)
     return list(measures) or known
 
 

@@ -1,7 +1,6 @@
 """Agents and resources by name or by index, as readings, interventions and processes are given them."""
 
 from collections.abc import Sequence
-from difflib import get_close_matches
 from typing import Any
 
 from aimd_des.problem.problem import Problem
@@ -20,11 +19,10 @@ def _index(field: str, names: Sequence[str], given: object) -> int:
         return given  # at once: whoever looks at totals asks for nothing else
     if not isinstance(given, str):
         return validation.integer(field, given, low=0, high=len(names) - 1)
-    if given in names:
-        return names.index(given)
-    near = get_close_matches(given, names, n=1)
-    allowed = ", ".join(names) if len(names) <= 12 else f"{len(names)} names, {names[0]} to {names[-1]}"
-    raise InputError.of(field, given, f"one of {allowed}", f"did you mean {near[0]!r}?" if near else "")
+    few = len(names) <= 12
+    allowed = "" if few else f"one of {len(names)} names, {names[0]} to {names[-1]}"
+    validation.known(field, given, names, allowed)
+    return names.index(given)
 
 
 def resource_index(problem: Problem, resource: str | int) -> int:

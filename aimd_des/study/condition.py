@@ -3,9 +3,9 @@
 import ast
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from difflib import get_close_matches
 from typing import Any
 
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
 # No powers: 9**9**9 would keep a computer busy.
@@ -67,10 +67,9 @@ class Condition:
     def _axis(self, node: ast.expr) -> str:
         name = ast.unparse(node)
         if name not in self._names:
-            near = get_close_matches(name, self._names, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else ""
-            known = ", ".join(self._names) or "there is none"
-            raise InputError.of(f"name {name!r} in where", self.text, f"the name of an axis ({known})", hint)
+            allowed = f"the name of an axis ({', '.join(self._names) or 'there is none'})"
+            hint = validation.nearest(name, self._names)
+            raise InputError.of(f"name {name!r} in where", self.text, allowed, hint)
         return name
 
     def _refused(self, node: ast.AST) -> InputError:

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from hashlib import sha256
 from typing import Any
 
@@ -16,6 +15,7 @@ from aimd_des.scenario.settings import with_settings
 from aimd_des.study.axis import Value
 from aimd_des.study.fingerprint import problem_digests
 from aimd_des.study.study import Study, place_of, shown_labels
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
 # What a seed is for: the first word of its spawn key. They never change.
@@ -106,11 +106,9 @@ def _check_problem(study: Study, scenario: Scenario, known: dict[str, dict[str, 
     if words not in known:
         problem = scenario.problem()
         names = problem.resource_names
-        wanted = "all" if study.precision is None else study.precision.resource
-        if wanted not in ("all", *names):
-            near = get_close_matches(wanted, names, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else ""
-            raise InputError.of("precision.resource", wanted, f"all or one of {', '.join(names)}", hint)
+        if study.precision is not None and study.precision.resource != "all":
+            allowed = f"all or one of {', '.join(names)}"
+            validation.known("precision.resource", study.precision.resource, names, allowed)
         known[words] = problem_digests(problem)
     return known[words]
 

@@ -2,7 +2,8 @@
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence, Set
+from difflib import get_close_matches
 from numbers import Integral, Real
 from pathlib import Path
 from typing import TypedDict, TypeVar
@@ -264,6 +265,20 @@ def choice(field: str, value: object, words: Sequence[str]) -> str:
     if not isinstance(value, str) or value not in words:
         raise InputError.of(field, value, " or ".join(map(repr, words)))
     return value
+
+
+def known(field: str, value: object, names: Collection[Hashable], allowed: str = "") -> None:
+    """Refuse what is none of some names, and say which one is most like it."""
+    if value not in names:
+        listed = allowed or f"one of {', '.join(map(str, names))}"
+        raise InputError.of(field, value, listed, nearest(value, names))
+
+
+def nearest(name: object, names: Iterable[Hashable]) -> str:
+    """Ask whether the name that is most like it was meant."""
+    shown = {str(one): one for one in names}
+    found = get_close_matches(str(name), shown, n=1)
+    return f"did you mean {shown[found[0]]!r}?" if found else ""
 
 
 def flag(field: str, value: object) -> bool:

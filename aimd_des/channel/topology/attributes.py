@@ -1,7 +1,6 @@
 """Nodes and edges of a graph that the user has given: looked up by name, and their numbers checked."""
 
-from collections.abc import Hashable, Iterable, Mapping
-from difflib import get_close_matches
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import networkx as nx
@@ -19,13 +18,6 @@ else:
 HIGHEST = {"latency": LONGEST, "loss": 1.0}
 
 
-def near(name: object, known: Iterable[Hashable]) -> str:
-    """Ask whether the name that is most like it was meant."""
-    shown = {str(one): one for one in known}
-    found = get_close_matches(str(name), shown, n=1)
-    return f"did you mean {shown[found[0]]!r}?" if found else ""
-
-
 def simple_graph(field: str, graph: object, remedy: str = "keep one, as networkx.Graph(graph) does") -> Graph:
     """Refuse what is no graph, or has several edges between the same nodes."""
     validation.instance(field, graph, nx.Graph, "a networkx.Graph or networkx.DiGraph")
@@ -39,8 +31,7 @@ def simple_graph(field: str, graph: object, remedy: str = "keep one, as networkx
 
 def known_node(field: str, node: object, graph: Graph) -> None:
     """Refuse a node that the graph does not have."""
-    if node not in graph:
-        raise InputError.of(field, node, f"one of the {len(graph)} nodes of the graph", near(node, graph))
+    validation.known(field, node, graph, f"one of the {len(graph)} nodes of the graph")
 
 
 def edge_number(
@@ -51,7 +42,8 @@ def edge_number(
         value = data[attribute]
     except KeyError:
         have = f"{edge[0]!r} -- {edge[1]!r} has {', '.join(map(repr, data)) or 'no attributes'}"
-        remedy = near(attribute, data) or "give every edge one, for example by networkx.set_edge_attributes"
+        anew = "give every edge one, for example by networkx.set_edge_attributes"
+        remedy = validation.nearest(attribute, data) or anew
         raise InputError(f"{place}edge {have} and no {attribute!r}; {remedy}") from None
     high = HIGHEST[quantity]
     # The common case at once: graphs may have 100,000s of edges.

@@ -1,7 +1,6 @@
 """Statistics over the runs of a study, as tidy frames: a row for each point, resource and measure."""
 
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from pandas.api.types import is_numeric_dtype
 from aimd_des.results.measures import MEASURES
 from aimd_des.study.columns import LABELS
 from aimd_des.study.statistics.intervals import quantile
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
 _PAIR = "replication"
@@ -113,10 +113,10 @@ def compare(
     does to both cancels, and intervals are the narrower for it.
     """
     columns = _columns(frame, measures)
-    _known("pair", pair, list(frame.columns))
+    validation.known("pair", pair, list(frame.columns))
     points = [name for name in _points(frame, by, columns) if name != pair]
     for name in baseline:
-        _known("baseline", name, points)
+        validation.known("baseline", name, points)
     _one_row_each(frame, points, pair, columns)
     is_base = np.ones(len(frame), dtype=bool)
     for name, value in baseline.items():
@@ -152,7 +152,7 @@ def _points(frame: pd.DataFrame, by: Sequence[str] | None, columns: list[str]) -
         others = {*LABELS, *MEASURES, *columns} - {"resource"}
         return [name for name in frame.columns if name not in others]
     for name in by:
-        _known("by", name, list(frame.columns))
+        validation.known("by", name, list(frame.columns))
     return list(by)
 
 
@@ -161,7 +161,7 @@ def _columns(frame: pd.DataFrame, measures: Sequence[str] | None) -> list[str]:
     if not names:
         raise InputError.of("measures", names, f"some of {', '.join(map(str, frame.columns))}")
     for name in names:
-        _known("measures", name, list(frame.columns))
+        validation.known("measures", name, list(frame.columns))
         if not is_numeric_dtype(frame[name]):
             raise InputError.of("measures", name, "a column of numbers")
     return names
@@ -174,10 +174,3 @@ def _one_row_each(frame: pd.DataFrame, points: list[str], pair: str, columns: li
         raise InputError.of(
             "by", points, f"columns that leave one row for each {pair}", f"add some of {rest}, or choose rows"
         )
-
-
-def _known(field: str, name: str, columns: Sequence[str]) -> None:
-    if name not in columns:
-        near = get_close_matches(str(name), [str(known) for known in columns], n=1)
-        hint = f"did you mean {near[0]!r}?" if near else ""
-        raise InputError.of(field, name, f"one of {', '.join(map(str, columns))}", hint)
