@@ -19,6 +19,7 @@ import click
 
 import aimd_des
 import models
+from aimd_des.utils.docstrings import described_like
 from tests.test_public_names import FACES, TOP
 
 MODULES = sorted(
@@ -233,6 +234,27 @@ class _Fake:
     @property
     def size(self) -> int:
         return 0
+
+
+def test_what_docstrings_share_is_said_once() -> None:
+    @described_like(_full)
+    def own(options: int, first: int, second: int = 0) -> int:
+        """Take away.
+
+        Parameters
+        ----------
+        second : int
+            Two.
+
+        Notes
+        -----
+        Below 0, too.
+        """
+        return options - first - second
+
+    parameters = "first : int\n    One - and a line\n    of more.\nsecond : int\n    Two."
+    rest = "Returns\n-------\nint\n    The sum.\n\nNotes\n-----\nBelow 0, too."
+    assert own.__doc__ == f"Take away.\n\nParameters\n----------\n{parameters}\n\n{rest}"
 
 
 class _Rule(Protocol):

@@ -6,6 +6,7 @@ from matplotlib.axes import Axes
 
 from aimd_des.plots import selection, style, units
 from aimd_des.plots.in_force import NEVER, Observation, measured
+from aimd_des.plots.panel import panel
 from aimd_des.problem.optimum import Optimum
 from aimd_des.results.result import Result
 from aimd_des.utils.validation import FloatArray
@@ -20,6 +21,7 @@ NOT_RECORDED = (
 )
 
 
+@panel
 def average_allocations(
     axes: Axes,
     result: Result,
@@ -31,21 +33,12 @@ def average_allocations(
 
     Parameters
     ----------
-    axes : Axes
-        Where to draw.
-    result : Result
-        The run, with allocations recorded over time.
     optimum : Optimum, optional
         What stands for the optimum of the problem at the end; the one in force at each time unless given.
         What it gives these agents is drawn as dashed lines, which end where an agent is away.
     agents : array_like of int, shape (q,), optional
         Which agents, the same for all resources; unless given, three for each resource (fewer for
         more than three resources), spread over the ranks of what they hold.
-
-    Returns
-    -------
-    Axes
-        The same axes.
     """
     scale = units.scale_for_agents(result.problem)
     axes.set_ylabel(style.axis_label("average allocation", scale.unit))
@@ -69,6 +62,7 @@ def average_allocations(
     return axes
 
 
+@panel
 def instantaneous_allocations(
     axes: Axes, result: Result, *, last: int = 100, agents: npt.ArrayLike | None = None
 ) -> Axes:
@@ -76,8 +70,6 @@ def instantaneous_allocations(
 
     Parameters
     ----------
-    axes : Axes
-        Where to draw.
     result : Result
         The run, with a tail of at least `last` recorded.
     last : int
@@ -86,11 +78,6 @@ def instantaneous_allocations(
     agents : array_like of int, shape (q,), optional
         Which agents, the same for all resources; unless given, for each resource the agent in
         the middle.
-
-    Returns
-    -------
-    Axes
-        The same axes.
     """
     scale = units.scale_for_agents(result.problem)
     axes.set_ylabel(style.axis_label("instantaneous allocation", scale.unit))
@@ -112,23 +99,15 @@ def instantaneous_allocations(
     return axes
 
 
+@panel
 def derivatives(axes: Axes, result: Result, optimum: Optimum | None = None) -> Axes:
     """Draw mean and standard deviation, across all agents, of the derivatives of their costs.
 
     Parameters
     ----------
-    axes : Axes
-        Where to draw.
-    result : Result
-        The run, with allocations recorded over time.
     optimum : Optimum, optional
         What stands for the optimum of the problem at the end; the one in force at each time unless given.
         Its multipliers, which all derivatives equal at the optimum, are drawn as dashed lines.
-
-    Returns
-    -------
-    Axes
-        The same axes.
     """
     problem, seen = result.problem, result.observations
     unit = units.units_of(problem, "unit as in the legend")

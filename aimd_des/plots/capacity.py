@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from aimd_des.plots import selection, style, units
+from aimd_des.plots.panel import panel
 from aimd_des.results.result import Result
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
@@ -38,20 +39,14 @@ def capacity_line(
     )
 
 
+@panel
 def sum_of_averages(axes: Axes, result: Result) -> Axes:
     """Draw how the sum of the averages of all agents evolves, with the capacities as dashed lines.
 
     Parameters
     ----------
-    axes : Axes
-        Where to draw.
     result : Result
         The run, with totals recorded over time.
-
-    Returns
-    -------
-    Axes
-        The same axes.
     """
     seen = result.observations
     shown = selection.looks(seen.demand_times, _CURVE_POINTS, log=True)
@@ -60,23 +55,17 @@ def sum_of_averages(axes: Axes, result: Result) -> Axes:
     )
 
 
+@panel
 def sum_of_demand(axes: Axes, result: Result, *, last: int = 40) -> Axes:
     """Draw the sum of what all agents demand over the last units of time, with the capacities.
 
     Parameters
     ----------
-    axes : Axes
-        Where to draw.
     result : Result
         The run, with a tail of at least `last` recorded.
     last : int
         How many units of time; where the recording has too few looks there, the last of its
         looks, whenever they were.
-
-    Returns
-    -------
-    Axes
-        The same axes.
     """
     seen = result.observations
     shown = selection.window(seen.demand_times, last)
@@ -114,20 +103,14 @@ def _totals(
     return axes
 
 
+@panel
 def capacity_events(axes: Axes, results: Result | Sequence[Result]) -> Axes:
     """Draw the number of capacity events over time, for one run or several.
 
     Parameters
     ----------
-    axes : Axes
-        Where to draw.
     results : Result or sequence of Result
         Runs with the same resources.  The first is drawn strong, the others faint.
-
-    Returns
-    -------
-    Axes
-        The same axes.
 
     Raises
     ------

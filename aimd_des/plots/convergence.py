@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from aimd_des.plots import selection, style
 from aimd_des.plots.allocations import NOT_RECORDED
 from aimd_des.plots.in_force import NEVER, NOBODY, Observation, measured
+from aimd_des.plots.panel import panel
 from aimd_des.problem.optimum import Optimum, solve_optimum
 from aimd_des.results import metrics
 from aimd_des.results.result import Result
@@ -21,6 +22,7 @@ _DECAY_LOOKS = 30
 _MEASURES = {"misallocation": "misallocation", "relative_error": "relative error"}
 
 
+@panel
 def averages_against_optimum(axes: Axes, result: Result, optimum: Optimum | None, resource: int) -> Axes:
     """Draw what each agent holds on average at the end against what it should hold.
 
@@ -28,19 +30,12 @@ def averages_against_optimum(axes: Axes, result: Result, optimum: Optimum | None
 
     Parameters
     ----------
-    axes : Axes
-        Where to draw.
     result : Result
         The run.
     optimum : Optimum or None
         The centralised solution, for those who are here at the end; None: the one in force.
     resource : int
         j, counted from 0.
-
-    Returns
-    -------
-    Axes
-        The same axes.
 
     Raises
     ------
@@ -79,25 +74,12 @@ def averages_against_optimum(axes: Axes, result: Result, optimum: Optimum | None
     return axes
 
 
+@panel
 def consensus(axes: Axes, result: Result, optimum: Optimum | None = None) -> Axes:
     """Draw how the derivatives of the private costs come to agree.
 
     For each resource the median over all agents as a line, with a band that holds nine tenths of them, in
     multiples of the optimal multiplier.  At the optimum, all are 1.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where to draw.
-    result : Result
-        The run, with allocations recorded over time.
-    optimum : Optimum, optional
-        What stands for the optimum of the problem at the end; the one in force at each time unless given.
-
-    Returns
-    -------
-    Axes
-        The same axes.
     """
     problem, seen = result.problem, result.observations
     axes.set_ylabel("derivative of cost\n(multiples of the optimal multiplier)")
@@ -128,6 +110,7 @@ def _agreement(look: Observation) -> FloatArray:
     return np.asarray(np.quantile(gradient, (0.05, 0.5, 0.95), axis=0) / look.best.multipliers)
 
 
+@panel
 def error_decay(
     axes: Axes,
     results: Result | Sequence[Result],
@@ -142,8 +125,6 @@ def error_decay(
 
     Parameters
     ----------
-    axes : Axes
-        Where to draw.
     results : Result or sequence of Result
         Runs of one problem, with allocations recorded at the same times; their errors are averaged.
     measure : {"misallocation", "relative_error"}
@@ -151,11 +132,6 @@ def error_decay(
         the one that is in force.
     slope : float
         Of the reference line.
-
-    Returns
-    -------
-    Axes
-        The same axes.
 
     Raises
     ------

@@ -6,6 +6,7 @@ from matplotlib.axes import Axes
 from aimd_des.plots import selection, style, units
 from aimd_des.plots.allocations import NOT_RECORDED
 from aimd_des.plots.in_force import NEVER, NOBODY, Observation, measured
+from aimd_des.plots.panel import panel
 from aimd_des.problem.optimum import Optimum
 from aimd_des.results import metrics
 from aimd_des.results.result import Result
@@ -15,25 +16,12 @@ from aimd_des.utils.validation import FloatArray
 _BINS = 20
 
 
+@panel
 def absolute_error(axes: Axes, result: Result, optimum: Optimum | None = None) -> Axes:
     """Draw how the distance of the averages from the optimum evolves.
 
     For each resource the median over all agents as a line, with a band up to the distance below
     which 95 % of the agents lie.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where to draw.
-    result : Result
-        The run, with allocations recorded over time.
-    optimum : Optimum, optional
-        What stands for the optimum of the problem at the end; the one in force at each time unless given.
-
-    Returns
-    -------
-    Axes
-        The same axes.
     """
     scale, seen = units.scale_for_agents(result.problem), result.observations
     axes.set_ylabel(style.axis_label("|average − optimum|", scale.unit))
@@ -59,23 +47,9 @@ def absolute_error(axes: Axes, result: Result, optimum: Optimum | None = None) -
     return axes
 
 
+@panel
 def relative_error(axes: Axes, result: Result, optimum: Optimum | None = None) -> Axes:
-    """Draw how the relative error of each resource evolves.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where to draw.
-    result : Result
-        The run, with allocations recorded over time.
-    optimum : Optimum, optional
-        What stands for the optimum of the problem at the end; the one in force at each time unless given.
-
-    Returns
-    -------
-    Axes
-        The same axes.
-    """
+    """Draw how the relative error of each resource evolves."""
     seen = result.observations
     axes.set_ylabel("relative error")
     shown = selection.few_looks(result)
@@ -96,24 +70,11 @@ def relative_error(axes: Axes, result: Result, optimum: Optimum | None = None) -
     return axes
 
 
+@panel
 def cost_ratio(axes: Axes, result: Result, optimum: Optimum | None = None) -> Axes:
     """Draw how the total cost of the averages, over that of the optimum, evolves.
 
     It is below 1 where the averages do not use up the capacities.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where to draw.
-    result : Result
-        The run, with allocations recorded over time.
-    optimum : Optimum, optional
-        What stands for the optimum of the problem at the end; the one in force at each time unless given.
-
-    Returns
-    -------
-    Axes
-        The same axes.
     """
     seen = result.observations
     axes.set_ylabel("total cost / optimal cost")
@@ -131,24 +92,16 @@ def cost_ratio(axes: Axes, result: Result, optimum: Optimum | None = None) -> Ax
     return axes
 
 
+@panel
 def error_histogram(axes: Axes, result: Result, optimum: Optimum | None, resource: int) -> Axes:
     """Draw how many agents end how far from their optimal allocation of one resource.
 
     Parameters
     ----------
-    axes : Axes
-        Where to draw.
     result : Result
         The run.
-    optimum : Optimum, optional
-        What stands for the optimum of the problem at the end; the one in force at each time unless given.
     resource : int
         j, counted from 0.
-
-    Returns
-    -------
-    Axes
-        The same axes.
     """
     shared, last = result.problem.resources[resource], result.history[-1]
     axes.set_xlabel(style.plain(f"|average − optimum| of {style.resource_label(shared)}"))

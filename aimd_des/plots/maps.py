@@ -13,6 +13,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import CenteredNorm, LogNorm, Normalize, TwoSlopeNorm
 
 from aimd_des.plots import style
+from aimd_des.plots.panel import panel
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
@@ -24,6 +25,7 @@ _SEQUENTIAL, _DIVERGING = "cividis", "PuOr_r"
 _MISSING = "0.9"
 
 
+@panel
 def heat_map(
     axes: Axes,
     frame: pd.DataFrame,
@@ -63,11 +65,6 @@ def heat_map(
         x and y along a curve of theory; placed between cells by linear interpolation.
     boundary_label : str
         What the curve is, for the legend.
-
-    Returns
-    -------
-    Axes
-        The same axes.
 
     Raises
     ------

@@ -12,6 +12,7 @@ from matplotlib.colors import ListedColormap
 
 from aimd_des.channel.topology.attributes import Graph, edge_number, known_node, simple_graph
 from aimd_des.plots import style
+from aimd_des.plots.panel import panel
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
@@ -39,6 +40,7 @@ _LATENCIES = ListedColormap(colormaps["viridis_r"](np.linspace(0.15, 1.0, 256)))
 Places = Mapping[Hashable, FloatArray]
 
 
+@panel
 def network_map(
     axes: Axes, graph: Graph, *, root: Hashable = None, latency: str = "latency", loss: str = "loss"
 ) -> Axes:
@@ -55,11 +57,6 @@ def network_map(
         The control unit's; ``graph.graph["root"]`` unless given.
     latency, loss : str
         The attributes of the edges.
-
-    Returns
-    -------
-    Axes
-        The same axes.
 
     Raises
     ------

@@ -5,6 +5,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 
 from aimd_des.plots import capacity, style, units
+from aimd_des.plots.panel import panel
 from aimd_des.results.event_log import Entry, EventLog
 from aimd_des.results.result import Result
 from aimd_des.utils import validation
@@ -23,6 +24,7 @@ _LOST_COLOUR = "#D55E00"
 _HEARD_COLOUR = "0.72"
 
 
+@panel
 def demand_and_signals(axes: Axes, result: Result, *, start: float = 0.0, end: float | None = None) -> Axes:
     """Draw total demand against the capacities over a window of time, with every signal marked.
 
@@ -31,8 +33,6 @@ def demand_and_signals(axes: Axes, result: Result, *, start: float = 0.0, end: f
 
     Parameters
     ----------
-    axes : Axes
-        Where to draw.
     result : Result
         The run, with totals recorded densely: ``Recording(demand=0.1)`` for continuous agents, every
         step for discrete ones.
@@ -40,11 +40,6 @@ def demand_and_signals(axes: Axes, result: Result, *, start: float = 0.0, end: f
         Where the window begins, in units of time.
     end : float, optional
         Where it ends; the end of the run unless given.
-
-    Returns
-    -------
-    Axes
-        The same axes.
 
     Raises
     ------
@@ -75,6 +70,7 @@ def demand_and_signals(axes: Axes, result: Result, *, start: float = 0.0, end: f
     return axes
 
 
+@panel
 def signal_raster(
     axes: Axes,
     result: Result,
@@ -88,8 +84,6 @@ def signal_raster(
 
     Parameters
     ----------
-    axes : Axes
-        Where to draw.
     result : Result
         The run, with its log kept: ``Recording(events=True)``.
     resource : int
@@ -100,11 +94,6 @@ def signal_raster(
         Where it ends; the end of the run unless given.
     agents : array_like of int, shape (q,), optional
         Which agents, from the bottom to the top; all unless given, or a hundred spread evenly over them.
-
-    Returns
-    -------
-    Axes
-        The same axes.
 
     Raises
     ------

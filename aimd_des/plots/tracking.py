@@ -5,25 +5,15 @@ from matplotlib.axes import Axes
 from aimd_des.plots import style
 from aimd_des.plots.allocations import NOT_RECORDED
 from aimd_des.plots.in_force import NEVER
+from aimd_des.plots.panel import panel
 from aimd_des.results.result import Result
 
 
+@panel
 def tracking_error(axes: Axes, result: Result) -> Axes:
     """Draw how far the averages are from the optimum that is in force, through all interventions.
 
     Dotted lines stand where the problem changes, and with it the optimum.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where to draw.
-    result : Result
-        The run, with allocations recorded over time.
-
-    Returns
-    -------
-    Axes
-        The same axes.
     """
     axes.set_ylabel(style.axis_label("relative error", "share of the optimum in force"))
     if not _draw(axes, result, "relative_error"):
@@ -35,21 +25,9 @@ def tracking_error(axes: Axes, result: Result) -> Axes:
     return _finish(axes, result)
 
 
+@panel
 def tracking_level(axes: Axes, result: Result) -> Axes:
-    """Draw how much of the capacity in force the averages use, through all interventions.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where to draw.
-    result : Result
-        The run, with allocations recorded over time.
-
-    Returns
-    -------
-    Axes
-        The same axes.
-    """
+    """Draw how much of the capacity in force the averages use, through all interventions."""
     axes.set_ylabel(style.axis_label("sum of averages", "share of the capacity in force"))
     if not _draw(axes, result, "level"):
         return style.note(axes, NOT_RECORDED)

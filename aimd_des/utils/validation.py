@@ -11,6 +11,7 @@ from typing import TypedDict, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.utils.docstrings import described_like
 from aimd_des.utils.errors import InputError
 
 FloatArray = npt.NDArray[np.float64]
@@ -116,6 +117,7 @@ def number(
     return clean
 
 
+@described_like(number)
 def integer(
     field: str, value: object, *, low: int | None = None, high: int | None = None, remedy: str = ""
 ) -> int:
@@ -123,24 +125,15 @@ def integer(
 
     Parameters
     ----------
-    field : str
-        What the value is called where it was given.
     value : object
         An integer; truth values and floats are none.
     low, high : int, optional
         Bounds, included.
-    remedy : str
-        What the refusal advises.
 
     Returns
     -------
     int
         The integer.
-
-    Raises
-    ------
-    InputError
-        With the field, the value, the range and the remedy.
     """
     allowed = "an integer"
     if low is not None:
@@ -156,6 +149,7 @@ def integer(
     return clean
 
 
+@described_like(number)
 def array(
     field: str,
     value: object,
@@ -171,28 +165,15 @@ def array(
 
     Parameters
     ----------
-    field : str
-        What the value is called where it was given.
     value : object
         Numbers, as NumPy reads them.
     shape : sequence of int or str
         A length for each axis, or a word where any length will do.
-    low, high : float
-        Bounds, included unless told otherwise.
-    low_open, high_open : bool
-        Whether a bound is excluded.
-    remedy : str
-        What the refusal advises.
 
     Returns
     -------
     ndarray
         A copy of the numbers that cannot be written.
-
-    Raises
-    ------
-    InputError
-        With the field, the value, the range and the remedy.
     """
     wanted = f"({', '.join(str(length) for length in shape)}{',' if len(shape) == 1 else ''})"
     try:
@@ -216,6 +197,7 @@ def array(
     return clean
 
 
+@described_like(number)
 def per_agent(
     field: str,
     value: object,
@@ -230,26 +212,13 @@ def per_agent(
 
     Parameters
     ----------
-    field : str
-        What the value is called where it was given.
     value : object
         A number, or a number for each agent.
-    low, high : float
-        Bounds, included unless told otherwise.
-    low_open, high_open : bool
-        Whether a bound is excluded.
-    remedy : str
-        What the refusal advises.
 
     Returns
     -------
     float or ndarray, shape (n,)
         The number or the numbers.
-
-    Raises
-    ------
-    InputError
-        With the field, the value, the range and the remedy.
     """
     bounds: _Bounds = {"low": low, "high": high, "low_open": low_open, "high_open": high_open}
     if axes(value):

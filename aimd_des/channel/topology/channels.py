@@ -18,6 +18,7 @@ from aimd_des.channel.topology.attributes import Graph
 from aimd_des.channel.topology.routes import Routes, find_routes
 from aimd_des.channel.topology.statistics import estimated_statistics, tree_statistics
 from aimd_des.channel.transmit_kernel import channel_table
+from aimd_des.utils.docstrings import described_like
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Key, Purpose
 from aimd_des.utils.validation import FloatArray
@@ -83,6 +84,7 @@ class TreeChannel(_NetworkChannel):
         return tree_statistics(self.routes, self.latency, self.loss)
 
 
+@described_like(TreeChannel)
 class FloodChannel(_NetworkChannel):
     """A channel in which every node forwards the first copy that it gets to all neighbours; made by `flood`.
 
@@ -90,15 +92,6 @@ class FloodChannel(_NetworkChannel):
     ----------
     routes : Routes
         All arcs over which a copy may come.
-    latency : Latency
-        The model of latency, for each arc.
-    loss : Loss
-        The model of loss, for each arc.
-
-    Raises
-    ------
-    InputError
-        If edges would not be independent of each other.
     """
 
     def statistics(self, broadcasts: int = 10_000, seed: int = 0) -> pd.DataFrame:
@@ -164,6 +157,7 @@ def tree(
     return TreeChannel(routes, *_models(routes, latency, loss))
 
 
+@described_like(tree)
 def flood(
     graph: Graph,
     *,
@@ -177,29 +171,10 @@ def flood(
     A copy arrives over the fastest of the paths that lose nothing.  Both directions of an edge are
     arcs of their own, with draws of their own.
 
-    Parameters
-    ----------
-    graph : networkx.Graph or networkx.DiGraph
-        As of `tree`.
-    root : node, optional
-        The control unit's node; ``graph.graph["root"]`` unless given.
-    agents : sequence of nodes, optional
-        In the order of the agents' index; all nodes but the root, in the graph's order, unless given.
-        The other nodes are relays.
-    latency : callable
-        As of `tree`.
-    loss : callable
-        As of `tree`.
-
     Returns
     -------
     FloodChannel
         The channel.
-
-    Raises
-    ------
-    InputError
-        As of `tree`.
     """
     routes = find_routes(graph, root, agents, only_tree=False)
     return FloodChannel(routes, *_models(routes, latency, loss))

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from aimd_des.channel.parameters import LONGEST
 from aimd_des.channel.topology.attributes import HIGHEST, Graph, known_node
 from aimd_des.utils import rng, validation
+from aimd_des.utils.docstrings import described_like
 from aimd_des.utils.rng import Purpose
 
 # Positions stand apart from the numbers that problems of the same seed are made from.
@@ -75,6 +76,7 @@ def balanced_tree(branching: int, height: int, latency: float = 0.0, loss: float
     return _finished(nx.balanced_tree(width, depth), 0, **_same(latency, loss))
 
 
+@described_like(balanced_tree)
 def grid(
     rows: int, columns: int, latency: float = 0.0, loss: float = 0.0, *, root: tuple[int, int] = (0, 0)
 ) -> Graph:
@@ -84,10 +86,6 @@ def grid(
     ----------
     rows, columns : int
         At least 1 each, and at least 2 nodes; nodes are named (row, column), from (0, 0).
-    latency : float
-        Latency of every edge, at least 0, in units of time.
-    loss : float
-        Probability of loss on every edge.
     root : tuple of int
         The control unit's node; a corner unless said.
 
@@ -110,6 +108,7 @@ def grid(
     return _finished(graph, root, **_same(latency, loss))
 
 
+@described_like(balanced_tree)
 def random_geometric(
     n_agents: int, radius: float, *, latency_per_distance: float, loss: float = 0.0, seed: int
 ) -> Graph:
@@ -127,8 +126,6 @@ def random_geometric(
         Greatest distance of neighbours, greater than 0; the square has sides of 1.
     latency_per_distance : float
         Latency of an edge over its length, at least 0, in units of time.
-    loss : float
-        Probability of loss on every edge.
     seed : int
         Of the positions, at least 0.
 

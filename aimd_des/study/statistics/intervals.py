@@ -8,6 +8,7 @@ import numpy.typing as npt
 from scipy import special
 
 from aimd_des.utils import validation
+from aimd_des.utils.docstrings import described_like
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
@@ -80,6 +81,7 @@ def mean_interval(values: npt.ArrayLike, confidence: float = 0.95) -> Interval:
     return _around(float(sample.mean()), error, count - 1, count, confidence)
 
 
+@described_like(mean_interval)
 def paired_difference(values: npt.ArrayLike, baseline: npt.ArrayLike, confidence: float = 0.95) -> Interval:
     """Estimate the difference of two means from replications with the same luck.
 
@@ -87,8 +89,6 @@ def paired_difference(values: npt.ArrayLike, baseline: npt.ArrayLike, confidence
     ----------
     values, baseline : array_like, shape (r,)
         One number for each replication; those at the same place had the same seed.
-    confidence : float
-        Between 0 and 1.
 
     Returns
     -------
@@ -107,6 +107,7 @@ def paired_difference(values: npt.ArrayLike, baseline: npt.ArrayLike, confidence
     return mean_interval(first - second, confidence)
 
 
+@described_like(paired_difference)
 def difference(values: npt.ArrayLike, baseline: npt.ArrayLike, confidence: float = 0.95) -> Interval:
     """Estimate the difference of two means from replications that have nothing in common.
 
@@ -114,8 +115,6 @@ def difference(values: npt.ArrayLike, baseline: npt.ArrayLike, confidence: float
     ----------
     values, baseline : array_like, shapes (r,) and (q,)
         One number for each replication.
-    confidence : float
-        Between 0 and 1.
 
     Returns
     -------
