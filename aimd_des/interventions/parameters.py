@@ -12,6 +12,7 @@ from aimd_des.interventions.bookkeeping import begin_piece, end_piece, note
 from aimd_des.problem.lookup import Agents, agent_indices, resource_index
 from aimd_des.results.event_log import Entry
 from aimd_des.utils import validation
+from aimd_des.utils.docstrings import described_like
 from aimd_des.utils.locked_arrays import put
 
 __all__ = ["set_capacity", "set_decrease", "set_increase", "set_normalization", "set_threshold"]
@@ -32,7 +33,7 @@ def set_capacity(system: System, resource: str | int, capacity: float) -> None:
     Raises
     ------
     InputError
-        If there is no such resource, or the capacity is not positive.
+        If there is no such resource.
     """
     j = resource_index(system.problem, resource)
     value = validation.number("capacity", capacity, low=0.0, low_open=True)
@@ -45,22 +46,14 @@ def set_capacity(system: System, resource: str | int, capacity: float) -> None:
         system.tighten(j)
 
 
+@described_like(set_capacity)
 def set_threshold(system: System, resource: str | int, threshold: float) -> None:
     """Change the share of a capacity above which a signal is due.
 
     Parameters
     ----------
-    system : System
-        The run in progress.
-    resource : str or int
-        Its name, or j.
     threshold : float
         gamma, greater than 0 and at most 1.
-
-    Raises
-    ------
-    InputError
-        If there is no such resource, or the threshold is outside its range.
     """
     j = resource_index(system.problem, resource)
     value = validation.number("threshold", threshold, low=0.0, low_open=True, high=1.0)
@@ -73,22 +66,14 @@ def set_threshold(system: System, resource: str | int, threshold: float) -> None
         system.tighten(j)
 
 
+@described_like(set_capacity)
 def set_normalization(system: System, resource: str | int, normalization: float) -> None:
     """Change the normalization factor of a resource.
 
     Parameters
     ----------
-    system : System
-        The run in progress.
-    resource : str or int
-        Its name, or j.
     normalization : float
         Gamma > 0.
-
-    Raises
-    ------
-    InputError
-        If there is no such resource, or the factor is not positive.
     """
     j = resource_index(system.problem, resource)
     value = validation.number("normalization", normalization, low=0.0, low_open=True)
@@ -97,24 +82,21 @@ def set_normalization(system: System, resource: str | int, normalization: float)
     _conclude(system, Entry.NORMALIZATION, j, value)
 
 
+@described_like(set_capacity)
 def set_increase(system: System, agents: Agents, resource: str | int, increase: float) -> None:
     """Change how fast agents grow; of those that are away, from when they are back.
 
     Parameters
     ----------
-    system : System
-        The run in progress.
     agents : str, int or sequence of these
         Whose: names, or i.
-    resource : str or int
-        Its name, or j.
     increase : float
         alpha > 0, in units of the resource per tick or per unit of time.
 
     Raises
     ------
     InputError
-        If there is no such agent or resource, one agent is named twice, or alpha is not positive.
+        If there is no such agent or resource, or one agent is named twice.
     """
     j, indices = resource_index(system.problem, resource), agent_indices(system.problem, agents)
     value = validation.number("increase", increase, low=0.0, low_open=True)
@@ -131,24 +113,14 @@ def set_increase(system: System, agents: Agents, resource: str | int, increase: 
     system.tighten(j)
 
 
+@described_like(set_increase)
 def set_decrease(system: System, agents: Agents, resource: str | int, decrease: float) -> None:
     """Change what responses of agents multiply their demand by.
 
     Parameters
     ----------
-    system : System
-        The run in progress.
-    agents : str, int or sequence of these
-        Whose: names, or i.
-    resource : str or int
-        Its name, or j.
     decrease : float
         beta, at least 0 and less than 1.
-
-    Raises
-    ------
-    InputError
-        If there is no such agent or resource, one agent is named twice, or beta is outside its range.
     """
     j, indices = resource_index(system.problem, resource), agent_indices(system.problem, agents)
     value = validation.number("decrease", decrease, low=0.0, high=1.0, high_open=True)
