@@ -10,6 +10,7 @@ from aimd_des.engine.delivery import Agent, ProcessGenerator, Signal
 from aimd_des.engine.environment import EventKind, OrderedEnvironment
 from aimd_des.engine.system import System
 from aimd_des.problem.lookup import agent_indices
+from aimd_des.utils.parts import part
 from aimd_des.utils.portable_math import exp, expm1, exps, log, log1p, logs, standard_normal
 from aimd_des.utils.rng import Purpose, generator, key, uniforms
 from aimd_des.utils.validation import FloatArray
@@ -39,6 +40,7 @@ __all__ = [
     "log",
     "log1p",
     "logs",
+    "part",
     "response_probability",
     "standard_normal",
     "uniforms",

@@ -62,7 +62,7 @@ FACES = {
     "lowlevel": """
         Agent Broadcast Channel ControlUnit Copies DrawnLink Draws EventKind FloatArray Link
         OrderedEnvironment ProcessGenerator Purpose Signal System agent_indices exp expm1 exps generator
-        key log log1p logs response_probability standard_normal uniforms
+        key log log1p logs part response_probability standard_normal uniforms
     """,
     "metrics": """
         consensus_spread cost_ratio relative_error utilisation

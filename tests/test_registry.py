@@ -7,8 +7,9 @@ import pytest
 
 from aimd_des import InputError, Problem
 from aimd_des.scenario.kinds import kinds
-from aimd_des.scenario.models import made_by, models_of, named_model
+from aimd_des.scenario.models import made_by, named_model
 from aimd_des.scenario.module_source import decorated, modules_in, source_of
+from aimd_des.scenario.named import MODELS
 from tests.command_line import invoke, refusal, said, write
 
 pytestmark = pytest.mark.usefixtures("own_folder")
@@ -96,7 +97,7 @@ def test_a_module_that_registers_no_model_is_not_run(kind: str) -> None:
     outcome = invoke("validate", "own.toml")
     assert outcome.exit_code == 2
     assert outcome.stderr.startswith(f"own.toml: model = '{name}': must be a module that ")
-    assert models_of(name) == []
+    assert MODELS.within(name) == []
     assert name not in sys.modules
 
 
@@ -179,8 +180,8 @@ def test_the_decorator_is_known_by_all_its_names(imported: str, mark: str) -> No
 
 
 def test_models_of_the_project_are_found_by_reading() -> None:
-    assert models_of("models") == []
-    assert models_of("models.smart_cameras") == ["models.smart_cameras"]
+    assert MODELS.within("models") == []
+    assert MODELS.within("models.smart_cameras") == ["models.smart_cameras"]
     assert isinstance(made_by("models.classic_aimd", {}), Problem)
 
 
@@ -191,10 +192,10 @@ def test_folders_are_shown_and_reported_without_their_model(monkeypatch: pytest.
     assert invoke("run", "own.toml", "--out", "run", "--no-figures").exit_code == 0
     assert invoke("sweep", "study.toml", "--out", "study", "--workers", "1").exit_code == 0
 
-    def looked_for(name: str) -> None:
+    def looked_for(_: object, name: str) -> None:
         raise AssertionError(name)
 
-    monkeypatch.setattr("aimd_des.scenario.models._called", looked_for)
+    monkeypatch.setattr("aimd_des.scenario.named.Names._called", looked_for)
     for folder in ("run", "study"):
         assert invoke("show", folder).exit_code == 0
         assert invoke("compare", folder, folder).exit_code == 0

@@ -28,11 +28,11 @@ from aimd_des import (
     topology,
 )
 from aimd_des.scenario import Scenario
-from aimd_des.scenario.kinds import KINDS, Kind, describe, kinds, kinds_of
+from aimd_des.scenario.kinds import Kind, describe, kinds, our_kinds
+from aimd_des.scenario.networks import over_network
 from aimd_des.scenario.tables import (
     ChannelSettings,
     ClocksSettings,
-    CostsSettings,
     RecordingSettings,
     ResourceSettings,
 )
@@ -51,7 +51,7 @@ def _where_models_are(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_all_that_is_public_has_a_kind() -> None:
-    made = {getattr(kind.make, "__func__", kind.make) for kind in KINDS}
+    made = {getattr(kind.of.make, "__func__", kind.of.make) for kind in our_kinds()}
     makers = {
         *(getattr(latency, name) for name in latency.__all__ if name not in {"Latency"}),
         *(getattr(loss, name) for name in loss.__all__),
@@ -93,7 +93,7 @@ def test_a_model_that_cannot_be_imported_is_named(tmp_path: Path, monkeypatch: p
     source = "import aimd_des\nimport nothing_of_that_name\n\n@aimd_des.model\ndef broken():\n    ...\n"
     (tmp_path / "broken_model.py").write_text(source, encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr("aimd_des.scenario.kinds._MODELS", "broken_model")
+    monkeypatch.setattr("aimd_des.scenario.named._MODELS", "broken_model")
     with pytest.raises(
         InputError, match=r"^model = 'broken_model': must be a module that can be imported, and "
     ):
@@ -101,16 +101,16 @@ def test_a_model_that_cannot_be_imported_is_named(tmp_path: Path, monkeypatch: p
 
 
 def test_without_a_package_of_models_there_are_the_other_kinds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("aimd_des.scenario.kinds._MODELS", "no_package_of_that_name")
-    assert kinds() == KINDS
+    monkeypatch.setattr("aimd_des.scenario.named._MODELS", "no_package_of_that_name")
+    assert kinds() == our_kinds()
 
 
 def test_defaults_are_those_of_the_scenario() -> None:
-    crossing = kinds_of("control_unit")[1]
+    crossing = our_kinds("control_unit")[1]
     assert [(one.name, one.required, one.default) for one in crossing.parameters] == [
         ("hold_off", False, "1.0"), ("sensing_delay", False, "0.0"), ("longest_hold_off", False, "")
     ]  # fmt: skip
-    grid = next(kind for kind in KINDS if kind.name == "grid")
+    grid = next(kind for kind in our_kinds() if kind.name == "grid")
     assert {one.name: one.default for one in grid.parameters}["root"] == "[0, 0]"
     assert {one.name: one.required for one in grid.parameters} == {
         "rows": True, "columns": True, "latency": False, "loss": False, "root": False,
@@ -144,15 +144,14 @@ def differences() -> dict[str, tuple[Any, Any]]:
     pairs: dict[str, tuple[Any, Any]] = {}
     for prefix, table, thing in (
         ("resources.", ResourceSettings, Resource),
-        ("costs.", CostsSettings, PolynomialCosts),
         ("channel.", ChannelSettings, BroadcastChannel),
         ("clocks.", ClocksSettings, Clocks),
         ("recording.", RecordingSettings, Recording),
     ):
         for name, python in defaults(thing).items():
             pairs[prefix + name] = in_file(table, name), python
-    for kind in KINDS:
-        own = defaults(kind.make) | (defaults(kind.then) if kind.then else {})
+    for kind in our_kinds():
+        own = defaults(kind.of.make) | (defaults(over_network) if kind.goes_over else {})
         for name, one in kind.signature.items():
             file = "required" if one.default is one.empty else one.default
             if file != own[name]:  # several kinds have keys of one name

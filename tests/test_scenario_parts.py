@@ -312,7 +312,7 @@ VAST = "[channel.network]" + EXAMPLES["network random_geometric"].partition("[ch
         ('[channel]\nlatency = [0.5, "x"]', "channel.latency.1 = 'x': must be a valid number"),
         (
             '[channel]\nlatency = { kind = "exponental", mean = 1 }',
-            "channel.latency.kind = 'exponental': must be one of constant, uniform, exponential",
+            "channel.latency.kind = 'exponental': must be one of constant, empirical, measured",
         ),
         (
             '[channel]\nlatency = { kind = "exponential", mean = -1 }',
@@ -384,7 +384,7 @@ VAST = "[channel.network]" + EXAMPLES["network random_geometric"].partition("[ch
         ),
         (
             '[[interventions]]\nkind = "crahs"\nat = 1',
-            "interventions.0.kind = 'crahs': must be one of capacity_step, capacity_ramp, capacity_profile,",
+            "interventions.0.kind = 'crahs': must be one of join, absence, crash, unusual_activity,",
         ),
         (
             '[[interventions]]\nkind = "crash"\nagents = 1\nat = 9\nuntil = 8',

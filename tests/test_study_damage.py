@@ -357,11 +357,11 @@ def _swept(name: str, text: str, out: Path, monkeypatch: pytest.MonkeyPatch, rep
     """Sweep in a process that has just imported the model."""
     import sys
 
-    from aimd_des.scenario import models as registry
+    from aimd_des.utils import parts as registry
 
     Path(f"{name}.py").write_text(text)
     sys.modules.pop(name, None)
-    monkeypatch.setattr(registry, "_REGISTERED", {})
+    monkeypatch.delitem(registry.REGISTERED, name, raising=False)
     __import__("importlib").invalidate_caches()
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     study = Study.model_validate(

@@ -25,7 +25,7 @@ from aimd_des.channel.loss.kernels import LossTable, TabledLoss, refuse_loss
 from aimd_des.channel.parameters import model_of
 from aimd_des.channel.random_draws import Draws
 from aimd_des.channel.transmit_kernel import ChannelTable, channel_table, put_in_order, transmit
-from aimd_des.utils import validation
+from aimd_des.utils import returned_values, validation
 from aimd_des.utils.rng import Key, Purpose
 from aimd_des.utils.validation import FloatArray
 
@@ -192,7 +192,7 @@ class BroadcastChannel:
         """Begin a run."""
         assert isinstance(self.latency, Latency)  # noqa: S101 - __post_init__ saw to it
         assert isinstance(self.loss, Loss)  # noqa: S101
-        self.latency.check(n_agents)
+        returned_values.check(self.latency, n_agents)
         validation.fits("duplication", self.duplication, n_agents)
         duplication, loss = np.asarray(self.duplication, dtype=np.float64), start_loss(self.loss, n_agents)
         if tables := compiled_models(self.latency, loss, n_agents):

@@ -30,6 +30,7 @@ TOPICS = {
     "averaging": Topic('Averaging, as in [averaging] kind = "NAME"', "averaging"),
     "compensation": Topic('Compensation of losses, as in [compensation] kind = "NAME"', "compensation"),
     "interventions": Topic('Interventions, as in [[interventions]] kind = "NAME"', "intervention"),
+    "costs": Topic('Private costs of a problem that is written out, as in [costs] kind = "NAME"', "costs"),
 }
 
 # Where files of scenarios and studies are looked for.
@@ -59,11 +60,9 @@ def entries(topic: str) -> list[CatalogEntry]:
     """List what there is of one topic."""
     if topic == "scenarios":
         return [*_scripts(), *_files()]
-    from aimd_des.scenario.kinds import kinds, kinds_of
+    from aimd_des.scenario.kinds import kinds
 
-    group = TOPICS[topic].group
-    found = [kind for kind in kinds() if kind.group == group] if topic == "models" else kinds_of(group)
-    return [_entry(kind) for kind in found]
+    return [_entry(kind) for kind in kinds(TOPICS[topic].group)]
 
 
 def _entry(kind: "Kind") -> CatalogEntry:

@@ -28,6 +28,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.jit import formula
+from aimd_des.utils.parts import built_in
 from aimd_des.utils.portable_math import exp, expm1
 from aimd_des.utils.validation import FloatArray
 
@@ -192,6 +193,7 @@ class Averaging(Protocol):
         ...
 
 
+@built_in("averaging", "cumulative")
 @dataclass(frozen=True)
 class Cumulative:
     """All of the past counts alike: the paper's average, eq. (average_eqn)."""
@@ -213,6 +215,7 @@ class Cumulative:
         return AveragingParameters(CUMULATIVE, 0.0, 0.0, 0.0, 0)
 
 
+@built_in("averaging", "window")
 @dataclass(frozen=True)
 class Window:
     """Only the latest stretch of the past counts.
@@ -272,6 +275,7 @@ class Window:
         return AveragingParameters(WINDOW, 0.0, 0.0, part, self.parts)
 
 
+@built_in("averaging", "forgetting")
 @dataclass(frozen=True)
 class Forgetting:
     """The past counts the less the longer ago it is: exp(-age / T).

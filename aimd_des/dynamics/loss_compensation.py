@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from aimd_des.utils import validation
 from aimd_des.utils.jit import formula
+from aimd_des.utils.parts import built_in
 from aimd_des.utils.validation import FloatArray
 
 __all__ = [
@@ -86,6 +87,7 @@ def no_compensation(n_agents: int) -> CompensationParameters:
     return CompensationParameters(NOTHING, np.zeros(n_agents), 0)
 
 
+@built_in("compensation", "known")
 @dataclass(frozen=True, eq=False)
 class KnownLoss:
     """Every agent knows the probability with which signals are lost on it.
@@ -139,6 +141,7 @@ class KnownLoss:
         )
 
 
+@built_in("compensation", "estimated")
 @dataclass(frozen=True)
 class EstimatedLoss:
     """Every agent estimates its loss from the running numbers of the signals that it hears.

@@ -17,6 +17,7 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import SimulationError
 from aimd_des.utils.jit import formula
 from aimd_des.utils.old_keywords import keywords
+from aimd_des.utils.parts import built_in
 
 __all__ = ["NEVER", "ControlUnit", "Crossing", "Sampled", "Unanswered", "adapted", "soonest_crossing"]
 
@@ -42,6 +43,7 @@ class ControlUnit(Protocol):
         ...
 
 
+@built_in("control_unit", "sampled")
 @dataclass(frozen=True)
 class Sampled:
     """A control unit that looks at ``phase + q * period``.
@@ -156,6 +158,7 @@ class Unanswered:
         self.level[resource] += change
 
 
+@built_in("control_unit", "crossing", hold_off=1.0)
 @keywords("refractory", "longest")
 @dataclass(frozen=True)
 class Crossing:

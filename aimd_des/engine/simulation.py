@@ -156,7 +156,7 @@ class Simulation:
         agent_parameters(problem, tick_weight, averaging, compensation)  # and what does not fit the agents
         changes = validation.instances("interventions", interventions, Intervention, "an intervention")
         for intervention in changes:
-            intervention.check(problem)
+            returned_values.check(intervention, problem)
         # After the others: it looks agents up, which must exist.
         check_absences(problem, changes)
         self.problem = problem

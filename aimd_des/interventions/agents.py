@@ -16,6 +16,7 @@ from aimd_des.problem.lookup import Agents, agent_indices
 from aimd_des.problem.problem import Problem
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.parts import built_in
 
 __all__ = ["Absence", "Crash", "Join", "Prices", "UnusualActivity"]
 
@@ -52,6 +53,7 @@ class _OfAgents:
         agent_indices(problem, self.agents)
 
 
+@built_in("intervention", "join")
 @dataclass(frozen=True)
 class Join(_OfAgents):
     """Agents are not there at first and join the run at some time.
@@ -97,6 +99,7 @@ class Join(_OfAgents):
             join(system, agent, anew=True)
 
 
+@built_in("intervention", "absence")
 @dataclass(frozen=True)
 class Absence(BeginsAt, _OfAgents):
     """Agents leave, and may come back with their average as it was.
@@ -139,6 +142,7 @@ class Absence(BeginsAt, _OfAgents):
         yield from _away(system, self.agents, self.at, self.until, anew=False)
 
 
+@built_in("intervention", "crash")
 @dataclass(frozen=True)
 class Crash(BeginsAt, _OfAgents):
     """Agents crash: what they hold is released, and if they come back they have forgotten their average.
@@ -192,6 +196,7 @@ def _away(system: System, agents: Agents, at: float, until: float | None, *, ane
             join(system, agent, anew=anew)
 
 
+@built_in("intervention", "unusual_activity")
 @dataclass(frozen=True)
 class UnusualActivity(BeginsAt, _OfAgents):
     """Agents see something unusual and need more for a while: their private costs are scaled.

@@ -17,11 +17,13 @@ from aimd_des.problem.lookup import resource_index
 from aimd_des.problem.problem import Problem
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.parts import built_in
 from aimd_des.utils.validation import FloatArray
 
 __all__ = ["CapacityProfile", "CapacityRamp", "CapacityStep"]
 
 
+@built_in("intervention", "capacity_step")
 @dataclass(frozen=True)
 class CapacityStep(BeginsAt):
     """A capacity changes at one instant.
@@ -82,6 +84,7 @@ class CapacityStep(BeginsAt):
         set_capacity(system, resource_index(system.problem, self.resource), self.capacity)
 
 
+@built_in("intervention", "capacity_ramp")
 @dataclass(frozen=True)
 class CapacityRamp:
     """A capacity changes steadily, in equal small steps, from what it is to another one.
@@ -160,6 +163,7 @@ class CapacityRamp:
             set_capacity(system, j, before + share * (self.capacity - before))
 
 
+@built_in("intervention", "capacity_profile")
 @dataclass(frozen=True, eq=False)
 class CapacityProfile:
     """A capacity follows a table of times and values, once or again and again.
@@ -286,3 +290,6 @@ class CapacityProfile:
         for cycle in count():
             for time, capacity in rows:
                 yield cycle * self.period + time, capacity
+
+
+built_in("intervention", "capacity_profile")(CapacityProfile.from_csv)

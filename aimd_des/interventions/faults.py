@@ -10,6 +10,7 @@ from aimd_des.interventions.bookkeeping import BeginsAt
 from aimd_des.problem.lookup import Agents, agent_indices
 from aimd_des.problem.problem import Problem
 from aimd_des.utils import validation
+from aimd_des.utils.parts import built_in
 
 __all__ = ["Failover", "Partition"]
 
@@ -21,6 +22,7 @@ def _take(fault: "Failover | Partition") -> None:
     object.__setattr__(fault, "duration", clean)
 
 
+@built_in("intervention", "failover")
 @dataclass(frozen=True)
 class Failover(BeginsAt):
     """The control unit goes down, and after a while another one takes over.
@@ -77,6 +79,7 @@ class Failover(BeginsAt):
         recover(system)
 
 
+@built_in("intervention", "partition")
 @dataclass(frozen=True)
 class Partition(BeginsAt):
     """The channel is partitioned, and heals: signals that leave meanwhile are lost on some agents.

@@ -10,6 +10,7 @@ from aimd_des.scenario.kind_tables import KindTable
 from aimd_des.scenario.models import made_by, model_parameters
 from aimd_des.scenario.prices import RedrawnPrices
 from aimd_des.scenario.tables import ResourceChange
+from aimd_des.utils import returned_values
 from aimd_des.utils.errors import InputError
 
 __all__ = ["built_by", "changes_of", "under", "with_resources"]
@@ -52,7 +53,7 @@ def changes_of(
             change = table.build()
             if isinstance(change, RedrawnPrices):
                 change = change.by(str(model), parameters, seed)
-            change.check(problem)
+            returned_values.check(change, problem)
             made.append(change)
     with under("interventions"):
         check_absences(problem, made)

@@ -17,6 +17,9 @@ __all__ = ["canonical_form", "typed_parameters"]
 # They change no result.
 _IMMATERIAL = {"title", "agents"}
 
+# Costs had no kind at first: hashes of studies are made without it.
+_FIRST_COSTS = {"kind": "polynomial"}
+
 
 def canonical_form(spoken: Mapping[str, Any]) -> bytes:
     """Write what decides a result, in one way only."""
@@ -25,6 +28,9 @@ def canonical_form(spoken: Mapping[str, Any]) -> bytes:
         for key, value in with_first_keys(spoken).items()
         if key not in _IMMATERIAL
     }
+    if "costs" in material:
+        costs = material["costs"]
+        material["costs"] = {k: v for k, v in costs.items() if (k, v) not in _FIRST_COSTS.items()}
     return json.dumps(material, sort_keys=True, separators=(",", ":"), default=repr).encode("ascii")
 
 

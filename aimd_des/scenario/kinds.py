@@ -1,27 +1,30 @@
-"""Everything that a scenario names by a kind, in one list: tables, checks, schema and help are made of it."""
+"""Everything that a scenario names by a kind: tables, checks, schema and help are made of it.
+
+Parts register themselves, those of the framework where their modules are imported, which is done here.
+"""
 
 import inspect
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import Any
 
-from aimd_des import interventions
-from aimd_des.channel import latency, loss, topology
-from aimd_des.dynamics import averaging
-from aimd_des.dynamics import loss_compensation as compensation
-from aimd_des.engine.control_unit import Crossing, Sampled
-from aimd_des.scenario.models import models_of, named_model
-from aimd_des.scenario.module_source import modules_in
+import aimd_des.channel.topology
+import aimd_des.dynamics.averaging
+import aimd_des.dynamics.loss_compensation
+import aimd_des.engine.control_unit
+import aimd_des.interventions
+import aimd_des.problem.costs
+import aimd_des.scenario.prices  # noqa: F401 - like those above, it registers its parts
+from aimd_des.scenario.named import MODELS, PARTS, modules_around
 from aimd_des.scenario.networks import over_network
-from aimd_des.scenario.prices import RedrawnPrices
+from aimd_des.utils import returned_values
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.parts import GROUPS, MODEL, Registered, keys_of, registered
 
-__all__ = ["KINDS", "Kind", "Parameter", "describe", "kinds", "kinds_of"]
-
-# Where models are looked for that nobody has named.
-_MODELS = "models"
+__all__ = ["Kind", "Parameter", "describe", "kind_of", "kinds", "our_kinds", "own_kinds"]
 
 
 @dataclass(frozen=True)
@@ -52,114 +55,116 @@ class Kind:
 
     Attributes
     ----------
-    group : str
-        Of which it is one: "model", "control_unit", "latency", "loss", "network", "averaging",
-        "compensation" or "intervention".
+    of : Registered
+        The class or function that makes it.
     name : str
         What `kind` says, or `model`.
-    make : callable
-        The class or function that makes it.
-    defaults : mapping
-        What holds in a scenario where `make` asks for a value.
-    then : callable, optional
-        What is done with what was made; its first parameter.
     """
 
-    group: str
+    of: Registered
     name: str
-    make: Callable[..., Any]
-    defaults: Mapping[str, Any] = field(default_factory=dict)
-    then: Callable[..., Any] | None = None
+
+    @property
+    def group(self) -> str:
+        """Of which it is one: "model", or one of `GROUPS`."""
+        return self.of.group
+
+    @property
+    def is_own(self) -> bool:
+        """Whether it is no part of this package."""
+        return "." in self.name
+
+    @property
+    def goes_over(self) -> bool:
+        """Whether broadcasts go over what it makes: a graph, and no channel that is complete."""
+        return self.group == "network" and not hasattr(self.of.make, "open")
 
     @property
     def meaning(self) -> str:
         """One line about it."""
-        return (inspect.getdoc(self.make) or "").partition("\n")[0]
+        return (inspect.getdoc(self.of.make) or "").partition("\n")[0]
 
     @cached_property
-    def own(self) -> frozenset[str]:
-        """The keys that `make` takes; `then` takes the others."""
-        return frozenset(inspect.signature(self.make).parameters)
+    def own(self) -> dict[str, inspect.Parameter]:
+        """The keys that the class or function takes."""
+        return {
+            name: given.replace(default=self.of.defaults.get(name, given.default))
+            for name, given in keys_of(self.of.make).items()
+        }
 
     @cached_property
     def signature(self) -> dict[str, inspect.Parameter]:
-        """The keys, with types and defaults."""
-        found = dict(inspect.signature(self.make).parameters)
-        if self.then is not None:
-            found |= dict(list(inspect.signature(self.then).parameters.items())[1:])
-        return {
-            name: parameter.replace(default=self.defaults.get(name, parameter.default))
-            for name, parameter in found.items()
-            if not name.startswith("_")
-        }
+        """The keys, with types and defaults; where broadcasts go over a graph, with those that say how."""
+        over = list(keys_of(over_network).items())[1:] if self.goes_over else []
+        return {**self.own, **dict(over)}
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The keys, with defaults and meanings."""
-        meanings = describe(self.make.__doc__) | describe(self.then.__doc__ if self.then else None)
+        over = over_network.__doc__ if self.goes_over else None
+        meanings = describe(self.of.make.__doc__) | describe(over)
         return tuple(
             Parameter(name, given.default is given.empty, _as_toml(given.default), meanings.get(name, ""))
             for name, given in self.signature.items()
         )
 
-
-#: All but the models, which are looked for.
-KINDS: tuple[Kind, ...] = (
-    Kind("control_unit", "sampled", Sampled),
-    Kind("control_unit", "crossing", Crossing, {"hold_off": 1.0}),
-    Kind("latency", "constant", latency.Constant),
-    Kind("latency", "uniform", latency.Uniform),
-    Kind("latency", "exponential", latency.Exponential),
-    Kind("latency", "gamma", latency.ShiftedGamma),
-    Kind("latency", "lognormal", latency.LogNormal),
-    Kind("latency", "pareto", latency.Pareto),
-    Kind("latency", "empirical", latency.Empirical),
-    Kind("latency", "measured", latency.Empirical.from_csv),
-    Kind("loss", "bernoulli", loss.Bernoulli),
-    Kind("loss", "gilbert_elliott", loss.GilbertElliott),
-    Kind("loss", "common", loss.CommonMode),
-    Kind("loss", "trace", loss.Trace),
-    Kind("loss", "recorded", loss.Trace.from_csv),
-    Kind("network", "star", topology.star, then=over_network),
-    Kind("network", "balanced_tree", topology.balanced_tree, then=over_network),
-    Kind("network", "grid", topology.grid, then=over_network),
-    Kind("network", "random_geometric", topology.random_geometric, then=over_network),
-    Kind("network", "graphml", topology.from_graphml, then=over_network),
-    Kind("network", "edges", topology.from_edges, then=over_network),
-    Kind("averaging", "cumulative", averaging.Cumulative),
-    Kind("averaging", "window", averaging.Window),
-    Kind("averaging", "forgetting", averaging.Forgetting),
-    Kind("compensation", "known", compensation.KnownLoss),
-    Kind("compensation", "estimated", compensation.EstimatedLoss),
-    Kind("intervention", "capacity_step", interventions.CapacityStep),
-    Kind("intervention", "capacity_ramp", interventions.CapacityRamp),
-    Kind("intervention", "capacity_profile", interventions.CapacityProfile),
-    Kind("intervention", "capacity_profile", interventions.CapacityProfile.from_csv),
-    Kind("intervention", "join", interventions.Join),
-    Kind("intervention", "absence", interventions.Absence),
-    Kind("intervention", "crash", interventions.Crash),
-    Kind("intervention", "unusual_activity", interventions.UnusualActivity),
-    Kind("intervention", "prices", RedrawnPrices),
-    Kind("intervention", "failover", interventions.Failover),
-    Kind("intervention", "partition", interventions.Partition),
-)
+    def make(self, **given: Any) -> Any:
+        """Make what a table describes."""
+        own = {name: value for name, value in given.items() if name in self.own}
+        try:
+            made = self.of.make(**own)
+        except InputError:
+            raise
+        except (Exception, SystemExit) as error:  # whatever it does not check itself
+            cause = f"{type(error).__name__}: {error}".rstrip(": ")
+            raise InputError(f"{self.name} makes nothing of these parameters ({cause})") from error
+        if self.is_own:
+            returned_values.having(f"what {self.name} makes", made, GROUPS[self.group])
+        if not self.goes_over:
+            return made
+        return over_network(made, **{name: value for name, value in given.items() if name not in self.own})
 
 
-def kinds() -> tuple[Kind, ...]:
-    """Describe everything that a scenario can name."""
-    return (*_models(), *KINDS)
+@cache
+def _kind(of: Registered) -> Kind:
+    return Kind(of, of.name)
 
 
-def kinds_of(group: str) -> tuple[Kind, ...]:
-    """List one group."""
-    return tuple(kind for kind in KINDS if kind.group == group)
+def our_kinds(group: str = "") -> tuple[Kind, ...]:
+    """List what the framework has of one group, or of all, in the order of the groups."""
+    groups = (group,) if group else tuple(GROUPS)
+    found = (_kind(one) for name in groups for one in registered(name))
+    return tuple(kind for kind in found if not kind.is_own)
+
+
+def own_kinds(group: str = "") -> tuple[Kind, ...]:
+    """List what users have: imports the modules around that register parts, and no others."""
+    for module in modules_around():
+        for name in PARTS.within(module):
+            PARTS.find(name)
+    found = (_kind(one) for name in ((group,) if group else GROUPS) for one in registered(name))
+    return tuple(kind for kind in found if kind.is_own)
+
+
+def kinds(group: str = "") -> tuple[Kind, ...]:
+    """Describe everything that a scenario can name, or what it can name of one group."""
+    models = tuple(_models()) if group in ("", MODEL) else ()
+    return models if group == MODEL else (*models, *our_kinds(group), *own_kinds(group))
+
+
+def kind_of(group: str, name: str) -> Kind:
+    """Find a part of the user's own, and import its module."""
+    kind = _kind(PARTS.find(name))
+    if kind.group != group:
+        raise InputError.of("kind", name, f"a part of group {group}, and this is one of group {kind.group}")
+    return kind
 
 
 def _models() -> Iterator[Kind]:
     """Import the modules that register a model, and no others, and yield what they register."""
-    for module in dict.fromkeys((_MODELS, *modules_in(_MODELS), *modules_in())):
-        for name in models_of(module):
-            yield Kind("model", name, named_model(name))
+    for module in modules_around():
+        for name in MODELS.within(module):
+            yield Kind(MODELS.find(name), name)
 
 
 def describe(docstring: str | None) -> dict[str, str]:
@@ -167,6 +172,7 @@ def describe(docstring: str | None) -> dict[str, str]:
 
     Examples
     --------
+    >>> from aimd_des import Sampled
     >>> describe(Sampled.__doc__)["period"]
     'Time between two looks, greater than 0.'
     """

@@ -92,7 +92,7 @@ def refused(
     for place, details in found[:_MOST_SENTENCES]:
         line = next((known[place[:end]] for end in range(len(place), 0, -1) if place[:end] in known), None)
         where = source if line is None else f"{source}:{line}"
-        sentences.append(f"{where}: {_sentence(form, place, details)}".removeprefix(": "))
+        sentences.append(f"{where}: {_sentence(form, place, details, data)}".removeprefix(": "))
     if len(found) > _MOST_SENTENCES:
         sentences.append(
             f"{source}: and {len(found) - _MOST_SENTENCES} keys more are refused".removeprefix(": ")
@@ -134,12 +134,14 @@ def _place(error: ErrorDetails, data: Any) -> Place:
     return tuple(place)
 
 
-def _sentence(form: type[BaseModel], place: Place, details: Sequence[ErrorDetails]) -> str:
+def _sentence(
+    form: type[BaseModel], place: Place, details: Sequence[ErrorDetails], data: Mapping[str, Any]
+) -> str:
     """Turn pydantic's errors at one key into a sentence of ours."""
     error, key = details[0], _dotted(place)
     prefix = f"{key}: " if key else ""
     if error["type"] == "extra_forbidden":
-        known = _known_keys(form, error["loc"][:-1])
+        known = _known_keys(form, place[:-1], data)
         near = get_close_matches(str(place[-1]), known, n=1)
         hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
         return f"{prefix}unknown key {place[-1]!r}; {hint}"
@@ -161,6 +163,8 @@ def _dotted(place: Place) -> str:
 
 
 def _about_kind(key: str, given: Any, context: Mapping[str, Any]) -> str:
+    if "refusal" in context:  # of a part of the user's own
+        return f"{key.removesuffix('.kind')}.{context['refusal']}"
     if not isinstance(given, Mapping):
         return str(InputError.of(key, given, context["allowed"]))
     allowed = f"one of {context['kinds']}"
@@ -168,23 +172,22 @@ def _about_kind(key: str, given: Any, context: Mapping[str, Any]) -> str:
         return f"{key}.kind: is missing; give {allowed}"
     kind = given["kind"]
     near = get_close_matches(kind, context["kinds"].split(", "), n=1) if isinstance(kind, str) else []
-    return str(InputError.of(key, kind, allowed, f"did you mean {near[0]!r}?" if near else ""))
+    remedy = f"did you mean {near[0]!r}?" if near else "a part of your own is named by module and class"
+    return str(InputError.of(key, kind, allowed, remedy))
 
 
-def _known_keys(form: type[BaseModel], location: Sequence[str | int]) -> list[str]:
-    """List the keys that a table may have."""
+def _known_keys(form: type[BaseModel], place: Place, data: Any) -> list[str]:
+    """List the keys that the table at a place may have."""
     tables: list[type[BaseModel]] = [form]
-    for part in location:
-        inner = [
-            found
-            for table in tables
-            if part in table.model_fields
-            for found in _models_in(table.model_fields[str(part)].annotation)
-        ]
-        of_this_form: list[type[BaseModel]] = [
-            table for table in tables if issubclass(table, KindTable) and table.form == part
-        ]
-        tables = inner or of_this_form or tables
+    for part in place:
+        data = data[part]
+        if isinstance(part, str):
+            annotations = (
+                table.model_fields[part].annotation for table in tables if part in table.model_fields
+            )
+            tables = [found for annotation in annotations for found in _models_in(annotation)]
+        if isinstance(data, Mapping):
+            tables = [table.choose(data) if issubclass(table, KindTable) else table for table in tables]
     return list(dict.fromkeys(key for table in tables for key in table.model_fields))
 
 

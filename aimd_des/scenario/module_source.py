@@ -64,14 +64,14 @@ def modules_in(package: str = "") -> list[str]:
 
 
 def decorated(source: str, decorators: frozenset[str]) -> list[str]:
-    """Name the functions at the top level of a module that have one of some decorators."""
+    """Name the functions and classes at the top level of a module that have one of some decorators."""
     tree = ast.parse(source)
     meant = dict(_imported(tree, decorators))
     return list(
         dict.fromkeys(
-            function.name
-            for function in _functions(tree)
-            if any(_dotted(mark, meant) in decorators for mark in function.decorator_list)
+            definition.name
+            for definition in _definitions(tree)
+            if any(_dotted(mark, meant) in decorators for mark in definition.decorator_list)
         )
     )
 
@@ -92,19 +92,20 @@ def _imported(tree: ast.Module, wanted: frozenset[str]) -> Iterator[tuple[str, s
                     yield alias.asname or alias.name, f"{node.module}.{alias.name}"
 
 
-def _functions(tree: ast.Module) -> Iterator[ast.FunctionDef]:
-    """Yield the functions that running a module may define in it: also below an if or a try."""
+def _definitions(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.ClassDef]:
+    """Yield the functions and classes that running a module may define in it: also below an if or a try."""
     left: list[ast.AST] = [tree]
     for node in left:
-        if isinstance(node, ast.FunctionDef):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
             yield node
-        elif not isinstance(node, ast.ClassDef | ast.AsyncFunctionDef | ast.expr):
+        elif not isinstance(node, ast.AsyncFunctionDef | ast.expr):
             left.extend(ast.iter_child_nodes(node))
 
 
 def _dotted(node: ast.expr, meant: dict[str, str]) -> str:
-    """Write a name with the module that it comes from; empty if it is none."""
+    """Write a name, or that of what is called, with the module that it comes from; empty if it is none."""
     parts: list[str] = []
+    node = node.func if isinstance(node, ast.Call) else node
     while isinstance(node, ast.Attribute):
         parts.append(node.attr)
         node = node.value

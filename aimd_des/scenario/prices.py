@@ -12,6 +12,7 @@ from aimd_des.problem.costs import Costs
 from aimd_des.scenario.models import made_by, model_parameters
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.parts import built_in
 
 __all__ = ["RedrawnPrices", "redraw_seed"]
 
@@ -34,6 +35,7 @@ def redraw_seed(seed: int, number: int) -> int:
     return int(np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(1, np.uint64)[0])
 
 
+@built_in("intervention", "prices")
 @dataclass(frozen=True)
 class RedrawnPrices:
     """The private costs of all agents are drawn anew by the scenario's model at given intervals.

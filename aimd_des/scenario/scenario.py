@@ -28,7 +28,6 @@ from aimd_des.scenario.prices import RedrawnPrices
 from aimd_des.scenario.tables import (
     ChannelSettings,
     ClocksSettings,
-    CostsSettings,
     RecordingSettings,
     ResourceChange,
     ResourceSettings,
@@ -53,11 +52,13 @@ if TYPE_CHECKING:
     AveragingTable = KindTable
     CompensationTable = KindTable
     InterventionTable = KindTable
+    CostsTable = KindTable
 else:
-    ControlUnitTable = one_of("control_unit", default="sampled")
+    ControlUnitTable = one_of("control_unit")
     AveragingTable = one_of("averaging")
     CompensationTable = one_of("compensation")
     InterventionTable = one_of("intervention")
+    CostsTable = one_of("costs")
 
 
 class Scenario(Table, InSentences):
@@ -115,16 +116,14 @@ class Scenario(Table, InSentences):
     agents: Literal["process", "fleet"] = "process"
     model: str | None = None
     parameters: dict[str, Any] = Field(default_factory=dict)
-    control_unit: ControlUnitTable = Field(
-        default_factory=lambda: kind_table("control_unit", "sampled", default="sampled")
-    )
+    control_unit: ControlUnitTable = Field(default_factory=lambda: kind_table("control_unit", "sampled"))
     channel: ChannelSettings = Field(default_factory=ChannelSettings)
     clocks: ClocksSettings = Field(default_factory=ClocksSettings)
     averaging: AveragingTable = Field(default_factory=lambda: kind_table("averaging", "cumulative"))
     compensation: CompensationTable | None = None
     interventions: list[InterventionTable] = Field(default_factory=list)
     recording: RecordingSettings = Field(default_factory=RecordingSettings)
-    costs: CostsSettings | None = None
+    costs: CostsTable | None = None
     resources: list[ResourceSettings] | dict[str, ResourceChange] | None = None
 
     @model_validator(mode="before")
@@ -150,7 +149,7 @@ class Scenario(Table, InSentences):
             averaging: Averaging = self.averaging.build()
             averaging.parameters(CONTINUOUS if self.dynamics == "continuous" else DISCRETE)
         for number, table in enumerate(self.interventions):
-            if table.of.make is RedrawnPrices and self.model is None:
+            if table.of.of.make is RedrawnPrices and self.model is None:
                 raise InputError.of(
                     f"interventions.{number}.kind",
                     "prices",

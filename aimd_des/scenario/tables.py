@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Literal
 from aimd_des.channel import BroadcastChannel, Channel
 from aimd_des.channel.loss import Combined, Loss
 from aimd_des.dynamics.clocks import Clocks
-from aimd_des.problem.costs import PolynomialCosts
 from aimd_des.problem.problem import Resource
 from aimd_des.results.recording import Recording
 from aimd_des.scenario.base import Part, Table
@@ -15,7 +14,6 @@ from aimd_des.scenario.kind_tables import KindTable, one_of
 __all__ = [
     "ChannelSettings",
     "ClocksSettings",
-    "CostsSettings",
     "RecordingSettings",
     "ResourceChange",
     "ResourceSettings",
@@ -79,25 +77,6 @@ class ResourceChange(Table):
     def of(self, resource: Resource) -> Resource:
         """Change a resource of a model."""
         return replace(resource, **{name: value for name, value in self if value is not None})
-
-
-class CostsSettings(Part):
-    """``[costs]``: see `PolynomialCosts`.
-
-    Attributes
-    ----------
-    exponents : list of int
-        The powers.
-    coefficients : list of list of list of float
-        For each agent, resource and power.
-    """
-
-    exponents: list[int]
-    coefficients: list[list[list[float]]]
-
-    def make(self) -> PolynomialCosts:
-        """Make the object that the table describes."""
-        return PolynomialCosts(self.exponents, self.coefficients)
 
 
 class ChannelSettings(Part):

@@ -91,9 +91,11 @@ def _hold_problems_against(earlier: dict[str, Any], points: Sequence[Point]) -> 
         others = [name for name, digest in point.problem.items() if parts.get(name) != digest]
         if others:
             at = f"at {shown_labels(point.labels)}" if point.labels else "of the scenario"
+            own = [name for name in others if "." in name]  # named by module and class
+            what, changed, back = ("code", own[0], "it") if own else ("problem", "its model", "the model")
             raise InputError(
-                f"the problem {at} is not that of the runs in the folder ({', '.join(others)}),"
-                f" since its model has changed; put the model back as it was, or {_REMEDY}"
+                f"the {what} {at} is not that of the runs in the folder ({', '.join(others)}),"
+                f" since {changed} has changed; put {back} back as it was, or {_REMEDY}"
             )
 
 

@@ -10,10 +10,11 @@ import numpy as np
 
 from aimd_des._version import RESULT_VERSION
 from aimd_des.scenario import Scenario, validate_scenario
+from aimd_des.scenario.kind_tables import own_parts
 from aimd_des.scenario.old_keys import with_first_keys
 from aimd_des.scenario.settings import with_settings
 from aimd_des.study.axis import Value
-from aimd_des.study.fingerprint import problem_digests
+from aimd_des.study.fingerprint import fingerprint, problem_digests
 from aimd_des.study.study import Study, place_of, shown_labels
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
@@ -29,7 +30,7 @@ class Point:
     name: str  # a hash of the settings: the same whatever values there are besides, and in whatever order
     labels: dict[str, Value]  # the value of each axis by its name
     scenario: Scenario  # the run at this point, without its seed
-    problem: dict[str, str]  # digests of the problem with seed 0, part by part
+    problem: dict[str, str]  # digests of the problem with seed 0, field by field, and of the user's own parts
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,7 @@ def _point(
         problem = _check_problem(study, scenario.model_copy(update={"seed": 0}).resolved(), problems)
     except InputError as refusal:
         raise InputError(f"{where}: {refusal}") from None
+    problem = problem | {name: fingerprint(make) for name, make in sorted(own_parts(scenario).items())}
     text = json.dumps(
         _plain(with_first_keys(settings)), sort_keys=True, separators=(",", ":"), ensure_ascii=True
     )

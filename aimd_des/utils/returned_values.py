@@ -4,7 +4,7 @@ What is built in is trusted: these stand where the framework calls what may be a
 """
 
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,17 @@ def said_by(part: object, method: str = "") -> str:
     name = getattr(part, "__qualname__", None) or type(part).__qualname__
     name = name.rpartition("<locals>.")[2]
     return f"{name}.{method}()" if method else f"{name}()"
+
+
+def check(part: Any, *against: object) -> None:
+    """Let a part hold its parameters against something; whatever it raises is a refusal."""
+    try:
+        part.check(*against)
+    except InputError:
+        raise
+    except Exception as error:
+        cause = f"{type(error).__name__}: {error}".rstrip(": ")
+        raise InputError(f"{said_by(part, 'check')} refuses ({cause})") from error
 
 
 def flags(field: str, value: object, shape: tuple[int], of: str) -> BoolArray:

@@ -9,9 +9,11 @@ from aimd_des.channel.latency.base import Parametrised
 from aimd_des.channel.latency.kernels import Distribution, LatencyTable, latency_table
 from aimd_des.channel.parameters import LONGEST, scalar_or_row
 from aimd_des.utils import validation
+from aimd_des.utils.parts import built_in
 from aimd_des.utils.validation import FloatArray
 
 
+@built_in("latency", "constant")
 @dataclass(frozen=True, eq=False)
 class Constant(Parametrised):
     """The same latency for every broadcast.

@@ -13,9 +13,11 @@ from aimd_des.channel.latency.kernels import Distribution, LatencyTable, latency
 from aimd_des.channel.parameters import LONGEST, scalar_or_row, take
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.parts import built_in
 from aimd_des.utils.validation import FloatArray
 
 
+@built_in("latency", "empirical")
 @dataclass(frozen=True, eq=False)
 class Empirical(Parametrised):
     """Draws from measured latencies, with replacement: each is as likely as any other.
@@ -94,6 +96,9 @@ class Empirical(Parametrised):
     def table(self, n_agents: int) -> LatencyTable:
         """Lay out the model for compiled code."""
         return latency_table(Distribution.EMPIRICAL, n_agents, self.scale, values=self.values)
+
+
+built_in("latency", "measured")(Empirical.from_csv)
 
 
 _ALLOWED = "a finite number at least 0"

@@ -10,6 +10,7 @@ from aimd_des.channel.latency.base import Parametrised
 from aimd_des.channel.latency.kernels import Distribution, LatencyTable, latency_table
 from aimd_des.channel.parameters import LONGEST, fit, refuse, scalar_or_row, take
 from aimd_des.utils import validation
+from aimd_des.utils.parts import built_in
 from aimd_des.utils.portable_math import expm1, exps, log1p
 from aimd_des.utils.validation import FloatArray
 
@@ -26,6 +27,7 @@ def _applied(function: Callable[[float], float], values: FloatArray) -> FloatArr
     return np.array([function(value) for value in values.ravel().tolist()]).reshape(values.shape)
 
 
+@built_in("latency", "uniform")
 @dataclass(frozen=True, eq=False)
 class Uniform(Parametrised):
     """Any latency between two bounds with equal probability.
@@ -61,6 +63,7 @@ class Uniform(Parametrised):
         return latency_table(Distribution.UNIFORM, n_agents, self.low, self.high)
 
 
+@built_in("latency", "exponential")
 @dataclass(frozen=True, eq=False)
 class Exponential(Parametrised):
     """Latency without memory: often short, sometimes long.
@@ -87,6 +90,7 @@ class Exponential(Parametrised):
         return latency_table(Distribution.EXPONENTIAL, n_agents, self.mean)
 
 
+@built_in("latency", "lognormal")
 @dataclass(frozen=True, eq=False)
 class LogNormal(Parametrised):
     """Latency whose logarithm is normal: most are near the median, a few are much longer.
@@ -157,6 +161,7 @@ class LogNormal(Parametrised):
         return latency_table(Distribution.LOGNORMAL, n_agents, self.median, self.sigma)
 
 
+@built_in("latency", "pareto")
 @dataclass(frozen=True, eq=False)
 class Pareto(Parametrised):
     """Latency with a heavy tail: the probability to exceed x is (minimum / x)**shape.

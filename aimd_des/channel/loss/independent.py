@@ -8,9 +8,11 @@ import numpy.typing as npt
 from aimd_des.channel.loss.kernels import Cause, TabledLoss, loss_table
 from aimd_des.channel.parameters import scalar_or_row
 from aimd_des.utils import validation
+from aimd_des.utils.parts import built_in
 from aimd_des.utils.validation import FloatArray
 
 
+@built_in("loss", "bernoulli")
 @dataclass(frozen=True, eq=False)
 class Bernoulli:
     """Every copy is lost with a probability of its own, independent of all others.
@@ -40,6 +42,7 @@ class Bernoulli:
         return TabledLoss(loss_table(cause, n_agents, self.probability))
 
 
+@built_in("loss", "common")
 @dataclass(frozen=True, eq=False)
 class CommonMode:
     """A whole broadcast is lost, for all agents at once, independent of all other broadcasts.

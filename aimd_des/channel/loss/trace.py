@@ -13,12 +13,14 @@ from aimd_des.channel.loss.kernels import Cause, TabledLoss, loss_table
 from aimd_des.channel.parameters import scalar_or_row
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.parts import built_in
 from aimd_des.utils.validation import FloatArray
 
 _WORDS = {"0": False, "1": True, "false": False, "true": True}
 _REMEDY = "one row for each broadcast, and either no columns or one for each agent"
 
 
+@built_in("loss", "trace")
 @dataclass(frozen=True, eq=False)
 class Trace:
     """Broadcast k of a run loses the copies that row k of a record says, whatever the seed.
@@ -92,6 +94,9 @@ class Trace:
         if lost.ndim > 1 and lost.shape[1] != n_agents:
             raise InputError.of("shape of Trace.lost", lost.shape, f"({len(lost)}, {n_agents})", _REMEDY)
         return TabledLoss(loss_table(Cause.RECORD, n_agents, record=lost, repeat=self.repeat))
+
+
+built_in("loss", "recorded")(Trace.from_csv)
 
 
 def _record(given: npt.ArrayLike) -> BoolArray:

@@ -18,6 +18,7 @@ from aimd_des.channel.topology.attributes import Graph
 from aimd_des.channel.topology.routes import Routes, find_routes
 from aimd_des.channel.topology.statistics import estimated_statistics, tree_statistics
 from aimd_des.channel.transmit_kernel import channel_table
+from aimd_des.utils import returned_values
 from aimd_des.utils.docstrings import described_like
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Key, Purpose
@@ -34,7 +35,7 @@ class _NetworkChannel:
 
     def __post_init__(self) -> None:
         _independent(self.loss)
-        self.latency.check(len(self.routes.head))
+        returned_values.check(self.latency, len(self.routes.head))
 
     def open(self, n_agents: int, keys: Mapping[Purpose, Key]) -> Link:
         """Begin a run; refuse a network without n agents, and values for arcs that are too few or many."""

@@ -12,6 +12,7 @@ from aimd_des.channel.csv_columns import read_columns
 from aimd_des.channel.topology.attributes import HIGHEST, Graph, edge_number, known_node, simple_graph
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.parts import built_in
 
 # Of attributes in GraphML, as far as networkx reads them.
 _TYPES = {"boolean", "int", "integer", "long", "float", "double", "string"}
@@ -29,6 +30,7 @@ _UNREADABLE = (
 )
 
 
+@built_in("network", "graphml")
 def from_graphml(path: str | Path, *, root: str, latency: str = "latency", loss: str = "loss") -> Graph:
     """Read a network from a GraphML file.
 
@@ -104,6 +106,7 @@ def _as_number(data: Mapping[str, Any], attribute: str) -> dict[str, float]:
         return {}
 
 
+@built_in("network", "edges")
 def from_edges(
     path: str | Path,
     *,

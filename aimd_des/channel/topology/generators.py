@@ -12,6 +12,7 @@ from aimd_des.channel.parameters import LONGEST
 from aimd_des.channel.topology.attributes import HIGHEST, Graph, known_node
 from aimd_des.utils import rng, validation
 from aimd_des.utils.docstrings import described_like
+from aimd_des.utils.parts import built_in
 from aimd_des.utils.rng import Purpose
 
 # Positions stand apart from the numbers that problems of the same seed are made from.
@@ -29,6 +30,7 @@ def _finished(graph: Graph, root: Hashable, **quantities: npt.ArrayLike) -> Grap
     return graph
 
 
+@built_in("network", "star")
 def star(n_agents: int, latency: npt.ArrayLike = 0.0, loss: npt.ArrayLike = 0.0) -> Graph:
     """Join every agent to the control unit by an edge of its own.
 
@@ -50,6 +52,7 @@ def star(n_agents: int, latency: npt.ArrayLike = 0.0, loss: npt.ArrayLike = 0.0)
     return _finished(graph, 0, latency=latency, loss=loss)
 
 
+@built_in("network", "balanced_tree")
 def balanced_tree(branching: int, height: int, latency: float = 0.0, loss: float = 0.0) -> Graph:
     """Make a tree in which every node but the leaves has the same number of children.
 
@@ -76,6 +79,7 @@ def balanced_tree(branching: int, height: int, latency: float = 0.0, loss: float
     return _finished(nx.balanced_tree(width, depth), 0, **_same(latency, loss))
 
 
+@built_in("network", "grid")
 @described_like(balanced_tree)
 def grid(
     rows: int, columns: int, latency: float = 0.0, loss: float = 0.0, *, root: tuple[int, int] = (0, 0)
@@ -108,6 +112,7 @@ def grid(
     return _finished(graph, root, **_same(latency, loss))
 
 
+@built_in("network", "random_geometric")
 @described_like(balanced_tree)
 def random_geometric(
     n_agents: int, radius: float, *, latency_per_distance: float, loss: float = 0.0, seed: int

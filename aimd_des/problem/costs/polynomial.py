@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.parts import built_in
 from aimd_des.utils.validation import FloatArray
 
 __all__ = ["PolynomialCosts", "checked_powers", "dense_slopes"]
@@ -42,6 +43,7 @@ def checked_powers(field: str, exponents: object) -> tuple[int, ...]:
     return powers
 
 
+@built_in("costs", "polynomial")
 class PolynomialCosts:
     """Costs that are polynomials without cross terms, one per agent and resource.
 
