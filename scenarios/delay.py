@@ -20,9 +20,8 @@ from aimd_des.plots import shared_legend
 from scenarios.common import figures
 from scenarios.common.command import Finding, command
 from scenarios.common.measure import Run, measure_all
-from scenarios.common.systems import memory_alone
+from scenarios.common.systems import held, memory_alone, rate
 from scenarios.common.tables import pick, shown
-from scenarios.common.theory import held, rate
 
 __all__ = ["main", "study"]
 
@@ -75,7 +74,7 @@ def _expected(row: dict[Any, Any]) -> float:
     suffices = rate(_PROBLEM) * hold_off < 1.0
     if measure not in ("signals", "utilisation") or (suffices and hold_off < latency):
         return np.nan  # more than one signal is on its way for one excess
-    return held(_PROBLEM, hold_off, latency)[int(measure == "utilisation")]
+    return held(_PROBLEM, hold_off=hold_off, latency=latency)[int(measure == "utilisation")]
 
 
 def _figure(table: pd.DataFrame) -> Figure:

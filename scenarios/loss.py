@@ -22,9 +22,8 @@ from aimd_des.study import jackknife
 from scenarios.common import figures
 from scenarios.common.command import Finding, command
 from scenarios.common.measure import Measures, Run, distance, measure_all
-from scenarios.common.systems import memory_alone, spread
+from scenarios.common.systems import critical, held, memory_alone, spread
 from scenarios.common.tables import estimate, pick, shown
-from scenarios.common.theory import critical, held
 
 __all__ = ["main", "study"]
 
@@ -106,9 +105,8 @@ def _critical(way: _Way) -> float:
     return critical(_PROBLEM, way.hold_off, way.dynamics)
 
 
-def _held(way: _Way, loss: float) -> tuple[float, float]:
-    # Beyond the critical loss the latency of the clock has no part in it.
-    return held(_PROBLEM, way.hold_off, way.latency, loss, way.dynamics)
+def _held(way: _Way, loss: float) -> theory.SteadyTotal:
+    return held(_PROBLEM, way.dynamics, hold_off=way.hold_off, latency=way.latency, loss=loss)
 
 
 def _expected(row: dict[Any, Any]) -> float:

@@ -86,11 +86,12 @@ FACES = {
         replications_needed run_study steady_utilisation summarise
     """,
     "theory": """
-        Prediction allocation_at averaging_spread believed_loss burst_shares clock_offset
-        compensated_probability critical_loss event_interval event_mean loss_weights partition_runaway
-        peak_lift poisson_moment predict price_in_bits recovery_time reweighted_optimum
-        runaway_multiplier safe_threshold share_rates signal_rate signal_share square_root_law
-        synchronised_utilisation utilisation
+        BurstRunaway Churn Flow Prediction Spell SteadyTotal allocation_at averaging_spread
+        believed_loss burst_runaway burst_shares churn clock_offset compensated_probability
+        critical_loss elasticity event_interval event_mean flow loss_weights needed_rate
+        partition_runaway peak_lift poisson_moment predict price_in_bits recovery_time
+        reweighted_optimum runaway_multiplier safe_threshold share_rates signal_rate signal_share
+        square_root_law steady_total synchronised_utilisation utilisation
     """,
     "topology": """
         FloodChannel TreeChannel balanced_tree flood from_edges from_graphml grid random_geometric star

@@ -5,10 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from aimd_des.dynamics.averaging import Cumulative, Forgetting, Window
 from aimd_des.study import mean_and_error, replicate
-from scenarios.common.fluid import flow
-from scenarios.common.systems import memory_alone
 from scenarios.unusual_activity.runs import Seen, Size, fluid, groups, measure, reached, shares
 
 SIZE = Size(24, 200.0, 450.0, 460.0, 10.0)
@@ -71,15 +68,3 @@ def test_when_a_part_of_the_way_is_reached() -> None:
     times, way = np.array([0.0, 10.0, 20.0]), np.array([0.0, 0.4, 0.6])
     assert reached(times, way, 0.5) == pytest.approx(15.0)
     assert np.isnan(reached(times, way, 0.7))
-
-
-@pytest.mark.parametrize("averaging", [Cumulative(), Forgetting(50.0), Window(50.0, 10)])
-def test_the_fluid_comes_to_rest_at_the_optimum_for_its_level(averaging: object) -> None:
-    from aimd_des import solve_optimum
-
-    problem = memory_alone()
-    path = flow(problem, 30.0, 1500.0, averaging, step=0.5)  # type: ignore[arg-type]
-    best = solve_optimum(problem, capacity=np.array([30.0])).allocation[:, 0]
-    assert path.demand[-1].sum() == pytest.approx(30.0)
-    mean = path.demand[-400:].mean(axis=0)  # a window makes steep costs swing
-    assert np.abs(mean - best).sum() / best.sum() < 0.03

@@ -56,12 +56,12 @@ def part(problem: Problem, j: int) -> Problem:
 
 
 def averaged_step(
-    memory: dict[str, float], age: float, before: float, after: float, end: float
+    memory: dict[str, float], age: float, before: float, after: float, end: float, ramp: float = 1e-9
 ) -> tuple[Any, Any]:
     """Times since the step and averages of a signal that steps at `age`, by adding up slices."""
     width = 0.05
     middles = np.arange(0.0, age + end, width) + width / 2
-    values = np.where(middles < age, before, after)
+    values = before + (after - before) * np.clip((middles - age) / ramp, 0.0, 1.0)
     if "window" in memory:
         size = round(memory["window"] / width)
         sums = np.concatenate([[0.0], np.cumsum(values)])
@@ -94,6 +94,17 @@ def test_recovery_time_is_when_the_average_is_there(
     # Negative control: the other memories take another time.
     others = [theory.recovery_time(before, after, age, **other) for other in MEMORIES if other != memory]
     assert all(abs(other - measured) > 1.0 for other in others if not (age == 30.0 and other == expected))
+
+
+@pytest.mark.parametrize("memory", MEMORIES, ids=str)
+@pytest.mark.parametrize("ramp", [2.0, 40.0])
+def test_recovery_time_of_a_ramp(memory: dict[str, float], ramp: float) -> None:
+    expected = theory.recovery_time(1.0, 0.6, 600.0, **memory, ramp=ramp)
+    since, means = averaged_step(memory, 600.0, 1.0, 0.6, 1.2 * expected + 1.0, ramp)
+    assert expected == pytest.approx(since[(since > 0) & (means > 1.05 * 0.6)].max(), abs=0.11)
+    # In steps it is half of one later; and a step of the capacity at the begin of the ramp is another thing.
+    assert theory.recovery_time(1.0, 0.6, 600.0, **memory, ramp=ramp, steps=4) > expected + 0.1 * ramp
+    assert expected > theory.recovery_time(1.0, 0.6, 600.0, **memory) + 0.4 * ramp
 
 
 def test_recovery_time_by_hand() -> None:

@@ -5,8 +5,9 @@ together; names and symbols are those of the model.  `predict` puts them togethe
 """
 
 from aimd_des.theory.allocations import allocation_at, reweighted_optimum
-from aimd_des.theory.averaging import averaging_spread, recovery_time, share_rates
-from aimd_des.theory.bursts import believed_loss, burst_shares
+from aimd_des.theory.averaging import averaging_spread, elasticity, recovery_time, share_rates
+from aimd_des.theory.bursts import BurstRunaway, believed_loss, burst_runaway, burst_shares
+from aimd_des.theory.churn import Churn, churn
 from aimd_des.theory.classics import (
     event_interval,
     event_mean,
@@ -14,6 +15,7 @@ from aimd_des.theory.classics import (
     square_root_law,
     synchronised_utilisation,
 )
+from aimd_des.theory.fluid import Flow, Spell, flow
 from aimd_des.theory.losses import compensated_probability, critical_loss, loss_weights, runaway_multiplier
 from aimd_des.theory.prediction import Prediction, predict
 from aimd_des.theory.signals import (
@@ -24,20 +26,31 @@ from aimd_des.theory.signals import (
     signal_share,
     utilisation,
 )
+from aimd_des.theory.steady import SteadyTotal, needed_rate, steady_total
 from aimd_des.theory.thresholds import partition_runaway, safe_threshold
 
 __all__ = [
+    "BurstRunaway",
+    "Churn",
+    "Flow",
     "Prediction",
+    "Spell",
+    "SteadyTotal",
     "allocation_at",
     "averaging_spread",
     "believed_loss",
+    "burst_runaway",
     "burst_shares",
+    "churn",
     "clock_offset",
     "compensated_probability",
     "critical_loss",
+    "elasticity",
     "event_interval",
     "event_mean",
+    "flow",
     "loss_weights",
+    "needed_rate",
     "partition_runaway",
     "peak_lift",
     "poisson_moment",
@@ -51,6 +64,7 @@ __all__ = [
     "signal_rate",
     "signal_share",
     "square_root_law",
+    "steady_total",
     "synchronised_utilisation",
     "utilisation",
 ]

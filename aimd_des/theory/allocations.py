@@ -13,7 +13,7 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError, SimulationError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["allocation_at", "reweighted_optimum"]
+__all__ = ["allocation_at", "reweighted_optimum", "solve_increasing"]
 
 # After the doublings the solution lies in the upper half of its interval, or below the start; so many
 # halvings reach the rounding of that.
@@ -105,7 +105,9 @@ def allocation_at(problem: Problem, multipliers: npt.ArrayLike) -> FloatArray:
         before = allocation.copy()
         for resource in range(problem.n_resources):
             slope = partial(_slope, costs, allocation, resource)
-            allocation[:, resource] = _bisect(slope, float(wanted[resource]), allocation[:, resource])
+            allocation[:, resource] = solve_increasing(
+                slope, float(wanted[resource]), allocation[:, resource]
+            )
         moved = np.abs(allocation - before).max(axis=0)
         if costs.separable or (moved <= 1e-12 * allocation.max(axis=0)).all():
             return allocation
@@ -122,7 +124,9 @@ def _slope(costs: Costs, allocation: FloatArray, resource: int, column: FloatArr
     return costs.gradient(trial)[:, resource]
 
 
-def _bisect(slope: Callable[[FloatArray], FloatArray], wanted: float, start: FloatArray) -> FloatArray:
+def solve_increasing(
+    slope: Callable[[FloatArray], FloatArray], wanted: float, start: FloatArray
+) -> FloatArray:
     """Solve slope(x) = wanted for all agents at once; slopes do not decrease."""
     high = start.copy()
     # Steep costs may overflow on the way up: an infinite slope is high enough.

@@ -25,7 +25,7 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["averaging_spread", "recovery_time", "share_rates"]
+__all__ = ["averaging_spread", "elasticity", "recovery_time", "share_rates"]
 
 
 def recovery_time(
@@ -36,15 +36,17 @@ def recovery_time(
     window: float | None = None,
     time_constant: float | None = None,
     within: float = 0.05,
+    ramp: float = 0.0,
+    steps: int | None = None,
 ) -> float:
-    """Time until averages are near their new level after a step of the capacity.
+    """Time until averages are near their new level after a step or a ramp of the capacity.
 
     Parameters
     ----------
     before, after : float
         C0 and C1 > 0, the capacity before and after the step, in any unit.
     age : float
-        t0 > 0, the age of the run at the step, in units of time.
+        t0 > 0, the age of the run at the step, or at the begin of the ramp, in units of time.
     window : float, optional
         W > 0 of averages over a sliding window.
     time_constant : float, optional
@@ -52,11 +54,16 @@ def recovery_time(
         run.
     within : float
         How near, as a share of the new level, between 0 and 1.
+    ramp : float
+        D >= 0, the time that the change takes, in units of time.
+    steps : int, optional
+        Number of equal steps of the ramp, as of `CapacityRamp`; without it the ramp is a line.
 
     Returns
     -------
     float
-        Time since the step, in units of time; 0 where the step is no larger than `within`.
+        Time since the step, or the begin of the ramp, in units of time; 0 where the change is no larger than
+        `within`.
 
     Raises
     ------
@@ -70,6 +77,10 @@ def recovery_time(
     less to forget: a window is then an average over all of the run until it is full, and forgetting,
     normalised by the weights there are, takes tau log((1 - q + w q) / w) with q = exp(-t0 / tau).
 
+    A ramp is a step at its middle M, but for forgetting, which sees the average of an exponential and is
+    tau log(sinh(D / 2 tau) / (D / 2 tau)) later, and for a window that has left the first part of the ramp
+    behind: what remains of the ramp, squared, over 2 D W is what may be left, after W + 2 M - sqrt(4 M W w).
+
     Exact for the total of the averages if total demand follows the capacity at once.  It needs the time
     ``|C0 - C1| / (n alpha)`` to rise and a few signals to fall; agents find their new shares of it with the
     rate alpha / x of AIMD; both are neglected, and assumed short in comparison.  Shares follow as the total
@@ -82,8 +93,10 @@ def recovery_time(
     [19000.0, 190.0]
     """
     old, new = _positive("before", before), _positive("after", after)
-    past = _positive("age", age)
     near = validation.number("within", within, low=0.0, low_open=True, high=1.0, high_open=True)
+    length = validation.number("ramp", ramp, low=0.0)
+    middle = 0.5 * length * (1.0 + (1.0 / validation.integer("steps", steps, low=1) if steps else 0.0))
+    past = _positive("age", age) + middle
     if window is not None and time_constant is not None:
         raise InputError.of("window", window, "left out where time_constant is given")
     if abs(old - new) <= near * new:
@@ -91,14 +104,42 @@ def recovery_time(
     left = near * new / abs(old - new)
     if time_constant is not None:
         tau = _positive("time_constant", time_constant)
+        shape = length / tau
+        bend = 0.5 * shape + math.log(-math.expm1(-shape) / shape) if shape > 0.0 else 0.0
+        late = middle + tau * bend  # log(sinh(D / 2 tau) / (D / 2 tau)), which does not overflow
         fresh = -math.expm1(-past / tau)  # 1 - q, also where the run is much younger than the memory
-        return tau * math.log1p(fresh * (1.0 - left) / left)
-    if window is not None:
-        span = _positive("window", window)
-        if past < left * span:  # there before the window is full
-            return past * (1.0 / left - 1.0)
-        return span * (1.0 - left)
-    return past * (1.0 / left - 1.0)
+        return late + tau * math.log1p(fresh * (1.0 - left) / left)
+    if window is None or past < left * _positive("window", window):  # there before a window is full
+        return middle + past * (1.0 / left - 1.0)
+    if length > 2.0 * window * left:
+        return window + 2.0 * middle - math.sqrt(4.0 * middle * window * left)
+    return middle + window * (1.0 - left)
+
+
+def elasticity(problem: Problem, allocation: npt.ArrayLike) -> FloatArray:
+    """Compute how steep the derivatives of the costs are, e = x f'' / f'.
+
+    Parameters
+    ----------
+    problem : Problem
+        The agents' costs.
+    allocation : array_like, shape (n, m)
+        x > 0, in units of the resources.
+
+    Returns
+    -------
+    ndarray, shape (n, m)
+        1 for quadratic costs, q - 1 for those of power q.
+
+    Raises
+    ------
+    InputError
+        If the allocation has another shape or is not positive.
+    """
+    validation.instance("problem", problem, Problem, "a Problem")
+    shape = problem.n_agents, problem.n_resources
+    x = validation.array("allocation", allocation, shape, low=0.0, low_open=True)
+    return np.asarray(x * np.einsum("ijj->ij", problem.costs.hessian(x)) / problem.costs.gradient(x))
 
 
 def averaging_spread(
@@ -206,20 +247,17 @@ def share_rates(problem: Problem, allocation: npt.ArrayLike) -> FloatArray:
     agents of which none holds most of the total.  Weights that loss, alpha and beta give to the costs do not
     matter.
     """
-    validation.instance("problem", problem, Problem, "a Problem")
-    shape = problem.n_agents, problem.n_resources
-    x = validation.array("allocation", allocation, shape, low=0.0, low_open=True)
+    steep, x = elasticity(problem, allocation), np.asarray(allocation, dtype=np.float64)
     if not problem.costs.separable:
         raise InputError.of("costs", type(problem.costs).__name__, "such that they do not couple resources")
-    curvature = np.einsum("ijj->ij", problem.costs.hessian(x))
-    elasticity = x * curvature / problem.costs.gradient(x)
-    rates = np.empty((shape[0] - 1, shape[1]))
-    for j in range(shape[1]):
+    n, m = x.shape
+    rates = np.empty((n - 1, m))
+    for j in range(m):
         # In deviations over sqrt(x_i) the system is symmetric: the elasticities, seen at right angles
         # to u = sqrt(x / sum x), which the common signals hold fixed.
         unit = np.sqrt(x[:, j] / x[:, j].sum())
-        across = np.linalg.qr(np.column_stack([unit, np.eye(shape[0])]))[0][:, 1:]
-        rates[:, j] = np.linalg.eigvalsh(across.T @ (elasticity[:, j, None] * across))
+        across = np.linalg.qr(np.column_stack([unit, np.eye(n)]))[0][:, 1:]
+        rates[:, j] = np.linalg.eigvalsh(across.T @ (steep[:, j, None] * across))
     return rates
 
 

@@ -12,6 +12,7 @@ times the derivative that agents agree on, and the averages are the optimum of w
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.dynamics.loss_compensation import compensation_factor
 from aimd_des.theory.arguments import Dynamics, arguments, check_dynamics
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.old_keywords import keywords
@@ -20,8 +21,10 @@ from aimd_des.utils.validation import FloatArray
 __all__ = ["compensated_probability", "critical_loss", "loss_weights", "runaway_multiplier"]
 
 
-def loss_weights(loss: npt.ArrayLike, signal_share: npt.ArrayLike = 0.0) -> FloatArray:
-    """Weights of the costs that i.i.d. loss amounts to, (1 - p_i) / (1 - e + e p_i).
+def loss_weights(
+    loss: npt.ArrayLike, signal_share: npt.ArrayLike = 0.0, believed: npt.ArrayLike = 0.0
+) -> FloatArray:
+    """Weights of the costs that i.i.d. loss amounts to, (1 - p_i) / (1 - e + e p_i) unless agents make good.
 
     Parameters
     ----------
@@ -30,6 +33,9 @@ def loss_weights(loss: npt.ArrayLike, signal_share: npt.ArrayLike = 0.0) -> Floa
     signal_share : array_like
         e, the share of steps with a signal, on the discrete clock; 0 for continuous agents, where the
         weights are 1 - p_i.
+    believed : array_like
+        q_i, what agents with `KnownLoss` or `EstimatedLoss` take their loss for; 0 for agents that do not
+        make good for loss.
 
     Returns
     -------
@@ -42,9 +48,20 @@ def loss_weights(loss: npt.ArrayLike, signal_share: npt.ArrayLike = 0.0) -> Floa
     Assumes that losses are independent of everything else, and no lambda above 1.  If all p_i are the
     same, so are the weights, and the shares stay as they are.  Neglects, as `signal_rate` does, that
     signals find an agent with a little more than its average.
+
+    With a belief the weights are multiplied by the factor of the response probability, 1 / (1 - q_i) for
+    continuous agents and s / (s - q_i) on the clock, with s = 1 - e + e p_i the share of steps in which an
+    agent grows, as far as the agents go.
     """
     p, e = arguments(loss=loss, signal_share=signal_share)
-    return np.asarray((1.0 - p) / (1.0 - e + e * p))
+    weights = (1.0 - p) / (1.0 - e + e * p)
+    (q,) = arguments(loss=believed)
+    if q.any():
+        heard, q = np.broadcast_arrays(e * (1.0 - p), q)
+        pairs = zip(q.ravel().tolist(), heard.ravel().tolist(), strict=True)
+        factor = [compensation_factor(own, share, 1.0, float(share > 0.0)) for own, share in pairs]
+        weights = weights * np.reshape(factor, q.shape)
+    return np.asarray(weights)
 
 
 def compensated_probability(

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import networkx as nx
 import numpy as np
-import numpy.typing as npt
 
 from aimd_des import BroadcastChannel, Problem, Result, solve_optimum, topology
 from aimd_des.loss import Bernoulli, CommonMode, GilbertElliott
@@ -87,11 +86,11 @@ def measure(run: Bursts, seed: int) -> Outcome:
         **found._asdict(),
         run_away_peak=float(level[1:-1][turns].mean()) if turns.any() else np.nan,
         excursion=float(found.time_above * (run.until - run.start) / begun) if begun else np.nan,
-        smallest=float(found.average[smallest(run.problem), 0].sum() / found.average.sum()),
+        smallest=share_of_smallest(run.problem, found.average),
     )
 
 
-def smallest(problem: Problem) -> npt.NDArray[np.int64]:
-    """Name the third of the agents that the optimum gives least of the one resource."""
+def share_of_smallest(problem: Problem, allocation: FloatArray) -> float:
+    """Compute what the third of the agents holds that the optimum gives least of the one resource."""
     order = np.argsort(solve_optimum(problem).allocation[:, 0])
-    return order[: problem.n_agents // 3].astype(np.int64)
+    return float(allocation[order[: problem.n_agents // 3], 0].sum() / allocation.sum())

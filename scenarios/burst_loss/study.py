@@ -10,17 +10,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
+from aimd_des import theory
 from aimd_des.plots import colour, shared_legend
 from aimd_des.study import jackknife, replicate
-from aimd_des.theory import burst_shares
-from scenarios.burst_loss.runs import Bursts, Outcome, measure, run_one, smallest
-from scenarios.burst_loss.theory import run_away
+from scenarios.burst_loss.runs import Bursts, Outcome, measure, run_one, share_of_smallest
 from scenarios.common import figures
 from scenarios.common.command import Finding, command
 from scenarios.common.measure import distance
-from scenarios.common.systems import memory_alone
+from scenarios.common.systems import memory_alone, rate
 from scenarios.common.tables import estimate, number, pick, shown, summarise
-from scenarios.common.theory import rate
 
 __all__ = ["main", "study"]
 
@@ -77,14 +75,21 @@ def _rows(run: Bursts, found: list[Outcome]) -> pd.DataFrame:
 
 def _expected(run: Bursts) -> dict[str, float]:
     """Predict what there is a formula for."""
-    if run.common:
-        return run_away(run) if run.burst >= _LONG else {}
-    allocation, signals = burst_shares(_PROBLEM, run.loss, run.burst)
-    if not signals * run.hold_off < 1.0:  # also where it is not a number
+    if run.common and run.burst < _LONG:
         return {}
-    small = allocation[smallest(_PROBLEM), 0].sum() / allocation.sum()
-    away = float(distance(_PROBLEM, allocation)[0])
-    return {"signals": signals, "smallest": float(small), _PLAIN: away}
+    if run.common:
+        span = run.until - run.start
+        known = theory.burst_runaway(_PROBLEM, run.loss, run.burst, hold_off=run.hold_off, span=span)
+        if known is None:
+            return {}
+        found = known._asdict()
+        allocation, away = found.pop("allocation"), 0.0  # what is used is shared as ever
+    else:
+        allocation, signals = theory.burst_shares(_PROBLEM, run.loss, run.burst)
+        if not signals * run.hold_off < 1.0:  # also where it is not a number
+            return {}
+        found, away = {"signals": signals}, float(distance(_PROBLEM, allocation)[0])
+    return {**found, "smallest": share_of_smallest(_PROBLEM, allocation), _PLAIN: away}
 
 
 _PANELS = (
@@ -143,7 +148,7 @@ def _longest() -> float:
     """Find the mean burst, each link for itself, from which on signals do not suffice."""
 
     def idle(burst: float) -> float:
-        return 1.0 - burst_shares(_PROBLEM, _LOSS, burst)[1] * _HOLD_OFF
+        return 1.0 - theory.burst_shares(_PROBLEM, _LOSS, burst)[1] * _HOLD_OFF
 
     return float(brentq(idle, 1.0, 0.95 * _hopeless(), xtol=0.01))
 

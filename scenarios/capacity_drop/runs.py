@@ -14,7 +14,7 @@ from aimd_des.lowlevel import FloatArray
 from aimd_des.metrics import relative_error
 from aimd_des.study import jackknife, mean_and_error
 from scenarios.common.measure import sensed
-from scenarios.common.systems import elasticity, memory_alone
+from scenarios.common.systems import memory_alone
 from scenarios.common.tables import estimate
 
 WITHIN = 0.05
@@ -85,37 +85,31 @@ def used(costs: str, share: float) -> float:
 def closed_form(case: Drop, *, plain: bool = False) -> float:
     """Predict the time from the start of the change until the level is within 5 % of the new capacity.
 
-    Plain: as if all of the capacity were used from the first instant on. A ramp of length D is a step at its
-    middle, but for forgetting, which sees the average of an exponential and is tau log(sinh(D / 2 tau) / (D /
-    2 tau)) later, and for a window that has left the first part of the ramp behind: what remains of the
-    ramp, squared, over 2 D W is what may be left.
+    Plain: as if all of the capacity were used from the first instant on.
     """
-    problem, middle = _problem(case.costs), 0.5 * (case.ramp + 1.0) if case.ramp else 0.0
-    before, after = float(problem.capacity[0]), LEFT * float(problem.capacity[0])
-    within, age = WITHIN, case.age + middle
+    problem = _problem(case.costs)
+    before, after, within = float(problem.capacity[0]), LEFT * float(problem.capacity[0]), WITHIN
     if not plain:
         within = (1.0 + WITHIN) * after / used(case.costs, LEFT) - 1.0
-        filling = 0.5 * before / float(problem.increase.sum())  # demand begins at 0
         before, after = used(case.costs, 1.0), used(case.costs, LEFT)
         if case.way == "cumulative":
-            before *= 1.0 - filling / age
-    late = middle
-    if case.way == "forgetting" and middle > 0.0:
-        shape = case.ramp / case.window
-        late += 0.5 * case.window * float(np.log(np.sinh(shape) / shape))
-    left = within * after / (before - after)
-    if case.way == "window" and case.ramp > 2.0 * case.window * left:
-        return case.window + 2.0 * middle - float(np.sqrt(4.0 * middle * case.window * left))
-    return late + theory.recovery_time(before, after, age, **case.memory, within=within)
+            before *= 1.0 - filling(problem) / (case.age + (0.5 * (case.ramp + 1.0) if case.ramp else 0.0))
+    steps = round(case.ramp) or None
+    known = case.memory
+    return theory.recovery_time(before, after, case.age, **known, within=within, ramp=case.ramp, steps=steps)
+
+
+def filling(problem: Problem) -> float:
+    """Compute half of the time in which demand, which begins at 0, first fills the capacity."""
+    return 0.5 * float(problem.capacity[0] / problem.increase.sum())
 
 
 def mean_field(case: Drop) -> FloatArray:
     """Follow the means alone, (r, n) each grain: demand is shared as averages ask for, averages follow."""
     problem, steps = _problem(case.costs), round(case.until / GRAIN)
-    filling = 0.5 * float(problem.capacity[0] / problem.increase.sum())
     start = theory.predict(problem, "continuous").allocation[:, 0]
     history = [start] * (round(case.age / GRAIN) + 1)
-    average = start * (1.0 - filling / case.age) if case.way == "cumulative" else start.copy()
+    average = start * (1.0 - filling(problem) / case.age) if case.way == "cumulative" else start.copy()
     kept = [average] * len(history)
     for step in range(len(history), steps + 1):
         part = min((step * GRAIN - case.age) / case.ramp, 1.0) if case.ramp else 1.0
@@ -194,7 +188,7 @@ def _spread(case: Drop) -> float:
         x,
         problem.increase,
         problem.decrease,
-        elasticity=elasticity(problem, x) if bent else 1.0,
+        elasticity=theory.elasticity(problem, x) if bent else 1.0,
         probability=expected.probability,
         **memory,
     )
@@ -219,8 +213,6 @@ def rows_of(case: Drop, found: list[Found]) -> list[dict[str, Any]]:
         "scatter of an average": ((scatter, doubt), _spread(case)),
         "error left in one run": (left, np.nan),
     }
-    made = [
-        estimate(labels, name, value, len(found), expected) for name, (value, expected) in measured.items()
-    ]
+    made = [estimate(labels, name, pair, len(found), wanted) for name, (pair, wanted) in measured.items()]
     made[0]["plain_theory"] = closed_form(case, plain=True)
     return made

@@ -146,13 +146,9 @@ def leave_together(name: str, size: Size, seed: int) -> Together:
     """Let a quarter of the cameras leave and come back, with or without their averages."""
     before, after = size.leave - 1e-6, size.leave + np.arange(round(_SPAN / _LOOKS) + 1) * _LOOKS
     recording = Recording(demand=np.append(before, after), allocations=size.times, overshoot=False)
-    seen = _run(Cumulative(), [together_event(name, size)], recording, size.end, seed).observations
+    leaves = FORGOT[name](list(GROUP), size.leave, size.back)
+    seen = _run(Cumulative(), [leaves], recording, size.end, seed).observations
     total = seen.total_demand[: len(after) + 1, 0]
     again = np.argmax(total[1:] >= min(total[0], CAPACITY))
     released = (total[0] - total[1]) / (ALPHA * (N - len(GROUP)))
     return Together(seen.demand[:, 0], seen.average[:, 0], float(again * _LOOKS), float(released))
-
-
-def together_event(name: str, size: Size) -> Absence | Crash:
-    """Declare that all of the group leave and come back."""
-    return FORGOT[name](list(GROUP), size.leave, size.back)

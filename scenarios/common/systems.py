@@ -1,21 +1,24 @@
-"""What the studies share beside the paper's system: a part of it, and losses that differ."""
+"""What the studies share beside the paper's system: a part of it, losses that differ, and its theory."""
+
+from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 
-from aimd_des import PolynomialCosts, Problem
+from aimd_des import PolynomialCosts, Problem, solve_optimum, theory
 from aimd_des.lowlevel import FloatArray
 from models.smart_cameras import smart_cameras
+
+# Elasticities of costs that are as steep as each other.
+_ALIKE = 1e-6
+
+#: Of a single resource; the walks that it takes last tenths of a second, so what has been predicted is kept.
+held = lru_cache(theory.steady_total)
 
 
 def spread(low: float, high: float, n: int = 60) -> FloatArray:
     """Spread values evenly over n agents, in an order that has nothing to do with their costs, (n,)."""
     return np.random.default_rng(2018).permutation(np.linspace(low, high, n))
-
-
-def elasticity(problem: Problem, x: FloatArray) -> FloatArray:
-    """Compute how steep costs are at x, (n, m): x f'' / f', 1 for quadratic ones."""
-    gradient = problem.costs.gradient(x)
-    return np.asarray(x * np.einsum("ijj->ij", problem.costs.hessian(x)) / gradient)
 
 
 def memory_alone(n: int = 60, normalization: float = 1 / 90) -> Problem:
@@ -24,3 +27,27 @@ def memory_alone(n: int = 60, normalization: float = 1 / 90) -> Problem:
     costs = full.costs
     assert isinstance(costs, PolynomialCosts)  # noqa: S101 - the model's costs are
     return Problem(full.resources[:1], PolynomialCosts(costs.exponents, costs.coefficients[:, :1]))
+
+
+@lru_cache
+def elasticity(problem: Problem) -> FloatArray:
+    """Compute how steep the costs of a single resource are at its optimum, (n,)."""
+    return theory.elasticity(problem, solve_optimum(problem).allocation)[:, 0]
+
+
+def alike(problem: Problem, steepness: float) -> list[int]:
+    """List the agents whose costs have an elasticity, which is an integer but for mixtures."""
+    return np.flatnonzero(np.abs(elasticity(problem) - steepness) < _ALIKE).tolist()
+
+
+@lru_cache
+def rate(problem: Problem) -> float:
+    """Compute rho of a single resource, the signals per unit of time that hold its capacity, without loss."""
+    return float(theory.needed_rate(problem)[0])
+
+
+def critical(
+    problem: Problem, hold_off: float, dynamics: Literal["continuous", "discrete"] = "continuous"
+) -> float:
+    """Compute the loss up to which demand is held; 0 where signals do not suffice even without loss."""
+    return float(theory.critical_loss(rate(problem), dynamics, hold_off=hold_off))

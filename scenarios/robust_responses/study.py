@@ -16,12 +16,10 @@ from aimd_des.study import jackknife, replicate
 from models.smart_cameras import smart_cameras
 from scenarios.common.command import Finding, command
 from scenarios.common.measure import distance, quietly
-from scenarios.common.systems import memory_alone, spread
+from scenarios.common.systems import critical, held, memory_alone, rate, spread
 from scenarios.common.tables import estimate, number, shown, summarise
-from scenarios.common.theory import critical, held, rate
 from scenarios.robust_responses.figure import draw
-from scenarios.robust_responses.text import findings
-from scenarios.robust_responses.theory import MEMORY, misallocation
+from scenarios.robust_responses.text import MEMORY, findings
 
 __all__ = ["main", "study"]
 
@@ -184,8 +182,9 @@ def _compensated(row: dict[Any, Any], signals: float) -> float:
     believed = {"nothing": np.zeros(len(_LOSS)), "known": _LOSS}.get(row["setting"])
     if believed is None:
         believed = theory.believed_loss(_LOSS, int(row["at"]))
-    found = misallocation(problem, _LOSS, believed, signals if dynamics == "discrete" else 0.0)
-    return float(found[problem.resource_names.index(row["resource"])])
+    weights = theory.loss_weights(_LOSS, signals if dynamics == "discrete" else 0.0, believed)
+    best = theory.reweighted_optimum(problem, weights, capacity=problem.capacity)
+    return float(distance(problem, best.allocation)[problem.resource_names.index(row["resource"])])
 
 
 def _expected(row: dict[Any, Any], table: pd.DataFrame, safe: dict[tuple[float, float], _Threshold]) -> float:
@@ -202,11 +201,12 @@ def _expected(row: dict[Any, Any], table: pd.DataFrame, safe: dict[tuple[float, 
         return np.nan
     unit, latency, loss = _UNITS[setting], at * (panel == "latency"), at * (panel == "loss")
     if unit.longest_hold_off is None or latency == 0.0:  # without latency nothing makes a hold-off longer
-        return held(MEMORY, unit.hold_off, latency, loss, knows_hold_off=True)[int(measure == "used")]
+        known = held(MEMORY, hold_off=unit.hold_off, latency=latency, loss=loss, repeats=True)
+        return known[int(measure == "used")]
     # Where signals no longer suffice, their number as measured says where demand comes to rest.
     if measure != "used" or signals >= 0.5 * rate(MEMORY):
         return np.nan
-    return held(MEMORY, 1.0 / signals, latency, knows_hold_off=True)[1]
+    return held(MEMORY, hold_off=1.0 / signals, latency=latency, repeats=True).utilisation
 
 
 main = command(

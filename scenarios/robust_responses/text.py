@@ -5,8 +5,9 @@ from functools import partial
 
 import pandas as pd
 
-from scenarios.common.theory import critical, rate
-from scenarios.robust_responses.theory import MEMORY
+from scenarios.common.systems import critical, memory_alone, rate
+
+MEMORY = memory_alone()
 
 
 def _pick(table: pd.DataFrame, panel: str, setting: str, measure: str) -> pd.DataFrame:

@@ -11,10 +11,9 @@ from aimd_des.lowlevel import FloatArray
 from aimd_des.study import jackknife
 from models.smart_cameras import smart_cameras
 from scenarios.common.measure import Measures, Run, distance, measure
-from scenarios.common.systems import memory_alone, spread
-from scenarios.common.theory import critical as critical_loss
-from scenarios.common.theory import held
-from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated
+from scenarios.common.systems import critical as critical_loss
+from scenarios.common.systems import held, memory_alone, spread
+from scenarios.theory_table.rows import Experiment, Row, Rule, Size, by_formula, estimated, rows_of
 
 _NEAR = Rule("difference", 0.02, "at most 2 %")
 _FAR = Rule("at least", 0.0, "at least 5 times")
@@ -33,20 +32,13 @@ def _run(dynamics: _Dynamics, problem: Problem, size: Size, hold_off: float, los
     return Run(problem, size.until, size.start, dynamics, unit, latency, loss)
 
 
-def _words(dynamics: str, loss: str) -> str:
-    return f"{'clock, one step later' if dynamics == 'discrete' else 'continuous, crossing'}, loss {loss}"
-
-
-def _pooled(
-    runs: list[Measures], measure_of: Any, names: tuple[str, ...], predicted: float, **labels: Any
-) -> list[Row]:
-    value, error = jackknife([run.average for run in runs], measure_of)
-    return [
-        Row(
-            resource=name, predicted=predicted, mean=float(value[j]), standard_error=float(error[j]), **labels
-        )
-        for j, name in enumerate(names)
-    ]
+def _labels(run: Run, loss: str) -> dict[str, Any]:
+    crossing = isinstance(run.control_unit, Crossing)
+    return {
+        "setting": f"{'continuous, crossing' if crossing else 'clock, one step later'}, loss {loss}",
+        "normalization": float(run.problem.normalization[0]),
+        "hold_off": run.control_unit.hold_off if isinstance(run.control_unit, Crossing) else 1.0,
+    }
 
 
 def heterogeneous(size: Size) -> Experiment:
@@ -62,29 +54,21 @@ def _ratio(problem: Problem, weights: FloatArray, average: FloatArray) -> FloatA
 
 def _heterogeneous_rows(runs: list[Run], outcomes: list[list[Measures]]) -> list[Row]:
     rows: list[Row] = []
+    what = "Loss that differs: distance of the averages from the"
     for run, measures in zip(runs, outcomes, strict=True):
         problem, loss = run.problem, np.asarray(run.loss)
         share: FloatArray | float = 0.0
         if run.dynamics == "discrete":
             share = theory.predict(problem, "discrete", latency=1.0, loss=loss).signals
         weights = theory.loss_weights(loss[:, None], share) * np.ones((1, problem.n_resources))
-
-        near = partial(distance, problem, weights=weights)
-
-        labels = {
-            "setting": _words(run.dynamics, "0 to 0.6"),
-            "normalization": float(problem.normalization[0]),
-            "hold_off": 1.0 if run.dynamics == "discrete" else 0.25,
-        }
-        names, what = problem.resource_names, "Loss that differs: distance of the averages from the"
-        rows += _pooled(
-            measures, near, names, 0.0, formula=f"{what} reweighted optimum", rule=_NEAR, **labels
-        )
-        words = f"{what} plain optimum, over that from the reweighted"
-        rows += _pooled(
-            measures, partial(_ratio, problem, weights), names, 5.0, formula=words, rule=_FAR, **labels
-        )
-    return sorted(rows, key=lambda row: row.rule is _FAR)
+        averages, labels = [one.average for one in measures], _labels(run, "0 to 0.6")
+        for words, reduced, predicted, rule in (
+            ("reweighted optimum", partial(distance, problem, weights=weights), 0.0, _NEAR),
+            ("plain optimum, over that from the reweighted", partial(_ratio, problem, weights), 5.0, _FAR),
+        ):
+            found, formula = jackknife(averages, reduced), f"{what} {words}"
+            rows += rows_of(found, predicted, problem.resource_names, formula=formula, rule=rule, **labels)
+    return by_formula(rows)
 
 
 def compensated(size: Size) -> Experiment:
@@ -107,27 +91,22 @@ def compensated(size: Size) -> Experiment:
 
 def _compensated_rows(plain: Problem, runs: list[Run], outcomes: list[list[Measures]]) -> list[Row]:
     rows: list[Row] = []
+    names, what = plain.resource_names, "Loss made good for:"
     for run, measures in zip(runs, outcomes, strict=True):
-        labels: dict[str, Any] = {
-            "setting": _words(run.dynamics, f"0 to {np.max(run.loss):g}"),
-            "normalization": float(plain.normalization[0]),
-            "hold_off": 1.0 if run.dynamics == "discrete" else 0.25,
-        }
-        words = "Loss made good for: distance of the averages from the plain optimum"
-        rows += _pooled(
-            measures, partial(distance, plain), plain.resource_names, 0.0, formula=words, rule=_NEAR, **labels
+        labels = _labels(run, f"0 to {np.max(run.loss):g}")
+        found = jackknife([one.average for one in measures], partial(distance, plain))
+        words = f"{what} distance of the averages from the plain optimum"
+        rows += rows_of(found, 0.0, names, formula=words, rule=_NEAR, **labels)
+        words, shares = (
+            f"{what} share of responses with a probability above 1",
+            [one.saturated for one in measures],
         )
-        words = "Loss made good for: share of responses with a probability above 1"
-        shares = [run.saturated for run in measures]
-        rows += estimated(shares, np.zeros(plain.n_resources), plain.resource_names, formula=words, **labels)
-        expected = theory.predict(plain, run.dynamics, latency=run.latency)
-        words = "Loss made good for: share of the opportunities to signal that are used"
-        used = [found.signals * labels["hold_off"] for found in measures]
-        rows += estimated(
-            used, expected.signals * labels["hold_off"], plain.resource_names, formula=words, **labels
-        )
-    order = {name: place for place, name in enumerate(dict.fromkeys(row.formula for row in rows))}
-    return sorted(rows, key=lambda row: order[row.formula])
+        rows += estimated(shares, 0.0, names, formula=words, **labels)
+        expected = theory.predict(plain, run.dynamics, latency=run.latency).signals * labels["hold_off"]
+        words = f"{what} share of the opportunities to signal that are used"
+        used = [one.signals * labels["hold_off"] for one in measures]
+        rows += estimated(used, expected, names, formula=words, **labels)
+    return by_formula(rows)
 
 
 def critical(size: Size) -> Experiment:
@@ -139,16 +118,13 @@ def critical(size: Size) -> Experiment:
 
 def _locate(problem: Problem, dynamics: _Dynamics, size: Size, seed: int) -> float:
     """Halve the interval in which the critical loss lies, again and again."""
-    low, high = 0.05, 0.95
+    low, high, until = 0.05, 0.95, size.critical_until
+    unit = Sampled() if dynamics == "discrete" else Crossing(1.0)
     for _ in range(size.halvings):
         loss = 0.5 * (low + high)
-        until = size.critical_until
-        unit = Sampled() if dynamics == "discrete" else Crossing(1.0)
         run = Run(problem, until, until / 2, dynamics, unit, 0.0, loss)
-        if measure(run, seed).signals[0] >= _RUN_AWAY:
-            high = loss
-        else:
-            low = loss
+        away = measure(run, seed).signals[0] >= _RUN_AWAY
+        low, high = (low, loss) if away else (loss, high)
     return 0.5 * (low + high)
 
 
@@ -171,25 +147,18 @@ def _critical_rows(problem: Problem, outcomes: list[list[float]]) -> list[Row]:
 
 def runaway(size: Size) -> Experiment:
     """Set up runs of memory alone beyond the critical loss: total demand comes to rest."""
-    problem, runs = memory_alone(), []
-    for dynamics in _BOTH:
-        loss = round(critical_loss(problem, 1.0, dynamics) + 0.15, 2)
-        runs.append(_run(dynamics, problem, size, 1.0, loss))
+    problem = memory_alone()
+    losses = {dynamics: round(critical_loss(problem, 1.0, dynamics) + 0.15, 2) for dynamics in _BOTH}
+    runs = [_run(dynamics, problem, size, 1.0, loss) for dynamics, loss in losses.items()]
     return Experiment([partial(measure, run) for run in runs], partial(_runaway_rows, runs))
 
 
 def _runaway_rows(runs: list[Run], outcomes: list[list[Measures]]) -> list[Row]:
     rows: list[Row] = []
+    words = "Beyond the critical loss: mean total demand over capacity"
     for run, measures in zip(runs, outcomes, strict=True):
-        problem = run.problem
-        level = held(problem, 1.0, 0.0, float(np.max(run.loss)), run.dynamics)[1]
-        rows += estimated(
-            [row.utilisation for row in measures],
-            level,
-            problem.resource_names,
-            formula="Beyond the critical loss: mean total demand over capacity",
-            setting=_words(run.dynamics, f"{np.max(run.loss):g}"),
-            normalization=float(problem.normalization[0]),
-            hold_off=1.0,
-        )
+        loss, names = float(np.max(run.loss)), run.problem.resource_names
+        level = held(run.problem, run.dynamics, loss=loss).utilisation
+        labels = _labels(run, f"{loss:g}")
+        rows += estimated([one.utilisation for one in measures], level, names, formula=words, **labels)
     return rows

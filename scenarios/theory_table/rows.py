@@ -69,25 +69,26 @@ class Experiment:
     rows: Callable[[list[list[Any]]], list[Row]]
 
 
-def estimated(
-    values: npt.ArrayLike, predicted: npt.ArrayLike, resources: Sequence[str], **labels: Any
+def rows_of(
+    found: tuple[FloatArray, FloatArray], predicted: Any, names: Sequence[str], **labels: Any
 ) -> list[Row]:
-    """Make a row for each resource from values (r, m) of r replications and predictions (m,).
-
-    Labels are the other fields of a row.
-    """
-    mean, error = mean_and_error(values)
-    wanted: FloatArray = np.broadcast_to(np.asarray(predicted, dtype=np.float64), mean.shape)
+    """Make a row for each resource from means, errors and predictions; labels are the other fields."""
+    parts = (np.broadcast_to(part, len(names)).astype(float).tolist() for part in (predicted, *found))
     return [
-        Row(
-            resource=name,
-            predicted=float(wanted[j]),
-            mean=float(mean[j]),
-            standard_error=float(error[j]),
-            **labels,
-        )
-        for j, name in enumerate(resources)
+        Row(resource=name, predicted=wanted, mean=mean, standard_error=error, **labels)
+        for name, wanted, mean, error in zip(names, *parts, strict=True)
     ]
+
+
+def estimated(values: npt.ArrayLike, predicted: Any, names: Sequence[str], **labels: Any) -> list[Row]:
+    """Make a row for each resource from values (r, m) of r replications."""
+    return rows_of(mean_and_error(values), predicted, names, **labels)
+
+
+def by_formula(rows: Sequence[Row], order: Sequence[str] = ()) -> list[Row]:
+    """Sort rows by formula: in the order that is given, or by when each comes first."""
+    places = list(order) or list(dict.fromkeys(row.formula for row in rows))
+    return sorted(rows, key=lambda row: places.index(row.formula))
 
 
 def frame(rows: Sequence[Row]) -> pd.DataFrame:

@@ -1,24 +1,19 @@
 """Runs in which some cameras see something unusual, and what theory has to say about them."""
 
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from aimd_des import Problem, Recording, solve_optimum, theory
+from aimd_des import Recording, solve_optimum, theory
 from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
-from aimd_des.costs import weighted_costs
 from aimd_des.interventions import UnusualActivity
 from aimd_des.lowlevel import FloatArray
-from scenarios.common.fluid import flow
 from scenarios.common.measure import quietly, sensed
-from scenarios.common.systems import elasticity, memory_alone
+from scenarios.common.systems import alike, elasticity, memory_alone
 
-_PROBLEM = memory_alone()
+PROBLEM = memory_alone()
 WEIGHT, _HOLD_OFF = 0.2, 0.5
-# Elasticities of costs that are as steep as each other; they are integers but for mixtures.
-_ALIKE = 1e-6
 AVERAGINGS: dict[str, Averaging] = {
     "all of the past": Cumulative(),
     "forgetting, 100": Forgetting(100.0),
@@ -54,20 +49,13 @@ class Seen(NamedTuple):
 
 
 @lru_cache
-def _elasticity() -> FloatArray:
-    return elasticity(_PROBLEM, solve_optimum(_PROBLEM).allocation)[:, 0]
-
-
-@lru_cache
 def groups() -> dict[str, tuple[int, ...]]:
     """Choose who sees the event: cameras of medium share, with quadratic and with the steepest costs.
 
     By their costs; the last group is three cameras with quadratic costs.
     """
-    x, steep = solve_optimum(_PROBLEM).allocation[:, 0], _elasticity()
-    order = np.argsort(x, kind="stable")
-    square = [int(i) for i in order if steep[i] < 1.0 + _ALIKE]
-    sixth = [int(i) for i in order if steep[i] > 5.0 - _ALIKE]
+    x = solve_optimum(PROBLEM).allocation[:, 0]
+    square, sixth = (sorted(alike(PROBLEM, steepness), key=x.__getitem__) for steepness in (1.0, 5.0))
     middle = len(square) // 2
     return {
         "quadratic costs": (square[middle],),
@@ -76,17 +64,13 @@ def groups() -> dict[str, tuple[int, ...]]:
     }
 
 
-def _event(cameras: Sequence[int], size: Size) -> UnusualActivity:
-    return UnusualActivity(list(cameras), size.begin, size.end, WEIGHT)
-
-
 def measure(cameras: tuple[int, ...], averaging: str, size: Size, seed: int) -> Seen:
     """Run with an event at these cameras, all of which average in a way."""
     simulation = sensed(
-        _PROBLEM,
+        PROBLEM,
         _HOLD_OFF,
         averaging=AVERAGINGS[averaging],
-        interventions=[_event(cameras, size)],
+        interventions=[UnusualActivity(list(cameras), size.begin, size.end, WEIGHT)],
         seed=seed,
         recording=Recording(demand="end", allocations=size.times, overshoot=False),
     )
@@ -100,45 +84,43 @@ def measure(cameras: tuple[int, ...], averaging: str, size: Size, seed: int) -> 
 
 @lru_cache
 def _expected() -> theory.Prediction:
-    return theory.predict(_PROBLEM, "continuous")
+    return theory.predict(PROBLEM, "continuous")
 
 
 def _level() -> float:
-    return float(_expected().utilisation[0] * _PROBLEM.capacity[0])
+    return float(_expected().utilisation[0] * PROBLEM.capacity[0])
 
 
 @lru_cache
 def shares(cameras: tuple[int, ...]) -> tuple[float, float]:
     """Compute the mean of these cameras in the optimum for what is used, before and during the event."""
-    weights = np.ones(_PROBLEM.n_agents)
+    weights = np.ones(PROBLEM.n_agents)
     weights[list(cameras)] = WEIGHT
-    new = Problem(_PROBLEM.resources, weighted_costs(_PROBLEM.costs, weights))
-    old, later = (solve_optimum(p, capacity=np.array([_level()])).allocation for p in (_PROBLEM, new))
-    return float(old[list(cameras), 0].mean()), float(later[list(cameras), 0].mean())
+    old, new = (
+        solve_optimum(PROBLEM, capacity=[_level()]),
+        theory.reweighted_optimum(PROBLEM, weights, capacity=[_level()]),
+    )
+    before, after = (float(best.allocation[list(cameras), 0].mean()) for best in (old, new))
+    return before, after
 
 
 @lru_cache
 def fluid(cameras: tuple[int, ...], averaging: str, size: Size) -> tuple[FloatArray, FloatArray]:
     """Compute demand and average, (q,), of these cameras in the fluid, in the mean over them."""
-    path = flow(_PROBLEM, _level(), size.until, AVERAGINGS[averaging], [_event(cameras, size)], step=0.5)
+    event = theory.Spell(size.begin, size.end, cameras, WEIGHT)
+    path = theory.flow(PROBLEM, _level(), size.until, AVERAGINGS[averaging], [event], step=0.5)
     at = np.searchsorted(path.time, size.times)
     own = list(cameras)
     return path.demand[at][:, own].mean(axis=1), path.average[at][:, own].mean(axis=1)
 
 
-def kin(cameras: tuple[int, ...]) -> list[int]:
-    """List all cameras with costs as steep as these, so that there are enough to measure scatter."""
-    steep = _elasticity()
-    return [int(i) for i in np.flatnonzero(np.abs(steep - steep[cameras[0]]) < _ALIKE)]
-
-
-def expected_scatter(alike: list[int], name: str, size: Size) -> float:
+def expected_scatter(agents: list[int], name: str, size: Size) -> float:
     """Predict the scatter of averages just before the event, for cameras with costs as steep as each other.
 
     A coefficient of variation, as the root of a mean of squares; NaN where there is no formula, which is for
     steep costs with an average that does not forget.
     """
-    averaging, expected, steep = AVERAGINGS[name], _expected(), _elasticity()[alike]
+    averaging, expected, steep = AVERAGINGS[name], _expected(), elasticity(PROBLEM)[agents]
     memory: dict[str, Any] = {"window": size.begin}
     young = 1.0
     if isinstance(averaging, Forgetting):
@@ -148,13 +130,13 @@ def expected_scatter(alike: list[int], name: str, size: Size) -> float:
         young = float(np.sqrt((1.0 + old) / (1.0 - old)))
     elif isinstance(averaging, Window):
         memory = {"window": averaging.length * (1.0 - 0.5 / averaging.parts)}
-    if "window" in memory and steep.max() > 1.0 + _ALIKE:
+    if "window" in memory and steep.max() > 1.5:
         return np.nan
     spread = theory.averaging_spread(
-        expected.allocation[alike, 0],
-        _PROBLEM.increase[alike, 0],
-        _PROBLEM.decrease[alike, 0],
-        probability=expected.probability[alike, 0],
+        expected.allocation[agents, 0],
+        PROBLEM.increase[agents, 0],
+        PROBLEM.decrease[agents, 0],
+        probability=expected.probability[agents, 0],
         elasticity=np.maximum(steep, 1.0) if "time_constant" in memory else 1.0,
         **memory,
     )

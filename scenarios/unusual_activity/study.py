@@ -16,16 +16,17 @@ from aimd_des.plots import colour
 from aimd_des.study import jackknife, replicate
 from scenarios.common import figures
 from scenarios.common.command import Finding, command
+from scenarios.common.systems import alike, elasticity
 from scenarios.common.tables import estimate, pick, said, shown
 from scenarios.unusual_activity.runs import (
     AVERAGINGS,
+    PROBLEM,
     WEIGHT,
     Seen,
     Size,
     expected_scatter,
     fluid,
     groups,
-    kin,
     measure,
     reached,
     shares,
@@ -88,11 +89,11 @@ def _rows(group: str, name: str, size: Size, runs: Sequence[Seen]) -> list[dict[
     both = [np.array([run.demand, run.average]) for run in runs]
     value, error = jackknife(both, partial(_numbers, cameras, size))
     expected = _numbers(cameras, size, np.array(fluid(cameras, name, size)))
-    alike = kin(cameras)
-    moments = [np.array([run.before, run.before**2])[:, alike] for run in runs]
+    kin = alike(PROBLEM, float(elasticity(PROBLEM)[cameras[0]]))  # so many that scatter can be measured
+    moments = [np.array([run.before, run.before**2])[:, kin] for run in runs]
     scatter, wrong = jackknife(moments, _scatter)
     value, error = np.append(value, scatter), np.append(error, wrong)
-    expected = np.append(expected, expected_scatter(alike, name, size))
+    expected = np.append(expected, expected_scatter(kin, name, size))
     labels, names = {"camera": group, "averaging": name}, [*_MEASURES, "scatter before"]
     found = zip(names, zip(value, error, strict=True), expected.tolist(), strict=True)
     return [estimate(labels, measure, pair, len(runs), wanted) for measure, pair, wanted in found]
