@@ -119,63 +119,34 @@ def classics(size: Size) -> Experiment:
     return Experiment(jobs, _rows)
 
 
-def _row(formula: str, setting: str, values: Any, predicted: float, rule: Rule) -> list[Row]:
-    return estimated(
-        np.asarray(values)[:, None],
-        [predicted],
-        ["all"],
-        formula=formula,
-        setting=setting,
-        normalization=0.5,
-        hold_off=0.0,
-        rule=rule,
-    )
-
-
-def _synchronised_rows(runs: list[dict[str, float]]) -> list[Row]:
-    words, drawn = "Synchronised agents, over theory", "alpha and beta drawn for each replication"
-    names = {
-        "period": "period",
-        "utilisation": "mean utilisation",
-        "shares": "shares (1 − sum of deviations over sum)",
-    }
-    return [
-        row
-        for key, name in names.items()
-        for row in _row(f"{words}: {name}", drawn, [run[key] for run in runs], 1.0, _EXACT)
-    ]
-
-
 def _rows(outcomes: list[list[dict[str, Any]]]) -> list[Row]:
-    together, apart, poisson, flow = outcomes
-    rows = _synchronised_rows(together)
+    together, apart, poisson, flow = (
+        {name: np.array([run[name] for run in runs]) for name in runs[0]} for runs in outcomes
+    )
     alpha, beta, chance = _mixed()
-    mixed = "alpha, beta and lambda differ"
-    interval = float(theory.event_interval(8.0, alpha, beta, chance))
-    found = [run["interval"] for run in apart]
-    rows += _row("Fixed probabilities: time between events", mixed, found, interval, _TWO_PERCENT)
-    wanted = theory.event_mean(8.0, alpha, beta, chance)
-    shares = np.array([run["shares"] for run in apart])
-    # Over theory and averaged over the agents: each of them should be 1.
-    rows += _row(
-        "Fixed probabilities: share at events, over theory",
-        mixed,
-        (shares / wanted).mean(axis=1),
-        1.0,
-        _TWO_PERCENT,
-    )
-    worst = int(np.abs(shares.mean(axis=0) / wanted - 1.0).argmax())
-    name = f"Fixed probabilities: share at events, agent {worst}, the farthest"
-    rows += _row(name, mixed, shares[:, worst], float(wanted[worst]), _TWO_PERCENT)
-    for order, key in ((1, "first"), (2, "second")):
-        predicted = float(theory.poisson_moment(1.0, 0.5, 0.5, order))
-        values = [run[key] for run in poisson]
-        rows += _row(
-            f"Poisson signals: {key} moment", "alpha 1, beta 0.5, rate 0.5", values, predicted, _TWO_PERCENT
-        )
-    rate = float(theory.square_root_law(1.0, 0.5, 0.002, "per_packet"))
-    values = [run["mean"] for run in flow]
-    rows += _row(
-        "Square-root law, a loss per packet", "alpha 1, beta 0.5, loss 0.002", values, rate, _TWO_PERCENT
-    )
+    wanted, interval = (law(8.0, alpha, beta, chance) for law in (theory.event_mean, theory.event_interval))
+    shares = apart["shares"]
+    worst = int(np.abs((shares / wanted).mean(axis=0) - 1.0).argmax())
+    first, second = (theory.poisson_moment(1.0, 0.5, 0.5, order) for order in (1, 2))
+    law = theory.square_root_law(1.0, 0.5, 0.002, "per_packet")
+    same, fixed = "Synchronised agents, over theory:", "Fixed probabilities:"
+    drawn, mixed = "alpha and beta drawn for each replication", "alpha, beta and lambda differ"
+    known, lost = "alpha 1, beta 0.5, rate 0.5", "alpha 1, beta 0.5, loss 0.002"
+    # Shares over theory are averaged over the agents: each of them should be 1.
+    found: list[tuple[str, str, FloatArray, Any]] = [
+        (f"{same} period", drawn, together["period"], 1.0),
+        (f"{same} mean utilisation", drawn, together["utilisation"], 1.0),
+        (f"{same} shares (1 − sum of deviations over sum)", drawn, together["shares"], 1.0),
+        (f"{fixed} time between events", mixed, apart["interval"], interval),
+        (f"{fixed} share at events, over theory", mixed, (shares / wanted).mean(axis=1), 1.0),
+        (f"{fixed} share at events, agent {worst}, the farthest", mixed, shares[:, worst], wanted[worst]),
+        ("Poisson signals: first moment", known, poisson["first"], first),
+        ("Poisson signals: second moment", known, poisson["second"], second),
+        ("Square-root law, a loss per packet", lost, flow["mean"], law),
+    ]
+    rows: list[Row] = []
+    for formula, setting, values, predicted in found:
+        rule = _EXACT if setting == drawn else _TWO_PERCENT
+        labels = {"setting": setting, "normalization": 0.5, "hold_off": 0.0, "rule": rule}
+        rows += estimated(values[:, None], predicted, ["all"], formula=formula, **labels)
     return rows

@@ -1,7 +1,8 @@
 """Signals, utilisation, price and peaks of the paper's system, with and without loss."""
 
+from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,11 +10,14 @@ from aimd_des import Crossing, Problem, Sampled, solve_optimum, theory
 from aimd_des.lowlevel import FloatArray
 from models.smart_cameras import smart_cameras
 from scenarios.common.measure import Measures, Run, measure
-from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated
+from scenarios.theory_table.rows import Experiment, Row, Rule, Size, by_formula, estimated
 
-_SIGNALS = Rule("relative", 0.05, "within 5 %")
-_UTILISATION = Rule("difference", 0.02, "within 2 points")
+_NEAR = Rule("relative", 0.05, "within 5 %")
+_POINTS = Rule("difference", 0.02, "within 2 points")
 _FAR_FROM_CRITICAL = 0.8
+_SIGNALS, _USE, _PEAK = "Signals per unit of time", "Utilisation", "Peak over capacity, median of all peaks"
+_PRICE, _FIRST = "Price in bits, (1 − utilisation) × signals", ", first order alone"
+_ORDER = (_SIGNALS, _USE, _PRICE, _PRICE + _FIRST, _PEAK, "Signals" + _FIRST, _USE + _FIRST)
 
 
 class _Case(NamedTuple):
@@ -51,112 +55,54 @@ def signals_and_utilisation(size: Size) -> Experiment:
 
 
 def _rows(cases: list[_Case], outcomes: list[list[Measures]]) -> list[Row]:
-    first: list[Row] = []
-    next_order: list[Row] = []
-    price: list[Row] = []
-    peaks: list[Row] = []
-    for case, runs in zip(cases, outcomes, strict=True):
-        next_order += _next_order(case, runs)
-        if case.first_order:
-            first += _first_order(case, runs)
-        if case.first_order and case.run.dynamics == "continuous":
-            price += _price(case, runs)
-        if case.run.latency and case.run.dynamics == "continuous":
-            peaks += _peaks(case, runs)
-    rows = [*next_order, *price, *peaks, *first]
-    order = {name: place for place, name in enumerate(dict.fromkeys(row.formula for row in rows))}
-    return sorted(rows, key=lambda row: order[row.formula])
+    pairs = zip(cases, outcomes, strict=True)
+    return by_formula([row for case, runs in pairs for row in _rows_of(case, runs)], _ORDER)
 
 
-def _labels(case: _Case) -> dict[str, object]:
-    gamma = float(case.run.problem.normalization[0])
-    return {"setting": case.setting, "normalization": gamma, "hold_off": case.hold_off}
-
-
-def _rate(problem: Problem, used: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute rho and mu where this much of the capacities is used."""
-    mu = solve_optimum(problem, capacity=used * problem.capacity).multipliers
-    rho = theory.signal_rate(problem.increase[0], problem.decrease[0], problem.normalization, mu)
-    return rho, mu
-
-
-def _next_order(case: _Case, runs: list[Measures]) -> list[Row]:
-    run, names = case.run, case.run.problem.resource_names
-    period = 1.0 if run.dynamics == "continuous" and isinstance(run.control_unit, Sampled) else 0.0
-    expected = theory.predict(run.problem, run.dynamics, latency=run.latency, period=period, loss=run.loss)
-    loss = float(np.max(run.loss))
-    rho, _ = _rate(run.problem, np.ones(len(names)))
-    critical = theory.critical_loss(rho, run.dynamics, hold_off=case.hold_off)
-    signals, used = [row.signals for row in runs], [row.utilisation for row in runs]
-    labels = _labels(case)
-    found = estimated(signals, expected.signals, names, formula="Signals per unit of time", **labels)
-    claimed = [
-        row if loss >= _FAR_FROM_CRITICAL * critical[j] else _with(row, _SIGNALS)
-        for j, row in enumerate(found)
+def _rows_of(case: _Case, runs: list[Measures]) -> list[Row]:
+    run, problem, loss = case.run, case.run.problem, float(np.max(case.run.loss))
+    continuous = run.dynamics == "continuous"
+    period = 1.0 if continuous and isinstance(run.control_unit, Sampled) else 0.0
+    expected = theory.predict(problem, run.dynamics, latency=run.latency, period=period, loss=run.loss)
+    signals, used = (np.array([getattr(one, name) for one in runs]) for name in ("signals", "utilisation"))
+    found: list[tuple[str, Any, FloatArray, Rule | None]] = [
+        (_SIGNALS, signals, expected.signals, _NEAR),
+        (_USE, used, expected.utilisation, None if loss else _POINTS),
     ]
-    rule = None if loss else _UTILISATION
-    use = estimated(used, expected.utilisation, names, formula="Utilisation", rule=rule, **labels)
-    return [*claimed, *use]
-
-
-def _with(row: Row, rule: Rule) -> Row:
-    return Row(**{**vars(row), "rule": rule})
-
-
-def _first_order(case: _Case, runs: list[Measures]) -> list[Row]:
-    """Hold the formulas of first order against the runs, with mu at the use that the next order predicts."""
-    run, problem, names = case.run, case.run.problem, case.run.problem.resource_names
-    expected = theory.predict(problem, run.dynamics, latency=run.latency)
-    rho, mu = _rate(problem, expected.utilisation)
-    discrete = run.dynamics == "discrete"
-    rows = estimated(
-        [row.signals for row in runs],
-        theory.signal_share(rho) if discrete else rho,
-        names,
-        formula="Signals, first order alone",
-        **_labels(case),
-    )
-    if not discrete:
-        used = theory.utilisation(
-            problem.n_agents, problem.decrease[0], problem.normalization, mu, problem.capacity
-        )
-        rows += estimated(
-            [row.utilisation for row in runs],
-            used,
-            names,
-            formula="Utilisation, first order alone",
-            rule=_UTILISATION,
-            **_labels(case),
-        )
+    if case.first_order:
+        found += _first_order(problem, expected, continuous, signals, used)
+    if run.latency and continuous:
+        lift = theory.peak_lift(problem.n_agents, problem.increase[0], run.latency)
+        found.append((_PEAK, [one.typical_peak for one in runs], 1.0 + lift / problem.capacity, None))
+    labels = {
+        "setting": case.setting,
+        "normalization": float(problem.normalization[0]),
+        "hold_off": case.hold_off,
+    }
+    rows = [
+        row
+        for formula, values, predicted, rule in found
+        for row in estimated(values, predicted, problem.resource_names, formula=formula, rule=rule, **labels)
+    ]
+    critical = theory.critical_loss(theory.needed_rate(problem), run.dynamics, hold_off=case.hold_off)
+    for j in np.flatnonzero(loss >= _FAR_FROM_CRITICAL * critical):  # the rows of signals come first
+        rows[j] = replace(rows[j], rule=None)
     return rows
 
 
-def _price(case: _Case, runs: list[Measures]) -> list[Row]:
-    problem, names = case.run.problem, case.run.problem.resource_names
-    expected = theory.predict(problem, "continuous")
-    found = [(1.0 - row.utilisation) * row.signals for row in runs]
-    first = theory.price_in_bits(problem.n_agents, problem.increase[0], problem.capacity)
-    words = "Price in bits, (1 − utilisation) × signals"
+def _first_order(
+    problem: Problem, expected: theory.Prediction, continuous: bool, signals: FloatArray, used: FloatArray
+) -> list[tuple[str, Any, FloatArray, Rule | None]]:
+    """Put the formulas of first order beside the runs, with mu at the use that the next order predicts."""
+    n, alpha, beta, gamma = problem.n_agents, problem.increase[0], problem.decrease[0], problem.normalization
+    mu = solve_optimum(problem, capacity=expected.utilisation * problem.capacity).multipliers
+    rho = theory.signal_rate(alpha, beta, gamma, mu)
+    if not continuous:
+        return [("Signals" + _FIRST, signals, theory.signal_share(rho), None)]
+    price = (1.0 - used) * signals
     return [
-        *estimated(
-            found,
-            (1.0 - expected.utilisation) * expected.signals,
-            names,
-            formula=words,
-            rule=_SIGNALS,
-            **_labels(case),
-        ),
-        *estimated(found, first, names, formula=f"{words}, first order alone", **_labels(case)),
+        ("Signals" + _FIRST, signals, rho, None),
+        (_USE + _FIRST, used, theory.utilisation(n, beta, gamma, mu, problem.capacity), _POINTS),
+        (_PRICE, price, (1.0 - expected.utilisation) * expected.signals, _NEAR),
+        (_PRICE + _FIRST, price, theory.price_in_bits(n, alpha, problem.capacity), None),
     ]
-
-
-def _peaks(case: _Case, runs: list[Measures]) -> list[Row]:
-    problem = case.run.problem
-    lift = theory.peak_lift(problem.n_agents, problem.increase[0], case.run.latency)
-    return estimated(
-        [row.typical_peak for row in runs],
-        1.0 + lift / problem.capacity,
-        problem.resource_names,
-        formula="Peak over capacity, median of all peaks",
-        **_labels(case),
-    )
