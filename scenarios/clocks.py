@@ -20,7 +20,7 @@ from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour, shared_legend
 from aimd_des.study import jackknife, paired_difference
 from scenarios.common import figures
-from scenarios.common.command import Finding, command
+from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import Measures, Run, distance, measure_all
 from scenarios.common.systems import memory_alone, spread
 from scenarios.common.tables import estimate, number, numbers, pick, shown
@@ -190,23 +190,16 @@ def _findings(table: pd.DataFrame) -> list[str]:
     widest = _place("drift ±20 %")
     still = [name for name in apart if not np.any(_effects(table, name))]
     settled = 100.0 * numbers(table, "theory", measure=_BIAS)[widest]
-    lines = [
-        (
-            f"Signals change by at most {effect['signals']:+.4f} a step ({shift['signals']}; runs in "
-            f"phase scatter by {noise['signals']:.4f}), utilisation by at most "
-            f"{100 * effect['utilisation']:+.2f} points ({shift['utilisation']}; scatter "
-            f"{100 * noise['utilisation']:.2f})."
-        ),
-        (
-            f"Peaks are {100 * (peak[0] - 1.0):.1f} % above the capacity in phase and "
-            f"{100 * (peak[1] - 1.0):.1f} % with random phases: total demand then grows evenly."
-        ),
-        (
-            f"Shares stay right unless clocks drift: they are {100 * bias[0]:.1f} % off in phase, "
-            f"{100 * bias[1]:.1f} % with random phases and {100 * bias[widest]:.1f} % with drift ±20 %, "
-            f"where theory has {settled:.1f} %: a fast clock adds more often."
-        ),
-    ]
+    lines = sentences(f"""
+        - Signals change by at most {effect["signals"]:+.4f} a step ({shift["signals"]}; runs in phase scatter
+          by {noise["signals"]:.4f}), utilisation by at most {100 * effect["utilisation"]:+.2f} points
+          ({shift["utilisation"]}; scatter {100 * noise["utilisation"]:.2f}).
+        - Peaks are {100 * (peak[0] - 1.0):.1f} % above the capacity in phase and {100 * (peak[1] - 1.0):.1f}
+          % with random phases: total demand then grows evenly.
+        - Shares stay right unless clocks drift: they are {100 * bias[0]:.1f} % off in phase,
+          {100 * bias[1]:.1f} % with random phases and {100 * bias[widest]:.1f} % with drift ±20 %, where
+          theory has {settled:.1f} %: a fast clock adds more often.
+    """)
     lines += [
         f"{name} changes nothing, to the last bit: every signal is still answered at the same tick."
         for name in still

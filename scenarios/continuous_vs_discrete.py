@@ -19,7 +19,7 @@ from aimd_des import Crossing, Problem, Sampled, theory
 from aimd_des.plots import shared_legend
 from models.smart_cameras import smart_cameras
 from scenarios.common import figures
-from scenarios.common.command import Finding, command
+from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import Run, measure_all
 from scenarios.common.tables import numbers, pick, shown
 
@@ -119,22 +119,15 @@ def _findings(table: pd.DataFrame) -> list[str]:
     peaks, flat = (100.0 * numbers(table, way=way, measure="peak") for way in (later, ideal))
     wrong = 100.0 * numbers(table, measure="misallocation")
     ratio, points = rho / share, used - less
-    return [
-        (
-            f"Continuous time takes {ratio.min():.2f} to {ratio.max():.2f} times the signals: with rho of "
-            f"the continuous run, the clock's share of steps is rho / (1 + rho) to within {100 * gap:.1f} "
-            "%."
-        ),
-        (
-            f"The clock uses {points.min():.1f} to {points.max():.1f} points more of the capacities, and "
-            f"goes up to {peaks.max() - 100.0:.0f} % beyond them where a signal acts a step later; with "
-            f"ideal crossings total demand never exceeds them (highest {flat.max():.2f} %)."
-        ),
-        (
-            f"Shares are about as right in all ways: misallocation of a single run is {wrong.min():.1f} "
-            f"to {wrong.max():.1f} %, most of it luck."
-        ),
-    ]
+    return sentences(f"""
+        - Continuous time takes {ratio.min():.2f} to {ratio.max():.2f} times the signals: with rho of the
+          continuous run, the clock's share of steps is rho / (1 + rho) to within {100 * gap:.1f} %.
+        - The clock uses {points.min():.1f} to {points.max():.1f} points more of the capacities, and goes up
+          to {peaks.max() - 100.0:.0f} % beyond them where a signal acts a step later; with ideal crossings
+          total demand never exceeds them (highest {flat.max():.2f} %).
+        - Shares are about as right in all ways: misallocation of a single run is {wrong.min():.1f} to
+          {wrong.max():.1f} %, most of it luck.
+    """)
 
 
 main = command(

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from aimd_des import Crossing, theory
 from aimd_des.plots import shared_legend
 from scenarios.common import figures
-from scenarios.common.command import Finding, command
+from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import Run, measure_all
 from scenarios.common.systems import held, memory_alone, rate
 from scenarios.common.tables import pick, shown
@@ -110,25 +110,18 @@ def _findings(table: pd.DataFrame) -> list[str]:
     matched = pick(table, setting=_MATCHED, measure="utilisation")
     rho = rate(_PROBLEM)
     away = matched.loc[matched["hold_off"] * rho >= 1.0]
-    return [
-        (
-            f"With hold-off 0.5 the highest peak is 1 + n alpha d / C to within {100 * gap:.1f} points of "
-            f"the capacity, up to {peaks['mean'].max():.2f} of it at latency {longest:g}."
-        ),
-        (
-            f"What the hold-off must not do is starve the agents: {rho:.2f} signals per unit of time "
-            f"are needed, so it must stay below {1.0 / rho:.2f}, whatever the latency. With hold-off "
-            f"5 the mean demand is {long.mean():.2f} of the capacity; a hold-off as "
-            f"long as the latency runs away from latency {away['latency'].min():g} on, to "
-            f"{away['mean'].max():.1f} of the capacity."
-        ),
-        (
-            "A hold-off shorter than the latency repeats signals that are still on their way: with "
-            f"hold-off 0.5 up to {signals['mean'].max():.2f} signals per unit of time instead of "
-            f"{signals['mean'].iloc[0]:.2f}, and the mean demand lies between {short.min():.2f} and "
-            f"{short.max():.2f} of the capacity (hold-off 1: {unit.min():.2f} to {unit.max():.2f})."
-        ),
-    ]
+    return sentences(f"""
+        - With hold-off 0.5 the highest peak is 1 + n alpha d / C to within {100 * gap:.1f} points of the
+          capacity, up to {peaks["mean"].max():.2f} of it at latency {longest:g}.
+        - What the hold-off must not do is starve the agents: {rho:.2f} signals per unit of time are needed,
+          so it must stay below {1.0 / rho:.2f}, whatever the latency. With hold-off 5 the mean demand is
+          {long.mean():.2f} of the capacity; a hold-off as long as the latency runs away from latency
+          {away["latency"].min():g} on, to {away["mean"].max():.1f} of the capacity.
+        - A hold-off shorter than the latency repeats signals that are still on their way: with hold-off 0.5
+          up to {signals["mean"].max():.2f} signals per unit of time instead of {signals["mean"].iloc[0]:.2f},
+          and the mean demand lies between {short.min():.2f} and {short.max():.2f} of the capacity (hold-off
+          1: {unit.min():.2f} to {unit.max():.2f}).
+    """)
 
 
 main = command("delay", study, "What does latency do, and what does a longer hold-off do about it?")

@@ -15,7 +15,7 @@ from aimd_des.plots import colour, shared_legend
 from aimd_des.study import jackknife, replicate
 from scenarios.burst_loss.runs import Bursts, Outcome, measure, run_one, share_of_smallest
 from scenarios.common import figures
-from scenarios.common.command import Finding, command
+from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import distance
 from scenarios.common.systems import memory_alone, rate
 from scenarios.common.tables import estimate, number, pick, shown, summarise
@@ -173,34 +173,23 @@ def _findings(table: pd.DataFrame) -> list[str]:
         for burst in bursts
         if _LONG <= burst <= _MANY
     ]
-    return [
-        (
-            f"Each link for itself: with bursts of up to {held[-1]:g} the highest peak is "
-            f"{100 * (peak - 1):.1f} % above the capacity. The twenty smallest hold {small[0.0]:.1f} % "
-            "without, "
-            f"{small[held[-1]]:.1f} % at {held[-1]:g} and {small[bursts[-1]]:.1f} % at {bursts[-1]:g}, with "
-            f"{100 * at(own, 'time_above', bursts[-1]):.0f} % of the time above the capacity. Theory "
-            f"puts the longest burst that is held at {_longest():.0f}, and at {_hopeless():.0f} for any "
-            "hold-off."
-        ),
-        (
-            f"All links together: bursts of {_SHOWN:g} end {turn:.2f} of the capacity above it in the mean "
-            f"(theory {turn_theory:.2f}, n alpha B / C {_SHOWN / _LOSS / _hopeless():.2f}), an excursion "
-            "lasts "
-            f"{excursion:.1f}, {100 * at(common, 'time_above', _SHOWN):.0f} % of the time is above, "
-            f"and the highest peak is {at(common, 'peak', _SHOWN):.1f} of the capacity."
-        ),
-        (
-            f"The mean excess is within {100 * max(gaps):.0f} % of theory for bursts from {_LONG:g} to "
-            f"{min(_MANY, bursts[-1]):g}; at {_SHOWN:g} it is {at(common, 'excess', _SHOWN):.3f} of "
-            f"the capacity, and {_first_order(_SHOWN):.3f} by the formula of first order."
-        ),
-        (
-            f"Shares at {_SHOWN:g} are {away[own]:.1f} % from the optimum with bursts of each link (theory "
-            f"{100 * at(own, 'from plain optimum', _SHOWN, 'theory'):.1f}) and {away[common]:.1f} % "
-            "with bursts of all."
-        ),
-    ]
+    return sentences(f"""
+        - Each link for itself: with bursts of up to {held[-1]:g} the highest peak is {100 * (peak - 1):.1f} %
+          above the capacity. The twenty smallest hold {small[0.0]:.1f} % without, {small[held[-1]]:.1f} % at
+          {held[-1]:g} and {small[bursts[-1]]:.1f} % at {bursts[-1]:g}, with
+          {100 * at(own, "time_above", bursts[-1]):.0f} % of the time above the capacity. Theory puts the
+          longest burst that is held at {_longest():.0f}, and at {_hopeless():.0f} for any hold-off.
+        - All links together: bursts of {_SHOWN:g} end {turn:.2f} of the capacity above it in the mean (theory
+          {turn_theory:.2f}, n alpha B / C {_SHOWN / _LOSS / _hopeless():.2f}), an excursion lasts
+          {excursion:.1f}, {100 * at(common, "time_above", _SHOWN):.0f} % of the time is above, and the
+          highest peak is {at(common, "peak", _SHOWN):.1f} of the capacity.
+        - The mean excess is within {100 * max(gaps):.0f} % of theory for bursts from {_LONG:g} to
+          {min(_MANY, bursts[-1]):g}; at {_SHOWN:g} it is {at(common, "excess", _SHOWN):.3f} of the capacity,
+          and {_first_order(_SHOWN):.3f} by the formula of first order.
+        - Shares at {_SHOWN:g} are {away[own]:.1f} % from the optimum with bursts of each link (theory
+          {100 * at(own, "from plain optimum", _SHOWN, "theory"):.1f}) and {away[common]:.1f} % with bursts of
+          all.
+    """)
 
 
 def _first_order(burst: float) -> float:

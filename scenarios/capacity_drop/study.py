@@ -25,7 +25,7 @@ from scenarios.capacity_drop.runs import (
     rows_of,
 )
 from scenarios.common import figures
-from scenarios.common.command import Finding, command
+from scenarios.common.command import Finding, command, sentences
 from scenarios.common.tables import shown
 
 __all__ = ["main", "study"]
@@ -145,27 +145,20 @@ def _findings(table: pd.DataFrame, age: float) -> list[str]:
     bent = _numbers(table, _SCATTER, PAPER)["forgetting"]
     damped = _numbers(table, _SCATTER, PAPER, "theory")["forgetting"]
     left = {way: 100 * value for way, value in _numbers(table, "error left in one run").items()}
-    return [
-        (
-            f"Quadratic costs, drop at age {age:g}: the sum of the averages is within 5 % of the new "
-            f"capacity after {_listed(level)} periods (cumulative, window, forgetting). Theory is within "
-            f"{100 * off:.1f} % of this, of ramps and of the paper's memory, given what is used by "
-            "prediction; as if all of the capacity were used it is "
-            f"{100 * min(long):.0f} to {100 * max(long):.0f} % too long."
-        ),
-        (
-            f"Shares of quadratic costs recover in {_listed(_numbers(table, _SHARES))} periods, those of "
-            f"the paper's memory in {_listed(_numbers(table, _SHARES, PAPER))}, its sum in {_listed(steep)}: "
-            "the optimum is not only scaled there."
-        ),
-        (
-            f"The price: at the drop an agent's average scatters by "
-            f"{_listed({way: 100 * value for way, value in scatter.items()}, 1)} % (theory "
-            f"{_listed({way: 100 * value for way, value in expected.items()}, 1)}), and when the sum has "
-            f"recovered a single run is {_listed(left)} % from the optimum. Steeper costs damp the scatter: "
-            f"{100 * bent:.1f} % (theory {100 * damped:.1f}) for the paper's memory with forgetting."
-        ),
-    ]
+    return sentences(f"""
+        - Quadratic costs, drop at age {age:g}: the sum of the averages is within 5 % of the new capacity
+          after {_listed(level)} periods (cumulative, window, forgetting). Theory is within {100 * off:.1f} %
+          of this, of ramps and of the paper's memory, given what is used by prediction; as if all of the
+          capacity were used it is {100 * min(long):.0f} to {100 * max(long):.0f} % too long.
+        - Shares of quadratic costs recover in {_listed(_numbers(table, _SHARES))} periods, those of the
+          paper's memory in {_listed(_numbers(table, _SHARES, PAPER))}, its sum in {_listed(steep)}: the
+          optimum is not only scaled there.
+        - The price: at the drop an agent's average scatters by
+          {_listed({way: 100 * value for way, value in scatter.items()}, 1)} % (theory
+          {_listed({way: 100 * value for way, value in expected.items()}, 1)}), and when the sum has recovered
+          a single run is {_listed(left)} % from the optimum. Steeper costs damp the scatter: {100 * bent:.1f}
+          % (theory {100 * damped:.1f}) for the paper's memory with forgetting.
+    """)
 
 
 main = command("capacity_drop", study, "How fast do averages follow when 40 % of a capacity is lost?")

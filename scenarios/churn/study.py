@@ -27,7 +27,7 @@ from scenarios.churn.runs import (
     measure,
 )
 from scenarios.churn.theory import CRITICAL_STAY, fluid, kinds, optimum, steady
-from scenarios.common.command import Finding, command
+from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import distance
 from scenarios.common.tables import estimate, said, shown, summarise
 
@@ -135,26 +135,21 @@ def _findings(table: pd.DataFrame) -> list[str]:
     held = {name: ", ".join(f"{kind} {say(name, np.nan, kind)}" for kind in kinds()) for name in FORGOT}
     kept, forgotten = FORGOT
     highest = table.loc[table["measure"] == "peak", "mean"].max()
-    use = (
-        f"Churn costs use late and signals early. With a mean stay of {middle:g} periods "
-        f"{say(KEPT, middle, 'utilisation')} of the capacity are used at {say(KEPT, middle, 'signals')} "
-        f"signals a period, with {fast:g} {say(KEPT, fast, 'utilisation')} at {say(KEPT, fast, 'signals')}; "
-        f"without churn {still(table, KEPT, 'utilisation'):.2f} at {still(table, KEPT, 'signals'):.2f}. "
-        f"Below a stay of {CRITICAL_STAY:.0f} periods cameras go before they can fill the capacity. "
-        f"The highest peak is {highest:.3f} of it, and without churn {still(table, KEPT, 'peak'):.3f}."
-    )
-    shares = (
-        f"Churn evens out the shares: with a mean stay of {fast:g} averages are "
-        f"{say(KEPT, fast, 'from plain optimum', 100, 0)} % from the plain optimum and "
-        f"{say(KEPT, fast, 'from churned optimum', 100, 0)} % from that of costs to which it adds a square."
-    )
-    back = (
-        f"What a quarter releases is in use again after {say(kept, np.nan, 'reused after', 1.0, 1)} periods. "
-        f"Demand over the optimum, {_WINDOW[0]:g} to {_WINDOW[1]:g} periods after it is back: {kept}: "
-        f"{held[kept]}; {forgotten}: {held[forgotten]}."
-    )
-    error = f"Tracking error in %, at a mean stay of {middle:g} (and without churn): {tracking}."
-    return [use, error, shares, back]
+    return sentences(f"""
+        - Churn costs use late and signals early. With a mean stay of {middle:g} periods
+          {say(KEPT, middle, "utilisation")} of the capacity are used at {say(KEPT, middle, "signals")}
+          signals a period, with {fast:g} {say(KEPT, fast, "utilisation")} at {say(KEPT, fast, "signals")};
+          without churn {still(table, KEPT, "utilisation"):.2f} at {still(table, KEPT, "signals"):.2f}. Below
+          a stay of {CRITICAL_STAY:.0f} periods cameras go before they can fill the capacity. The highest peak
+          is {highest:.3f} of it, and without churn {still(table, KEPT, "peak"):.3f}.
+        - Tracking error in %, at a mean stay of {middle:g} (and without churn): {tracking}.
+        - Churn evens out the shares: with a mean stay of {fast:g} averages are
+          {say(KEPT, fast, "from plain optimum", 100, 0)} % from the plain optimum and
+          {say(KEPT, fast, "from churned optimum", 100, 0)} % from that of costs to which it adds a square.
+        - What a quarter releases is in use again after {say(kept, np.nan, "reused after", 1.0, 1)} periods.
+          Demand over the optimum, {_WINDOW[0]:g} to {_WINDOW[1]:g} periods after it is back: {kept}:
+          {held[kept]}; {forgotten}: {held[forgotten]}.
+    """)
 
 
 main = command(

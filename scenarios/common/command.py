@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
+from textwrap import dedent
 from typing import Any
 
 import click
@@ -71,6 +72,11 @@ def write(found: Finding, place: Place) -> None:
         except Exception as failure:  # noqa: BLE001 - whatever it is, the numbers are what was asked for
             said = f"{place.folder / path.name}: is missing ({type(failure).__name__}: {failure})"
             warnings.warn(f"{said}; all numbers are written", RuntimeWarning, stacklevel=2)
+
+
+def sentences(points: str) -> list[str]:
+    """Take the points of a list, as Markdown has it, each in one line."""
+    return [" ".join(point.split()) for point in dedent(points).strip().removeprefix("- ").split("\n- ")]
 
 
 class _Refusal(click.ClickException):

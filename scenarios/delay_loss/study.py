@@ -12,7 +12,7 @@ import pandas as pd
 from aimd_des import Study, run_study, solve_optimum, theory
 from aimd_des.study import read_study, summarise
 from models.smart_cameras import smart_cameras
-from scenarios.common.command import Finding, command
+from scenarios.common.command import Finding, command, sentences
 from scenarios.delay_loss.figure import MAPS, draw
 
 __all__ = ["main", "study"]
@@ -134,27 +134,19 @@ def _findings(table: pd.DataFrame) -> list[str]:
     agree = int((held != away)[clear].sum())
     lossless = wide[wide["loss"] == 0.0]
     early, late = (lossless[lossless["latency"] == end] for end in (0.0, wide["latency"].max()))
-    return [
-        (
-            "The capacity is held where theory says, whatever the latency, at "
-            f"{agree} of the {int(clear.sum())} points that are not within 0.05 of the critical loss "
-            f"({', '.join(f'{name} {_span(wide, name)}' for name in ('continuous', 'discrete'))})."
-        ),
-        (
-            f"Held, mean demand is {_range(wide[held], 'utilisation')} of the capacity and the misallocation "
-            f"{_range(wide[held], 'misallocation')} %; beyond, {_range(wide[~held], 'utilisation')} and "
-            f"{_range(wide[~held], 'misallocation')} %."
-        ),
-        (
-            f"Without loss, latency {wide['latency'].max():g} lifts the mean excess from "
-            f"{_range(early, 'overshoot_mean')} to {_range(late, 'overshoot_mean')} % of the capacity, and "
-            f"leaves {_range(late, 'signals')} signals per period for {_range(early, 'signals')}."
-        ),
-        (
-            f"Responses are cut off at probability 1 in {_range(wide[held], 'saturated')} % of all where "
-            f"demand is held, and in {_range(wide[~held], 'saturated')} % beyond."
-        ),
-    ]
+    return sentences(f"""
+        - The capacity is held where theory says, whatever the latency, at {agree} of the {int(clear.sum())}
+          points that are not within 0.05 of the critical loss
+          ({", ".join(f"{name} {_span(wide, name)}" for name in ("continuous", "discrete"))}).
+        - Held, mean demand is {_range(wide[held], "utilisation")} of the capacity and the misallocation
+          {_range(wide[held], "misallocation")} %; beyond, {_range(wide[~held], "utilisation")} and
+          {_range(wide[~held], "misallocation")} %.
+        - Without loss, latency {wide["latency"].max():g} lifts the mean excess from
+          {_range(early, "overshoot_mean")} to {_range(late, "overshoot_mean")} % of the capacity, and leaves
+          {_range(late, "signals")} signals per period for {_range(early, "signals")}.
+        - Responses are cut off at probability 1 in {_range(wide[held], "saturated")} % of all where demand is
+          held, and in {_range(wide[~held], "saturated")} % beyond.
+    """)
 
 
 def _range(rows: pd.DataFrame, column: str) -> str:

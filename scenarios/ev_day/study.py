@@ -11,7 +11,7 @@ from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour, shared_legend
 from aimd_des.study import mean_and_error, replicate
 from scenarios.common import figures
-from scenarios.common.command import Finding, command
+from scenarios.common.command import Finding, command, sentences
 from scenarios.common.tables import number, numbers, shown, summarise
 from scenarios.ev_day.runs import LOOKS, LOSS, SHARES, SPAN, TIMES, Case, Night, night
 
@@ -164,36 +164,25 @@ def _findings(table: pd.DataFrame) -> list[str]:
     allowed = number(table, "theory", channel=_LOWERED, measure=_ABOVE)
     luck = 100 * numbers(table, "theory", channel=_LOSSY, measure=_ERROR)
     stay, forget = (100 * mean(_LOSSY, _ERROR, average=name) for name in (_STAY, _FORGET))
-    return [
-        (
-            f"{100 * mean(_LOSSY, 'energy missing'):.1f} % of the energy needed is missing when vehicles "
-            f"leave. They are full {both(_LOSSY, _SPARE)} hours early, the last of a night "
-            f"{both(_LOSSY, 'least hours to spare')} hours."
-        ),
-        (
-            f"Where nobody holds back the capacity is exceeded for {mean(_NOBODY, _ABOVE):.0f} minutes of a "
-            f"night, up to {mean(_NOBODY, 'peak'):.1f} times; with one bit, late and lossy, for "
-            f"{both(_LOSSY, _ABOVE)} minutes, by up to {100 * mean(_LOSSY, 'peak') - 100:.1f} %; with a "
-            f"perfect channel for {both(_PERFECT, _ABOVE)}."
-        ),
-        (
-            f"The bad channel takes {ratio:.2f} times the signals, where 1 / (1 - p) is {rate:.2f}. Demand "
-            f"that falls late is nearer to the capacity, {100 * mean(_LOSSY, _USED):.1f} % of it instead of "
-            f"{100 * mean(_PERFECT, _USED):.1f} %, and vehicles are full {both(_BAD, _SPARE, 60.0)} minutes "
-            "earlier."
-        ),
-        (
-            f"With the threshold that theory gives, {mean(_LOWERED, 'threshold'):.3f}, the capacity is "
-            f"exceeded for {mean(_LOWERED, _ABOVE):.2f} minutes, of {allowed:.1f} allowed, and vehicles are "
-            f"full {both(_LOW, _SPARE, -60.0)} minutes later."
-        ),
-        (
-            f"With averages that forget, vehicles are full {both(_OTHER, _SPARE, 60.0)} minutes earlier. "
-            f"These averages are {forget:.1f} % from the optimum in force "
-            f"around midnight, and {stay:.1f} % over all of the stay; luck "
-            f"alone is {luck[1]:.1f} and {luck[0]:.1f} %."
-        ),
-    ]
+    return sentences(f"""
+        - {100 * mean(_LOSSY, "energy missing"):.1f} % of the energy needed is missing when vehicles leave.
+          They are full {both(_LOSSY, _SPARE)} hours early, the last of a night
+          {both(_LOSSY, "least hours to spare")} hours.
+        - Where nobody holds back the capacity is exceeded for {mean(_NOBODY, _ABOVE):.0f} minutes of a night,
+          up to {mean(_NOBODY, "peak"):.1f} times; with one bit, late and lossy, for {both(_LOSSY, _ABOVE)}
+          minutes, by up to {100 * mean(_LOSSY, "peak") - 100:.1f} %; with a perfect channel for
+          {both(_PERFECT, _ABOVE)}.
+        - The bad channel takes {ratio:.2f} times the signals, where 1 / (1 - p) is {rate:.2f}. Demand that
+          falls late is nearer to the capacity, {100 * mean(_LOSSY, _USED):.1f} % of it instead of
+          {100 * mean(_PERFECT, _USED):.1f} %, and vehicles are full {both(_BAD, _SPARE, 60.0)} minutes
+          earlier.
+        - With the threshold that theory gives, {mean(_LOWERED, "threshold"):.3f}, the capacity is exceeded
+          for {mean(_LOWERED, _ABOVE):.2f} minutes, of {allowed:.1f} allowed, and vehicles are full
+          {both(_LOW, _SPARE, -60.0)} minutes later.
+        - With averages that forget, vehicles are full {both(_OTHER, _SPARE, 60.0)} minutes earlier. These
+          averages are {forget:.1f} % from the optimum in force around midnight, and {stay:.1f} % over all of
+          the stay; luck alone is {luck[1]:.1f} and {luck[0]:.1f} %.
+    """)
 
 
 main = command(

@@ -14,7 +14,7 @@ from aimd_des import InputError, solve_optimum, theory
 from aimd_des.plots import colour, shared_legend
 from aimd_des.study import jackknife, mean_and_error, replicate
 from scenarios.common import figures
-from scenarios.common.command import Finding, command
+from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import distance
 from scenarios.common.systems import memory_alone
 from scenarios.common.tables import estimate, number, pick, shown, summarise
@@ -215,30 +215,26 @@ def _findings(table: pd.DataFrame) -> list[str]:
     along = pick(table, way=TREE, measure="delivery")
     errors = (along["mean"] - along["theory"]).abs()
     sent = {way: at(way, "transmissions") for way in (TREE, FLOOD)}
-    return [
-        *(
-            f"{way}, {100 * _SHOWN:g} % on the longest edges: {100 * heard[way].min():.0f} to "
-            f"{100 * heard[way].max():.0f} % of the signals arrive, cameras hold {shares[way].min():.2f} to "
-            f"{shares[way].max():.2f} of their optimal shares, and averages are "
-            f"{100 * at(way, _PLAIN):.1f} % from the optimum (theory {100 * at(way, _PLAIN, 'theory'):.1f}) "
-            f"and {100 * at(way, _NEW):.1f} % from the reweighted one; {at(way, 'signals'):.2f} signals per "
-            f"unit of time (theory {at(way, 'signals', 'theory'):.2f}), utilisation "
-            f"{at(way, 'utilisation'):.3f} (theory {at(way, 'utilisation', 'theory'):.3f})."
-            for way in (TREE, FLOOD)
-        ),
-        f"Deliveries along the tree are those of the formula to within {100 * errors.max():.1f} points.",
-        (
-            f"Links that are shared on the way: {at(TREE, 'signals'):.2f} signals instead of "
-            f"{at(OWN, 'signals'):.2f}, utilisation {at(TREE, 'utilisation'):.3f} instead of "
-            f"{at(OWN, 'utilisation'):.3f}, and {100 * at(TREE, 'time_above'):.1f} % of the time above "
-            f"capacity instead of {100 * at(OWN, 'time_above'):.1f}."
-        ),
-        (
-            f"Flooding takes {sent[FLOOD]:.0f} transmissions a broadcast instead of {sent[TREE]:.0f}, and "
-            f"{sent[FLOOD] * at(FLOOD, 'signals'):.0f} per unit of time instead of "
-            f"{sent[TREE] * at(TREE, 'signals'):.0f}, as fewer signals are necessary."
-        ),
+    found = [
+        f"{way}, {100 * _SHOWN:g} % on the longest edges: {100 * heard[way].min():.0f} to "
+        f"{100 * heard[way].max():.0f} % of the signals arrive, cameras hold {shares[way].min():.2f} to "
+        f"{shares[way].max():.2f} of their optimal shares, and averages are "
+        f"{100 * at(way, _PLAIN):.1f} % from the optimum (theory {100 * at(way, _PLAIN, 'theory'):.1f}) "
+        f"and {100 * at(way, _NEW):.1f} % from the reweighted one; {at(way, 'signals'):.2f} signals per "
+        f"unit of time (theory {at(way, 'signals', 'theory'):.2f}), utilisation "
+        f"{at(way, 'utilisation'):.3f} (theory {at(way, 'utilisation', 'theory'):.3f})."
+        for way in (TREE, FLOOD)
     ]
+    return found + sentences(f"""
+        - Deliveries along the tree are those of the formula to within {100 * errors.max():.1f} points.
+        - Links that are shared on the way: {at(TREE, "signals"):.2f} signals instead of
+          {at(OWN, "signals"):.2f}, utilisation {at(TREE, "utilisation"):.3f} instead of
+          {at(OWN, "utilisation"):.3f}, and {100 * at(TREE, "time_above"):.1f} % of the time above capacity
+          instead of {100 * at(OWN, "time_above"):.1f}.
+        - Flooding takes {sent[FLOOD]:.0f} transmissions a broadcast instead of {sent[TREE]:.0f}, and
+          {sent[FLOOD] * at(FLOOD, "signals"):.0f} per unit of time instead of
+          {sent[TREE] * at(TREE, "signals"):.0f}, as fewer signals are necessary.
+    """)
 
 
 main = command("mesh", study, "What does a lossy mesh do to cameras far away, and does flooding help?")

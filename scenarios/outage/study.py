@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from aimd_des.plots import colour, shared_legend
 from aimd_des.study import mean_and_error, replicate
 from scenarios.common import figures
-from scenarios.common.command import Finding, command
+from scenarios.common.command import Finding, command, sentences
 from scenarios.common.tables import pick, shown
 from scenarios.outage.runs import (
     AFTER,
@@ -176,27 +176,21 @@ def _findings(table: pd.DataFrame) -> list[str]:
     deaf, hearing = (at(PART, f"extra of the {name} half")["mean"] for name in ("even", "odd"))
     deaf_end, hearing_end = (at(PART, f"{name} half at the end")["mean"] for name in ("even", "odd"))
     part, left = at(PART, "run-away")["mean"], at(PART, "gap left after x / alpha")
-    return [
-        (
-            f"{'No run exceeds' if room >= 0.0 else 'Runs exceed'} n alpha (duration + latency), with the "
-            f"hold-off added for a channel that heals; the nearest stays {room:.2f} % of the capacity below. "
-            f"The mean run-away is half a saw tooth less, to within {gap:.1f} points: "
-            f"{100 * last['mean']:.0f} % of the capacity after {_SHOWN_DURATION:g} periods of silence."
-        ),
-        (
-            f"It is back {back['mean']:.1f} periods after those {_SHOWN_DURATION:g} (theory "
-            f"{back['theory']:.1f}), as every hold-off brings a signal. The demand in excess of the capacity "
-            f"adds up to {over['mean']:.1f} periods of all of it (theory {over['theory']:.1f})."
-        ),
-        (
-            f"Half of the agents cut off for {_SHOWN_DURATION:g} periods run away by "
-            f"{100 * part:.0f} % only, as the others give way: those get {-hearing:.1f} "
-            f"periods of their share less than without the outage, and the half that is cut off {deaf:.1f} "
-            f"more. A time x / alpha = {PACE:.0f} periods after healing {left['mean']:.2f} of the gap is "
-            f"left ({left['theory']:.2f} at the rate alpha / x alone), and in the last {_LATE} periods the "
-            f"halves hold {deaf_end:.2f} and {hearing_end:.2f} of their optimum: averages remember."
-        ),
-    ]
+    return sentences(f"""
+        - {"No run exceeds" if room >= 0.0 else "Runs exceed"} n alpha (duration + latency), with the hold-off
+          added for a channel that heals; the nearest stays {room:.2f} % of the capacity below. The mean
+          run-away is half a saw tooth less, to within {gap:.1f} points: {100 * last["mean"]:.0f} % of the
+          capacity after {_SHOWN_DURATION:g} periods of silence.
+        - It is back {back["mean"]:.1f} periods after those {_SHOWN_DURATION:g} (theory {back["theory"]:.1f}),
+          as every hold-off brings a signal. The demand in excess of the capacity adds up to
+          {over["mean"]:.1f} periods of all of it (theory {over["theory"]:.1f}).
+        - Half of the agents cut off for {_SHOWN_DURATION:g} periods run away by {100 * part:.0f} % only, as
+          the others give way: those get {-hearing:.1f} periods of their share less than without the outage,
+          and the half that is cut off {deaf:.1f} more. A time x / alpha = {PACE:.0f} periods after healing
+          {left["mean"]:.2f} of the gap is left ({left["theory"]:.2f} at the rate alpha / x alone), and in the
+          last {_LATE} periods the halves hold {deaf_end:.2f} and {hearing_end:.2f} of their optimum: averages
+          remember.
+    """)
 
 
 main = command("outage", study, "How far does total demand run away in an outage, and who pays for it?")

@@ -15,7 +15,7 @@ from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour
 from aimd_des.study import jackknife, replicate
 from scenarios.common import figures
-from scenarios.common.command import Finding, command
+from scenarios.common.command import Finding, command, sentences
 from scenarios.common.systems import alike, elasticity
 from scenarios.common.tables import estimate, pick, said, shown
 from scenarios.unusual_activity.runs import (
@@ -185,26 +185,20 @@ def _findings(table: pd.DataFrame, size: Size) -> list[str]:
     names = table["averaging"].unique()
     scatter = ", ".join(f"{say(one, name, 'scatter before', digits=1)} with {name}" for name in names)
     soon = f"From period {_SOON[0]:g} to {_SOON[1]:g}"
-    course = (
-        f"The optimum of a camera with quadratic costs rises from {old:.2f} to {new:.2f} GB (of each of "
-        f"three: {shared:.2f}). {soon} its demand has made {say(one, whole, 'demand soon')} % of the way, "
-        "whatever the memory. The average over all of the past has made "
-        f"{say(one, whole, 'average at the end')} % after {size.end - size.begin:g} periods (of three: "
-        f"{say(three, whole, 'average at the end')} %); with {short} it is half-way after {half(one, short)}."
-    )
-    overdone = (
-        "With costs of power 6 demand answers to the average, and overdoes it. "
-        f"{soon} it has made {say(steep, whole, 'demand soon', 1.0, 1)} times the way; so the average over "
-        f"all of the past is half-way after {half(steep, whole)} periods, with {short} after "
-        f"{half(steep, short)}. {_AFTERWARDS:g} periods after the end it keeps "
-        f"{say(steep, whole, 'left afterwards')} % of the rise."
-    )
-    price = (
-        f"The price is scatter of the averages before, in %: with quadratic costs {scatter}; with costs of "
-        f"power 6 {say(steep, whole, 'scatter before', digits=1)} with {whole}, "
-        f"{say(steep, short, 'scatter before', digits=1)} with {short}."
-    )
-    return [course, overdone, price]
+    return sentences(f"""
+        - The optimum of a camera with quadratic costs rises from {old:.2f} to {new:.2f} GB (of each of three:
+          {shared:.2f}). {soon} its demand has made {say(one, whole, "demand soon")} % of the way, whatever
+          the memory. The average over all of the past has made {say(one, whole, "average at the end")} %
+          after {size.end - size.begin:g} periods (of three: {say(three, whole, "average at the end")} %);
+          with {short} it is half-way after {half(one, short)}.
+        - With costs of power 6 demand answers to the average, and overdoes it. {soon} it has made
+          {say(steep, whole, "demand soon", 1.0, 1)} times the way; so the average over all of the past is
+          half-way after {half(steep, whole)} periods, with {short} after {half(steep, short)}.
+          {_AFTERWARDS:g} periods after the end it keeps {say(steep, whole, "left afterwards")} % of the rise.
+        - The price is scatter of the averages before, in %: with quadratic costs {scatter}; with costs of
+          power 6 {say(steep, whole, "scatter before", digits=1)} with {whole},
+          {say(steep, short, "scatter before", digits=1)} with {short}.
+    """)
 
 
 main = command(
