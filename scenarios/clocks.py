@@ -18,12 +18,12 @@ from matplotlib.figure import Figure
 from aimd_des import Clocks, Sampled, theory
 from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour, shared_legend
-from aimd_des.study import jackknife, paired_difference
+from aimd_des.study import paired_difference
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import Measures, Run, distance, measure_all
+from scenarios.common.measure import Measures, Run, distance, distances, measure_all
 from scenarios.common.systems import memory_alone, spread
-from scenarios.common.tables import estimate, number, numbers, pick, shown
+from scenarios.common.tables import number, numbers, pick, shown
 
 __all__ = ["main", "study"]
 
@@ -77,7 +77,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     cases: list[tuple[dict[str, Any], Run]] = [
         ({"clocks": setting.name}, _run(setting, until)) for setting in _SETTINGS
     ]
-    table, outcomes = measure_all(cases, replications, seed, workers=1 if quick else None, out=runs)
+    table, outcomes = measure_all(cases, replications, seed, quick, runs)
     table = table[table["measure"] != "saturated"].reset_index(drop=True)
     table["replication_std"] = table["standard_error"] * np.sqrt(replications)
     table[["effect", "effect_error"]] = [
@@ -116,11 +116,14 @@ def _effect(measure: str, place: int, outcomes: list[list[Measures]]) -> tuple[f
 
 def _pooled(outcomes: list[list[Measures]]) -> list[dict[str, Any]]:
     """Measure shares without the luck of single runs: by the mean of the averages over all runs."""
-    rows = []
-    for setting, runs in zip(_SETTINGS, outcomes, strict=True):
-        found = jackknife([run.average for run in runs], partial(distance, _PROBLEM))
-        rows.append(estimate({"clocks": setting.name, "resource": "memory"}, _BIAS, found, len(runs)))
-    return rows
+    pairs = zip(_SETTINGS, outcomes, strict=True)
+    labelled = [({"clocks": setting.name, "resource": "memory"}, runs) for setting, runs in pairs]
+    optima = {_BIAS: None}
+    return [
+        row
+        for labels, runs in labelled
+        for row in distances(labels, _PROBLEM, [run.average for run in runs], optima)
+    ]
 
 
 @lru_cache

@@ -60,7 +60,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         ({"way": way.name}, Run(problem, until, until // 3, way.dynamics, way.unit, way.latency))
         for way in _WAYS
     ]
-    table, _ = measure_all(cases, replications, seed, workers=1 if quick else None, out=runs)
+    table, _ = measure_all(cases, replications, seed, quick, runs)
     expected = {way.name: _expected(problem, way) for way in _WAYS}
     names = list(problem.resource_names)
     table["theory"] = [

@@ -47,7 +47,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
             labels = {"setting": name, "latency": latency, "hold_off": hold_off}
             unit = Crossing(hold_off)
             cases.append((labels, Run(_PROBLEM, until, until // 3, "continuous", unit, latency)))
-    table, _ = measure_all(cases, replications, seed, workers=1 if quick else None, out=runs)
+    table, _ = measure_all(cases, replications, seed, quick, runs)
     table["theory"] = [_expected(row) for row in table.to_dict("records")]
     return Finding(
         "delay",

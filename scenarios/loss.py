@@ -18,12 +18,11 @@ from matplotlib.figure import Figure
 from aimd_des import Crossing, Sampled, theory
 from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour, shared_legend
-from aimd_des.study import jackknife
 from scenarios.common import figures
 from scenarios.common.command import Finding, command
-from scenarios.common.measure import Measures, Run, distance, measure_all
+from scenarios.common.measure import Measures, Run, distance, distances, measure_all
 from scenarios.common.systems import critical, held, memory_alone, spread
-from scenarios.common.tables import estimate, pick, shown
+from scenarios.common.tables import pick, shown
 
 __all__ = ["main", "study"]
 
@@ -69,7 +68,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         )
         for kind, way, mean, loss in given
     ]
-    table, outcomes = measure_all(cases, replications, seed, workers=1 if quick else None, out=runs)
+    table, outcomes = measure_all(cases, replications, seed, quick, runs)
     pairs = zip(cases[same:], outcomes[same:], strict=True)
     rows = [row for (labels, run), found in pairs for row in _distances(labels, run, found)]
     table = pd.concat([table, pd.DataFrame(rows)], ignore_index=True)
@@ -95,10 +94,7 @@ def _distances(labels: dict[str, Any], run: Run, found: list[Measures]) -> list[
         share = np.mean([measures.signals for measures in found], axis=0)
     weights = theory.loss_weights(np.asarray(run.loss)[:, None], share)
     averages, labels = [measures.average for measures in found], {**labels, "resource": "memory"}
-    return [
-        estimate(labels, name, jackknife(averages, partial(distance, _PROBLEM, weights=given)), len(found))
-        for name, given in ((_PLAIN, None), (_NEW, weights))
-    ]
+    return distances(labels, _PROBLEM, averages, {_PLAIN: None, _NEW: weights})
 
 
 def _critical(way: _Way) -> float:

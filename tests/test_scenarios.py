@@ -183,7 +183,7 @@ def test_measures_count_from_the_start_that_was_asked_for() -> None:
     assert found.peak[0] == pytest.approx(late["total"].max() / 32.0, abs=60 * 0.025 * 0.01 / 32.0 + 1e-12)
     assert found.average[:, 0] == pytest.approx(result.average_at_end[:, 0])
     table, outcomes = measure_all(
-        [({"way": "a"}, Run(problem, 60.0, 20.0, "continuous", Crossing(0.5)))], 2, 1, workers=1
+        [({"way": "a"}, Run(problem, 60.0, 20.0, "continuous", Crossing(0.5)))], 2, 1, quick=True
     )
     assert outcomes[0][0].signals == found.signals
     assert set(table["measure"]) == {"signals", "utilisation", "misallocation", "peak", "saturated"}

@@ -12,15 +12,12 @@ from scipy.optimize import brentq
 
 from aimd_des import theory
 from aimd_des.plots import colour, shared_legend
-from aimd_des.study import jackknife, replicate
 from scenarios.burst_loss.runs import Bursts, Outcome, measure, run_one, share_of_smallest
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import distance
+from scenarios.common.measure import distance, run_all, table_of
 from scenarios.common.systems import memory_alone, rate
-from scenarios.common.tables import estimate, number, pick, shown, summarise
-
-__all__ = ["main", "study"]
+from scenarios.common.tables import number, pick, shown
 
 _PROBLEM = memory_alone()
 _LOSS = 0.2
@@ -48,10 +45,8 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         for links in _LINKS
         for burst in bursts
     ]
-    jobs = [partial(measure, case) for case in cases]
-    outcomes = replicate(jobs, replications, seed, workers=1 if quick else None, out=runs)
-    tables = [_rows(case, found) for case, found in zip(cases, outcomes, strict=True)]
-    table = pd.concat(tables, ignore_index=True)
+    pairs = run_all(measure, cases, replications, seed, quick, runs)
+    table = pd.concat([_rows(case, found) for case, found in pairs], ignore_index=True)
     printed = table["measure"].isin([*_PRINTED, _PLAIN])
     return Finding(
         "burst_loss",
@@ -65,12 +60,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
 
 def _rows(run: Bursts, found: list[Outcome]) -> pd.DataFrame:
     labels: dict[str, Any] = {"links": _LINKS[int(run.common)], "burst": run.burst}
-    rows = [{**labels, **{name: getattr(one, name) for name in _MEASURES}} for one in found]
-    shift = jackknife([one.average for one in found], partial(distance, _PROBLEM))
-    more = pd.DataFrame([estimate(labels, _PLAIN, shift, len(found))])
-    table, expected = pd.concat([summarise(rows, list(labels)), more]), _expected(run)
-    table["theory"] = [expected.get(measure, np.nan) for measure in table["measure"]]
-    return table
+    return table_of(labels, _PROBLEM, found, _MEASURES, {_PLAIN: None}, _expected(run))
 
 
 def _expected(run: Bursts) -> dict[str, float]:

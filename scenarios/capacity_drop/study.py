@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aimd_des.plots import colour, shared_legend
-from aimd_des.study import replicate
 from scenarios.capacity_drop.runs import (
     GRAIN,
     PAPER,
@@ -26,9 +25,8 @@ from scenarios.capacity_drop.runs import (
 )
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
+from scenarios.common.measure import run_all
 from scenarios.common.tables import shown
-
-__all__ = ["main", "study"]
 
 _LEVEL, _SHARES, _SCATTER = "recovery of the level", "recovery of the shares", "scatter of an average"
 # Recorded times that the figure shows, over the age at the drop.
@@ -40,9 +38,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     replications, age, window = (2, 60.0, 80.0) if quick else (16, 600.0, 400.0)
     changes = [(QUADRATIC, 0.0), (QUADRATIC, window / 2), (PAPER, 0.0)]
     cases = [Drop(costs, way, ramp, age, window) for costs, ramp in changes for way in WAYS]
-    jobs = [partial(measure, case) for case in cases]
-    outcomes = replicate(jobs, replications, seed, workers=1 if quick else None, out=runs)
-    pairs = list(zip(cases, outcomes, strict=True))
+    pairs = run_all(measure, cases, replications, seed, quick, runs)
     table = pd.DataFrame([row for case, found in pairs for row in rows_of(case, found)])
     table = table[[name for name in table.columns if name != "replications"] + ["replications"]]
     return Finding(

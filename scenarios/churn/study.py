@@ -31,8 +31,6 @@ from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import distance
 from scenarios.common.tables import estimate, said, shown, summarise
 
-__all__ = ["main", "study"]
-
 _FULL = Size(
     (24.0, 32.0, 48.0, 80.0, 160.0, 400.0, 1000.0, np.inf), 8, 300.0, 800.0, 32, 400.0, 500.0, 800.0, 5.0
 )

@@ -1,11 +1,11 @@
 """One run of the paper's system, or one like it, and what is measured after its start has died away."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -30,9 +30,12 @@ from aimd_des.interventions import CapacityStep
 from aimd_des.latency import Constant
 from aimd_des.loss import Bernoulli
 from aimd_des.lowlevel import Channel, FloatArray, ProcessGenerator, System
-from aimd_des.study import replicate
+from aimd_des.study import jackknife, replicate
 from aimd_des.theory import reweighted_optimum
-from scenarios.common.tables import summarise
+from scenarios.common.tables import estimate, summarise
+
+_Case = TypeVar("_Case")
+_Outcome = TypeVar("_Outcome")
 
 _COLUMNS = ("signals", "utilisation", "misallocation", "peak", "saturated")
 
@@ -230,24 +233,68 @@ def _repeated(times: FloatArray) -> float:
     return float((np.diff(times) < _SOON).mean()) if len(times) > 1 else 0.0
 
 
+def run_all(
+    function: Callable[[_Case, int], _Outcome],
+    cases: Sequence[_Case],
+    replications: int,
+    seed: int,
+    quick: bool,
+    runs: Path | None = None,
+) -> list[tuple[_Case, list[_Outcome]]]:
+    """Run cases with the same seeds, in this process where it is quick: each with its outcomes."""
+    jobs = [partial(function, case) for case in cases]
+    outcomes = replicate(jobs, replications, seed, workers=1 if quick else None, out=runs)
+    return list(zip(cases, outcomes, strict=True))
+
+
+def distances(
+    labels: Mapping[str, Any], problem: Problem, averages: Sequence[FloatArray], optima: Mapping[str, Any]
+) -> list[dict[str, Any]]:
+    """Measure how far the mean of averages is from optima of reweighted costs, or plain ones, by name.
+
+    The mean over replications is free of the luck of single runs.
+    """
+    return [
+        estimate(
+            labels, name, jackknife(averages, partial(distance, problem, weights=weights)), len(averages)
+        )
+        for name, weights in optima.items()
+    ]
+
+
+def table_of(
+    labels: Mapping[str, Any],
+    problem: Problem,
+    found: Sequence[Any],
+    names: Sequence[str],
+    optima: Mapping[str, Any],
+    expected: Mapping[str, float],
+) -> pd.DataFrame:
+    """Make a table of one case: means of these measures, distances from optima, and what theory has."""
+    rows = summarise(
+        [{**labels, **{name: getattr(one, name) for name in names}} for one in found], list(labels)
+    )
+    more = distances(labels, problem, [one.average for one in found], optima)
+    table = pd.concat([rows, pd.DataFrame(more)], ignore_index=True)
+    return table.assign(theory=table["measure"].map(expected).astype(float))
+
+
 def measure_all(
     cases: Sequence[tuple[Mapping[str, Any], Run]],
     replications: int,
     seed: int,
-    *,
-    workers: int | None = None,
-    out: Path | None = None,
+    quick: bool,
+    runs: Path | None = None,
 ) -> tuple[pd.DataFrame, list[list[Measures]]]:
-    """Run cases, labels and what to run, with the same seeds; workers and folder as of `replicate`.
+    """Run cases, labels and what to run, with the same seeds.
 
     Gives a table, and for each case the measures of one replication after the other.
     """
-    jobs = [partial(measure, run) for _, run in cases]
-    outcomes = replicate(jobs, replications, seed, workers=workers, out=out)
+    pairs = run_all(measure, [run for _, run in cases], replications, seed, quick, runs)
     rows = [
         {**labels, "resource": name, **{column: float(getattr(found, column)[j]) for column in _COLUMNS}}
-        for (labels, run), runs in zip(cases, outcomes, strict=True)
+        for (labels, _), (run, outcomes) in zip(cases, pairs, strict=True)
         for j, name in enumerate(run.problem.resource_names)
-        for found in runs
+        for found in outcomes
     ]
-    return summarise(rows, [*cases[0][0], "resource"]), outcomes
+    return summarise(rows, [*cases[0][0], "resource"]), [outcomes for _, outcomes in pairs]

@@ -6,16 +6,15 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Literal
 
 import pandas as pd
 
-from aimd_des import Study, run_study, solve_optimum, theory
+from aimd_des import Study, run_study, theory
 from aimd_des.study import read_study, summarise
 from models.smart_cameras import smart_cameras
 from scenarios.common.command import Finding, command, sentences
 from scenarios.delay_loss.figure import MAPS, draw
-
-__all__ = ["main", "study"]
 
 _FILE = Path(__file__).parent.with_suffix(".toml")
 _AXES = ["dynamics", "latency", "loss"]
@@ -88,17 +87,12 @@ def _table(frame: pd.DataFrame) -> pd.DataFrame:
 def _critical() -> dict[tuple[str, str], float]:
     """Compute the loss that is survived, for each dynamics and resource of the first draw of the costs."""
     problem = smart_cameras(0)
-    alpha, beta, gamma = (
-        [getattr(resource, name) for resource in problem.resources]
-        for name in ("increase", "decrease", "normalization")
-    )
-    rho = theory.signal_rate(alpha, beta, gamma, solve_optimum(problem).multipliers)
+    dynamics: tuple[Literal["continuous", "discrete"], ...] = ("continuous", "discrete")
+    found = {each: theory.critical_loss(theory.needed_rate(problem), each, hold_off=1.0) for each in dynamics}
     return {
-        (dynamics, name): float(loss)
-        for dynamics in ("continuous", "discrete")
-        for name, loss in zip(
-            problem.resource_names, theory.critical_loss(rho, dynamics, hold_off=1.0), strict=True
-        )
+        (each, name): float(loss)
+        for each, losses in found.items()
+        for name, loss in zip(problem.resource_names, losses, strict=True)
     }
 
 

@@ -15,8 +15,6 @@ from scenarios.common.command import Finding, command, sentences
 from scenarios.common.tables import number, numbers, shown, summarise
 from scenarios.ev_day.runs import LOOKS, LOSS, SHARES, SPAN, TIMES, Case, Night, night
 
-__all__ = ["main", "study"]
-
 _PERFECT, _LOSSY, _LOWERED = "perfect", "late and lossy", "late and lossy, lower threshold"
 _STAY, _FORGET, _NOBODY = "all of the stay", "forgetting", "uncontrolled"
 _CASES = {

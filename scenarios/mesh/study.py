@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 
 from aimd_des import InputError, solve_optimum, theory
 from aimd_des.plots import colour, shared_legend
-from aimd_des.study import jackknife, mean_and_error, replicate
+from aimd_des.study import mean_and_error
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import distance
+from scenarios.common.measure import distance, run_all, table_of
 from scenarios.common.systems import memory_alone
-from scenarios.common.tables import estimate, number, pick, shown, summarise
+from scenarios.common.tables import estimate, number, pick, shown
 from scenarios.mesh.runs import (
     FLOOD,
     OWN,
@@ -30,8 +30,6 @@ from scenarios.mesh.runs import (
     mesh,
     statistics,
 )
-
-__all__ = ["main", "study"]
 
 _PROBLEM = memory_alone()
 _HOLD_OFF = 0.5
@@ -48,9 +46,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     replications, until = (2, 300.0) if quick else (20, 4000.0)
     losses = (0.0, _SHOWN) if quick else (0.0, 0.1, 0.2, _SHOWN, 0.4, 0.5)
     cases = [Mesh(_PROBLEM, way, loss, _HOLD_OFF, until, until / 4) for way in _WAYS for loss in losses]
-    jobs = [partial(measure, case) for case in cases]
-    outcomes = replicate(jobs, replications, seed, workers=1 if quick else None, out=runs)
-    pairs = list(zip(cases, outcomes, strict=True))
+    pairs = run_all(measure, cases, replications, seed, quick, runs)
     parts = [_totals(case, found) for case, found in pairs]
     parts += [_each(case, found) for case, found in pairs if case.longest_loss == _SHOWN and case.way != OWN]
     table = pd.concat(parts, ignore_index=True)
@@ -77,17 +73,12 @@ def _statistics(way: str, loss: float) -> Statistics:
 
 def _totals(run: Mesh, found: list[Outcome]) -> pd.DataFrame:
     labels = {"way": run.way, "longest_loss": run.longest_loss, "agent": -1}
-    rows = summarise([{**labels, **{m: getattr(one, m) for m in _MEASURES}} for one in found], list(labels))
-    known, averages, count = _known(run.way, run.longest_loss), [one.average for one in found], len(found)
-    more = [
-        estimate(labels, name, jackknife(averages, partial(distance, _PROBLEM, weights=weights)), count)
-        for name, weights in ((_PLAIN, None), (_NEW, known.delivery))
-    ]
+    known = _known(run.way, run.longest_loss)
+    optima = {_PLAIN: None, _NEW: known.delivery}
+    table = table_of(labels, _PROBLEM, found, _MEASURES, optima, _expected(run, known))
     fixed = {"mean delivery": known.delivery.mean(), "transmissions": known.transmissions}
-    more += [estimate(labels, name, (value, np.nan), count) for name, value in fixed.items()]
-    table, expected = pd.concat([rows, pd.DataFrame(more)]), _expected(run, known)
-    table["theory"] = [expected.get(name, np.nan) for name in table["measure"]]
-    return table
+    more = [estimate(labels, name, (value, np.nan), len(found)) for name, value in fixed.items()]
+    return pd.concat([table, pd.DataFrame(more)])
 
 
 def _expected(run: Mesh, known: Statistics) -> dict[str, float]:

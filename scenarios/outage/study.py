@@ -10,9 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aimd_des.plots import colour, shared_legend
-from aimd_des.study import mean_and_error, replicate
+from aimd_des.study import mean_and_error
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
+from scenarios.common.measure import run_all
 from scenarios.common.tables import pick, shown
 from scenarios.outage.runs import (
     AFTER,
@@ -32,8 +33,6 @@ from scenarios.outage.runs import (
     expected,
     measure,
 )
-
-__all__ = ["main", "study"]
 
 # What the figure shows in detail.
 _SHOWN_DURATION, _SHOWN_LATENCY = 20.0, 0.5
@@ -85,9 +84,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         for latency in latencies
         for duration in durations
     ]
-    jobs = [partial(measure, case) for case in cases]
-    outcomes = replicate(jobs, replications, seed, workers=1 if quick else None, out=runs)
-    pairs = list(zip(cases, outcomes, strict=True))
+    pairs = run_all(measure, cases, replications, seed, quick, runs)
     table = pd.DataFrame([row for case, found in pairs for row in _rows(case, found)])
     watched = {case.fault: found for case, found in pairs if case[1:3] == (_SHOWN_DURATION, _SHOWN_LATENCY)}
     return Finding(

@@ -26,9 +26,8 @@ from aimd_des.study import replicate
 from models.smart_cameras import smart_cameras
 from scenarios.common import command as common
 from scenarios.common.command import Finding, command
-from scenarios.paper.table import ERROR_BOUND, caption, grid, table
+from scenarios.paper.table import ERROR_BOUND, PaperStudy, caption, grid, table
 from scenarios.paper.text import markdown, sentences
-from scenarios.paper.types import PaperStudy
 
 __all__ = ["FULL", "MARK", "QUICK", "PaperStudy", "figures", "main", "run", "write"]
 

@@ -1,12 +1,13 @@
 """The paper's numbers beside ours: the table of `scenarios.paper`."""
 
 from collections.abc import Hashable
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 
+from aimd_des import Optimum, Result
 from models.smart_cameras import INCREASES
-from scenarios.paper.types import PaperStudy
 
 #: What the paper reports: capacity events in 30,000 steps, and a bound for the relative error.
 CAPACITY_EVENTS = {"memory": 11_427, "disk": 11_988, "bandwidth": 8_355}
@@ -22,6 +23,27 @@ _MEASURES = (
     ("overshoot_peak", "peak / capacity", 1, "{:.3f}"),
     ("cost_ratio", "cost ratio", 1, "{:.3f}"),
 )
+
+
+@dataclass(frozen=True, eq=False)
+class PaperStudy:
+    """What the study found."""
+
+    # Length of each run, number of draws of the costs, and seed of the first; draw d has the seed ``seed
+    # + d`` for its costs and for its responses.
+    steps: int
+    draws: int
+    seed: int
+    # One row per increase, lag, draw and resource.  Columns: signals, relative_error, misallocation,
+    # cost_ratio, overshoot_peak, overshoot_time as in `Result.summary`; unused, the share of the capacity
+    # that the averages leave; cost_of_use, the cost of sharing optimally what was used, over the optimal
+    # cost; peak_bound, one plus what all agents add, over the capacity, before a signal acts.
+    measures: pd.DataFrame
+    # The run of each draw with the increase as run and the lag as printed; the first is recorded.
+    results: tuple[Result, ...]
+    optimum: Optimum  # for the first draw
+    event_driven_steps: int  # how far the event-driven simulation was held against the algorithm
+    same_digests: bool  # whether latency 0.5 and latency 0 gave the digests of lag 1 and lag 0
 
 
 def table(study: PaperStudy) -> pd.DataFrame:

@@ -3,8 +3,7 @@
 import pandas as pd
 
 from models.smart_cameras import INCREASES
-from scenarios.paper.table import CAPACITY_EVENTS, ERROR_BOUND, PAPER_STEPS, caption, grid
-from scenarios.paper.types import PaperStudy
+from scenarios.paper.table import CAPACITY_EVENTS, ERROR_BOUND, PAPER_STEPS, PaperStudy, caption, grid
 
 
 def markdown(study: PaperStudy) -> str:

@@ -1,7 +1,6 @@
 """The study: what is run, and what is made of it."""
 
 import dataclasses
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,16 +11,14 @@ import pandas as pd
 from aimd_des import BroadcastChannel, Crossing, Fleet, Problem, Recording, Sampled, Simulation, theory
 from aimd_des.compensation import EstimatedLoss, KnownLoss
 from aimd_des.lowlevel import FloatArray
-from aimd_des.study import jackknife, replicate
+from aimd_des.study import jackknife
 from models.smart_cameras import smart_cameras
 from scenarios.common.command import Finding, command
-from scenarios.common.measure import distance, quietly
+from scenarios.common.measure import distance, quietly, run_all
 from scenarios.common.systems import critical, held, memory_alone, rate, spread
 from scenarios.common.tables import estimate, number, shown, summarise
 from scenarios.robust_responses.figure import draw
 from scenarios.robust_responses.text import MEMORY, findings
-
-__all__ = ["main", "study"]
 
 # A Gamma so small that no response saturates, however much an agent makes good for.
 _GENTLE = 1 / 360
@@ -54,16 +51,12 @@ class _Threshold(NamedTuple):
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run compensation of loss, thresholds below 1, and hold-offs that adapt."""
     replications, long, short = (2, 500.0, 200.0) if quick else (4, 20_000.0, 5000.0)
-    how: dict[str, Any] = {"workers": 1 if quick else None, "out": runs}
     waits = [
         (hold_off, latency) for hold_off in ((0.5,) if quick else (0.5, 1.0)) for latency in _delays(quick)
     ]
-    jobs = [partial(_threshold, *wait) for wait in waits]
-    found = replicate(jobs, 1, seed, **how)
-    safe = {wait: outcome[0] for wait, outcome in zip(waits, found, strict=True)}
+    safe = {wait: found for wait, (found,) in run_all(_threshold, waits, 1, seed, quick, runs)}
     cases = [*_answers(quick, long), *_thresholds(safe, short), *_hold_offs(quick, short)]
-    outcomes = replicate([partial(_measure, case) for case in cases], replications, seed, **how)
-    table = _table(cases, outcomes)
+    table = _table(run_all(_measure, cases, replications, seed, quick, runs))
     table["theory"] = [_expected(row, table, safe) for row in table.to_dict("records")]
     wide = table["panel"].str.startswith("loss, ")
     printed = table["measure"].str.startswith("misallocation").where(wide, table["measure"] != "signals")
@@ -146,9 +139,9 @@ def _measure(case: _Case, seed: int) -> tuple[dict[Any, dict[Any, Any]], FloatAr
     return result.summary().to_dict("index"), result.average_at_end
 
 
-def _table(cases: Sequence[_Case], outcomes: list[list[Any]]) -> pd.DataFrame:
+def _table(pairs: list[tuple[_Case, list[Any]]]) -> pd.DataFrame:
     rows, pooled = [], []
-    for case, runs in zip(cases, outcomes, strict=True):
+    for case, runs in pairs:
         compensated = case.labels["panel"] in ("loss, continuous", "loss, discrete")
         for summary, _ in runs:
             for name, seen in summary.items():
@@ -168,8 +161,8 @@ def _table(cases: Sequence[_Case], outcomes: list[list[Any]]) -> pd.DataFrame:
     return pd.concat([single, pd.DataFrame(pooled)], ignore_index=True)
 
 
-def _threshold(hold_off: float, latency: float, _seed: int) -> _Threshold:
-    given: dict[str, Any] = {"latency": latency, "hold_off": hold_off}
+def _threshold(wait: tuple[float, float], _seed: int) -> _Threshold:
+    given: dict[str, Any] = dict(zip(("hold_off", "latency"), wait, strict=True))
     safe = float(theory.safe_threshold(MEMORY, "continuous", **given)[0])
     used = [float(theory.predict(_lowered(t), "continuous", **given).utilisation[0]) for t in (1.0, safe)]
     return _Threshold(safe, *used)

@@ -14,8 +14,6 @@ from scenarios.theory_table.page import PAGE
 from scenarios.theory_table.rows import Size, digest, frame, markdown
 from scenarios.theory_table.signals import signals_and_utilisation
 
-__all__ = ["FULL", "QUICK", "main", "study"]
-
 #: The size of the table in the docs, and one that takes seconds.
 FULL = Size(30, until=1500.0, start=500.0, steps=10_000, critical_until=400.0, halvings=6, agents=240)
 QUICK = Size(2, until=60.0, start=20.0, steps=300, critical_until=40.0, halvings=2, agents=60)

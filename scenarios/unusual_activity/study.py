@@ -32,8 +32,6 @@ from scenarios.unusual_activity.runs import (
     shares,
 )
 
-__all__ = ["main", "study"]
-
 _LEFT_OUT = ("forgetting, 300", "forgetting, 30")
 # How long after the event begins the demand is looked at, and after its end what is left of the average.
 _SOON, _AFTERWARDS = (50.0, 100.0), 200.0
