@@ -27,8 +27,6 @@ from scenarios.common.command import Finding, command
 from scenarios.common.measure import quietly, sensed
 from scenarios.common.tables import pick
 
-__all__ = ["main", "study"]
-
 _CHANNEL = {"latency": 0.5, "loss": 0.1}
 _HOLD_OFF = 1.0
 # The last stretch of a run, which is drawn, and how often it is looked at.

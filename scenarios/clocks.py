@@ -25,8 +25,6 @@ from scenarios.common.measure import Measures, Run, distance, distances, measure
 from scenarios.common.systems import memory_alone, spread
 from scenarios.common.tables import number, numbers, pick, shown
 
-__all__ = ["main", "study"]
-
 _PROBLEM = memory_alone()
 _IN_PHASE = "in phase"
 _BIAS = "misallocation of the mean"
@@ -89,14 +87,9 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         for row in table.to_dict("records")
         for place in [_place(row["clocks"])]
     ]
-    return Finding(
-        "clocks",
-        {"seed": seed, "replications": replications, "until": until},
-        table,
-        _shown(table),
-        _findings(table),
-        {"clocks": partial(_figure, table)},
-    )
+    settings = {"seed": seed, "replications": replications, "until": until}
+    printed = _shown(table)
+    return Finding("clocks", settings, table, printed, _findings(table), {"clocks": partial(_figure, table)})
 
 
 def _run(setting: _Setting, until: float) -> Run:

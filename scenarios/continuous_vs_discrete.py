@@ -23,8 +23,6 @@ from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import Run, measure_all
 from scenarios.common.tables import numbers, pick, shown
 
-__all__ = ["main", "study"]
-
 
 class _Way(NamedTuple):
     name: str
@@ -67,14 +65,10 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         expected[row["way"]].get(row["measure"], np.full(3, np.nan))[names.index(row["resource"])]
         for row in table.to_dict("records")
     ]
-    return Finding(
-        "continuous_vs_discrete",
-        {"seed": seed, "replications": replications, "until": until},
-        table,
-        shown(table[table["measure"] != "saturated"], ["way", "resource", "measure"]),
-        _findings(table),
-        {"continuous_vs_discrete": partial(_figure, table, problem)},
-    )
+    settings = {"seed": seed, "replications": replications, "until": until}
+    printed = shown(table[table["measure"] != "saturated"], ["way", "resource", "measure"])
+    drawn = {"continuous_vs_discrete": partial(_figure, table, problem)}
+    return Finding("continuous_vs_discrete", settings, table, printed, _findings(table), drawn)
 
 
 def _expected(problem: Problem, way: _Way) -> dict[str, Any]:

@@ -23,8 +23,6 @@ from scenarios.common.measure import Run, measure_all
 from scenarios.common.systems import held, memory_alone, rate
 from scenarios.common.tables import pick, shown
 
-__all__ = ["main", "study"]
-
 _PROBLEM = memory_alone()
 _MATCHED = "hold-off = latency"
 _HOLD_OFFS = {f"hold-off {value:g}": value for value in (0.5, 1.0, 5.0)}
@@ -49,16 +47,11 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
             cases.append((labels, Run(_PROBLEM, until, until // 3, "continuous", unit, latency)))
     table, _ = measure_all(cases, replications, seed, quick, runs)
     table["theory"] = [_expected(row) for row in table.to_dict("records")]
-    return Finding(
-        "delay",
-        {"seed": seed, "replications": replications, "until": until},
-        table,
-        shown(
-            table[table["measure"].isin([name for name, *_ in _PANELS])], ["setting", "latency", "measure"]
-        ),
-        _findings(table),
-        {"delay": partial(_figure, table)},
+    settings = {"seed": seed, "replications": replications, "until": until}
+    printed = shown(
+        table[table["measure"].isin([name for name, *_ in _PANELS])], ["setting", "latency", "measure"]
     )
+    return Finding("delay", settings, table, printed, _findings(table), {"delay": partial(_figure, table)})
 
 
 def _lift(latency: float) -> float:

@@ -24,8 +24,6 @@ from scenarios.common.measure import Measures, Run, distance, distances, measure
 from scenarios.common.systems import critical, held, memory_alone, spread
 from scenarios.common.tables import pick, shown
 
-__all__ = ["main", "study"]
-
 _PROBLEM = memory_alone()
 # Above this share of the opportunities the control unit signals at practically every one.
 _RUN_AWAY = 0.99
@@ -74,17 +72,12 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     table = pd.concat([table, pd.DataFrame(rows)], ignore_index=True)
     table["theory"] = [_expected(row) for row in table.to_dict("records")]
     same_measures = (table["loss"] == _SAME) & table["measure"].isin(["signals", "utilisation"])
-    return Finding(
-        "loss",
-        {"seed": seed, "replications": replications, "until": until},
-        table,
-        shown(
-            table[same_measures | table["measure"].isin([_PLAIN, _NEW])],
-            ["loss", "way", "mean_loss", "measure"],
-        ),
-        _findings(table),
-        {"loss": partial(_figure, table)},
+    settings = {"seed": seed, "replications": replications, "until": until}
+    printed = shown(
+        table[same_measures | table["measure"].isin([_PLAIN, _NEW])],
+        ["loss", "way", "mean_loss", "measure"],
     )
+    return Finding("loss", settings, table, printed, _findings(table), {"loss": partial(_figure, table)})
 
 
 def _distances(labels: dict[str, Any], run: Run, found: list[Measures]) -> list[dict[str, Any]]:

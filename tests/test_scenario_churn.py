@@ -7,8 +7,23 @@ import pytest
 
 from aimd_des.interventions import Absence, Crash, Join
 from aimd_des.study import mean_and_error, replicate
-from scenarios.churn.runs import ALPHA, FORGOT, GROUP, KEPT, N, Seen, Size, leave_together, measure, schedule
-from scenarios.churn.theory import CRITICAL_STAY, fluid, kinds, optimum, steady
+from scenarios.churn.runs import (
+    ALPHA,
+    CRITICAL_STAY,
+    FORGOT,
+    GROUP,
+    KEPT,
+    N,
+    Seen,
+    Size,
+    fluid,
+    kinds,
+    leave_together,
+    measure,
+    optimum,
+    schedule,
+    steady,
+)
 
 SIZE = Size((80.0, np.inf), 6, 150.0, 400.0, 16, 150.0, 200.0, 300.0, 10.0)
 # By Student's t with 5 degrees of freedom, beyond once in 500 means.

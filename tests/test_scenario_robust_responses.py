@@ -11,7 +11,7 @@ from aimd_des.study import jackknife, mean_and_error
 from aimd_des.theory import believed_loss, loss_weights, reweighted_optimum
 from scenarios.common.measure import distance
 from scenarios.common.systems import critical, memory_alone, rate, spread
-from scenarios.robust_responses.text import MEMORY
+from scenarios.robust_responses.study import MEMORY
 from tests.conftest import quietly
 
 # Four replications: by Student's t with 3 degrees of freedom a mean is so far off once in 200.

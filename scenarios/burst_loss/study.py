@@ -47,15 +47,11 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     ]
     pairs = run_all(measure, cases, replications, seed, quick, runs)
     table = pd.concat([_rows(case, found) for case, found in pairs], ignore_index=True)
-    printed = table["measure"].isin([*_PRINTED, _PLAIN])
-    return Finding(
-        "burst_loss",
-        {"seed": seed, "replications": replications, "until": until},
-        table,
-        shown(table[printed], ["links", "burst", "measure"]),
-        _findings(table),
-        {"burst_loss": partial(_figure, table, seed)},
-    )
+    chosen = table["measure"].isin([*_PRINTED, _PLAIN])
+    settings = {"seed": seed, "replications": replications, "until": until}
+    printed = shown(table[chosen], ["links", "burst", "measure"])
+    drawn = {"burst_loss": partial(_figure, table, seed)}
+    return Finding("burst_loss", settings, table, printed, _findings(table), drawn)
 
 
 def _rows(run: Bursts, found: list[Outcome]) -> pd.DataFrame:

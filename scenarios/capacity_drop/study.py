@@ -41,14 +41,10 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     pairs = run_all(measure, cases, replications, seed, quick, runs)
     table = pd.DataFrame([row for case, found in pairs for row in rows_of(case, found)])
     table = table[[name for name in table.columns if name != "replications"] + ["replications"]]
-    return Finding(
-        "capacity_drop",
-        {"seed": seed, "replications": replications, "age": age, "window": window},
-        table,
-        shown(table, ["costs", "way", "ramp", "measure"], ".4g"),
-        _findings(table, age),
-        {"capacity_drop": partial(_figure, table, pairs)},
-    )
+    settings = {"seed": seed, "replications": replications, "age": age, "window": window}
+    printed = shown(table, ["costs", "way", "ramp", "measure"], ".4g")
+    drawn = {"capacity_drop": partial(_figure, table, pairs)}
+    return Finding("capacity_drop", settings, table, printed, _findings(table, age), drawn)
 
 
 def _pick(table: pd.DataFrame, what: str, costs: str = QUADRATIC, *, ramp: bool = False) -> pd.DataFrame:

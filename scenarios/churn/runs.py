@@ -1,23 +1,26 @@
-"""Runs in which cameras come and go: one after the other, or a quarter of them together."""
+"""Cameras that come and go, one after the other or a quarter together: runs, and what is expected of them."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from aimd_des import BroadcastChannel, Recording, Result, lowlevel
+from aimd_des import BroadcastChannel, Recording, Result, lowlevel, solve_optimum, theory
 from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
 from aimd_des.interventions import Absence, Crash, Intervention, Join
 from aimd_des.latency import Constant
 from aimd_des.lowlevel import FloatArray
 from scenarios.common.measure import quietly, sensed
-from scenarios.common.systems import memory_alone
+from scenarios.common.systems import alike, memory_alone
 
 PROBLEM = memory_alone()
 N, ALPHA, CAPACITY = PROBLEM.n_agents, float(PROBLEM.increase[0, 0]), float(PROBLEM.capacity[0])
 LATENCY = HOLD_OFF = 0.5
 #: A camera stays for a time of mean T and is away for one of half of that: two thirds are present.
 PRESENT, AWAY = 2 / 3, 0.5
+#: Of those who are present on average: what they can grow to before they go is the capacity.
+CRITICAL_STAY = CAPACITY / (PRESENT * N * ALPHA)
 #: Who leaves together.
 GROUP = tuple(range(0, N, 4))
 # Looks at the total after that.
@@ -152,3 +155,40 @@ def leave_together(name: str, size: Size, seed: int) -> Together:
     again = np.argmax(total[1:] >= min(total[0], CAPACITY))
     released = (total[0] - total[1]) / (ALPHA * (N - len(GROUP)))
     return Together(seen.demand[:, 0], seen.average[:, 0], float(again * _LOOKS), float(released))
+
+
+@lru_cache
+def steady(stay: float) -> theory.Churn:
+    """Predict the steady state with a mean stay."""
+    return theory.churn(PROBLEM, stay, PRESENT, LATENCY)
+
+
+@lru_cache
+def _level() -> float:
+    return float(theory.predict(PROBLEM, "continuous", latency=LATENCY).utilisation[0]) * CAPACITY
+
+
+@lru_cache
+def optimum() -> FloatArray:
+    """Compute the optimum of all cameras for what is used without churn, (n,)."""
+    return np.asarray(solve_optimum(PROBLEM, capacity=np.array([_level()])).allocation[:, 0])
+
+
+@lru_cache
+def kinds() -> dict[str, list[int]]:
+    """Sort cameras by who comes back, with which costs, and who has stayed."""
+    return {
+        "returning, quadratic costs": [i for i in alike(PROBLEM, 1.0) if i in GROUP],
+        "returning, costs of power 6": [i for i in alike(PROBLEM, 5.0) if i in GROUP],
+        "those who stayed": [i for i in range(N) if i not in GROUP],
+    }
+
+
+@lru_cache
+def fluid(name: str, size: Size) -> tuple[FloatArray, FloatArray]:
+    """Compute what the fluid does where a quarter leaves together: demand and averages, (q, n)."""
+    away = theory.Spell(size.leave, size.back, GROUP, forgets=FORGOT[name] is Crash)
+    path = theory.flow(PROBLEM, _level(), size.end, spells=[away])
+    # Observers look just after an intervention.
+    at = np.minimum(np.searchsorted(path.time, size.times) + 1, len(path.time) - 1)
+    return path.demand[at], path.average[at]

@@ -34,14 +34,10 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     jobs = [partial(night, case, n, step) for case in _CASES.values()]
     nights = replicate(jobs, replications, seed, workers=1 if quick else None, out=runs)
     table = _table(nights)
-    return Finding(
-        "ev_day",
-        {"seed": seed, "replications": replications, "vehicles": n},
-        table,
-        shown(table, ["channel", "average", "measure"], ".3f"),
-        _findings(table),
-        {"ev_day": partial(_figure, table, nights)},
-    )
+    settings = {"seed": seed, "replications": replications, "vehicles": n}
+    printed = shown(table, ["channel", "average", "measure"], ".3f")
+    drawn = {"ev_day": partial(_figure, table, nights)}
+    return Finding("ev_day", settings, table, printed, _findings(table), drawn)
 
 
 def _table(nights: list[list[Night]]) -> pd.DataFrame:

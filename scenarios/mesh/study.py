@@ -50,25 +50,16 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     parts = [_totals(case, found) for case, found in pairs]
     parts += [_each(case, found) for case, found in pairs if case.longest_loss == _SHOWN and case.way != OWN]
     table = pd.concat(parts, ignore_index=True)
-    return Finding(
-        "mesh",
-        {"seed": seed, "replications": replications, "until": until},
-        table,
-        shown(table[table["agent"] < 0], ["way", "longest_loss", "measure"]),
-        _findings(table),
-        {"mesh": partial(_figure, table)},
-    )
-
-
-def _known(way: str, loss: float) -> Statistics:
-    return _statistics(TREE if way == OWN else way, loss)
+    settings = {"seed": seed, "replications": replications, "until": until}
+    printed = shown(table[table["agent"] < 0], ["way", "longest_loss", "measure"])
+    return Finding("mesh", settings, table, printed, _findings(table), {"mesh": partial(_figure, table)})
 
 
 @lru_cache
-def _statistics(way: str, loss: float) -> Statistics:
+def _known(way: str, loss: float) -> Statistics:
     # Of what is shown both ways are sampled; a tree needs it for nothing else.
-    sampled = loss > 0.0 and (way == FLOOD or loss == _SHOWN)
-    return statistics(mesh(_PROBLEM.n_agents, loss), way, _BROADCASTS if sampled else 2)
+    many = _BROADCASTS if loss > 0.0 and (way == FLOOD or (way == TREE and loss == _SHOWN)) else 2
+    return statistics(mesh(_PROBLEM.n_agents, loss), TREE if way == OWN else way, many)
 
 
 def _totals(run: Mesh, found: list[Outcome]) -> pd.DataFrame:
@@ -112,19 +103,12 @@ def _each(run: Mesh, found: list[Outcome]) -> pd.DataFrame:
         "share over optimal share": (*mean_and_error(shares), new / plain),
     }
     labels = {"way": run.way, "longest_loss": run.longest_loss}
-    return pd.concat(
-        pd.DataFrame(
-            {
-                **labels,
-                "agent": np.arange(_PROBLEM.n_agents),
-                "measure": name,
-                "mean": mean,
-                "standard_error": error,
-                "replications": len(found),
-                "theory": expected,
-            }
-        )
-        for name, (mean, error, expected) in columns.items()
+    return pd.DataFrame(
+        [
+            estimate({**labels, "agent": agent}, name, (at, wrong), len(found), float(wanted))
+            for name, (mean, error, expected) in columns.items()
+            for agent, (at, wrong, wanted) in enumerate(zip(mean, error, expected, strict=True))
+        ]
     )
 
 

@@ -87,18 +87,14 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     pairs = run_all(measure, cases, replications, seed, quick, runs)
     table = pd.DataFrame([row for case, found in pairs for row in _rows(case, found)])
     watched = {case.fault: found for case, found in pairs if case[1:3] == (_SHOWN_DURATION, _SHOWN_LATENCY)}
-    return Finding(
-        "outage",
-        {"seed": seed, "replications": replications, "settled": settled, "hold-off": HOLD_OFF},
-        table,
-        shown(
-            table[table["measure"].isin(["run-away", "time to come back", "overload"])],
-            ["fault", "latency", "duration", "measure"],
-            ".3f",
-        ),
-        _findings(table),
-        {"outage": partial(_figure, table, watched)},
+    settings = {"seed": seed, "replications": replications, "settled": settled, "hold-off": HOLD_OFF}
+    printed = shown(
+        table[table["measure"].isin(["run-away", "time to come back", "overload"])],
+        ["fault", "latency", "duration", "measure"],
+        ".3f",
     )
+    drawn = {"outage": partial(_figure, table, watched)}
+    return Finding("outage", settings, table, printed, _findings(table), drawn)
 
 
 def _figure(table: pd.DataFrame, watched: dict[str, list[Found]]) -> Figure:

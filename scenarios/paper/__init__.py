@@ -6,6 +6,7 @@ of disk's additive increase.  Written are the paper's figures 1 to 4, the table 
 mean and standard deviation over the draws" as CSV and Markdown, and what to make of the differences.
 """
 
-from scenarios.paper.study import FULL, MARK, QUICK, PaperStudy, figures, main, run, write
+from scenarios.paper.study import FULL, MARK, QUICK, figures, main, run, write
+from scenarios.paper.table import PaperStudy
 
 __all__ = ["FULL", "MARK", "QUICK", "PaperStudy", "figures", "main", "run", "write"]

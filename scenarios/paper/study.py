@@ -29,8 +29,6 @@ from scenarios.common.command import Finding, command
 from scenarios.paper.table import ERROR_BOUND, PaperStudy, caption, grid, table
 from scenarios.paper.text import markdown, sentences
 
-__all__ = ["FULL", "MARK", "QUICK", "PaperStudy", "figures", "main", "run", "write"]
-
 #: The file by which a folder is recognised as one that this scenario wrote.
 MARK = "paper.json"
 

@@ -17,7 +17,7 @@ from aimd_des.study import jackknife, replicate
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
 from scenarios.common.systems import alike, elasticity
-from scenarios.common.tables import estimate, pick, said, shown
+from scenarios.common.tables import estimate, number, said, shown
 from scenarios.unusual_activity.runs import (
     AVERAGINGS,
     PROBLEM,
@@ -53,14 +53,10 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     outcomes = replicate(jobs, size.replications, seed, workers=1 if quick else None, out=runs)
     found = dict(zip(cases, outcomes, strict=True))
     table = pd.DataFrame([row for case, runs in found.items() for row in _rows(*case, size, runs)])
-    return Finding(
-        "unusual_activity",
-        {"seed": seed, **size._asdict(), "weight": WEIGHT},
-        table,
-        shown(table, ["camera", "averaging", "measure"], ".3g"),
-        _findings(table, size),
-        {"unusual_activity": partial(_figure, found, table, size)},
-    )
+    settings = {"seed": seed, **size._asdict(), "weight": WEIGHT}
+    printed = shown(table, ["camera", "averaging", "measure"], ".3g")
+    drawn = {"unusual_activity": partial(_figure, found, table, size)}
+    return Finding("unusual_activity", settings, table, printed, _findings(table, size), drawn)
 
 
 def _progress(cameras: tuple[int, ...], values: FloatArray) -> FloatArray:
@@ -135,8 +131,8 @@ def _draw_course(axes: Axes, found: _Found, group: str, size: Size, title: str) 
 
 
 def _row_of(table: pd.DataFrame, group: str, name: str, measured: str) -> dict[str, float]:
-    found = pick(table, camera=group, averaging=name, measure=measured).iloc[0]
-    return {key: float(found[key]) for key in ("mean", "standard_error", "theory")}
+    wanted = {"camera": group, "averaging": name, "measure": measured}
+    return {key: number(table, key, **wanted) for key in ("mean", "standard_error", "theory")}
 
 
 def _draw_price(axes: Axes, table: pd.DataFrame) -> None:

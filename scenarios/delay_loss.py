@@ -1,24 +1,56 @@
-"""The study: what is run, and what is made of it."""
+"""Latency and loss together: which of them is survived, and what does each cost?
 
-from collections.abc import Iterator
+Loss decides whether demand is held, and latency does not: on either side of the loss that theory gives for
+a hold-off of one period, the means of 20 replications agree with it at all latencies from 0 to 10 periods,
+but for a few points next to it.  Shares stay right to within 3.2 % on both sides, until responses are cut off
+at probability 1.  Latency is paid in excess over the capacity, loss in signals.
+"""  # noqa: D400 - a question
+
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal
+from typing import Literal, NamedTuple
 
+import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import LogNorm, Normalize, TwoSlopeNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
-from aimd_des import Study, run_study, theory
+from aimd_des import Study, plots, run_study, theory
+from aimd_des.lowlevel import FloatArray
 from aimd_des.study import read_study, summarise
 from models.smart_cameras import smart_cameras
 from scenarios.common.command import Finding, command, sentences
-from scenarios.delay_loss.figure import MAPS, draw
 
-_FILE = Path(__file__).parent.with_suffix(".toml")
+
+class _Map(NamedTuple):
+    """A measure and how it is shown."""
+
+    measure: str  # column of the means
+    label: str  # beside the colours, with the unit
+    message: str  # what the map shows at a glance
+    scale: str  # how values become colours
+
+
+_MAPS = (
+    _Map("utilisation", "mean demand over capacity", "above the line demand runs away", "around 1"),
+    _Map("misallocation", "misallocation (%)", "shares stay right", "log"),
+    _Map("overshoot_mean", "mean excess over capacity (%)", "what latency costs", "log"),
+    _Map("signals", "signals per control period", "loss is paid in signals", "linear"),
+    _Map("saturated", "responses cut off at 1 (%)", "only where demand runs away", "linear"),
+)
+_LEAST = 0.1  # percent: what is smaller has one colour
+
+
+_FILE = Path(__file__).with_suffix(".toml")
 _AXES = ["dynamics", "latency", "loss"]
-_MEASURES = [shown.measure for shown in MAPS]
+_MEASURES = [shown.measure for shown in _MAPS]
 # Above this share of the opportunities the control unit signals at practically every one.
 _RUN_AWAY = 0.99
 # The quick size: replications, units of time, latencies and losses.
@@ -34,17 +66,13 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     table = _table(frame)
     critical = _critical()
     table["theory"] = [critical[row["dynamics"], row["resource"]] for row in table.to_dict("records")]
-    return Finding(
-        "delay_loss",
-        {"seed": seed, "replications": described.replications, "until": described.scenario["until"]},
-        table,
-        _shown(table),
-        _findings(table),
-        {
-            f"delay_loss_{name}": partial(draw, _means(table, name), _lines(critical, name), name)
-            for name in dict.fromkeys(table["resource"].astype(str))
-        },
-    )
+    settings = {"seed": seed, "replications": described.replications, "until": described.scenario["until"]}
+    printed = _shown(table)
+    drawn = {
+        f"delay_loss_{name}": partial(_draw, _means(table, name), _lines(critical, name), name)
+        for name in dict.fromkeys(table["resource"].astype(str))
+    }
+    return Finding("delay_loss", settings, table, printed, _findings(table), drawn)
 
 
 def _described(quick: bool, seed: int) -> Study:
@@ -115,9 +143,52 @@ def _shown(table: pd.DataFrame) -> pd.DataFrame:
         {
             **{name: [str(value) for value in wide[name]] for name in ("dynamics", "resource")},
             **{name: [f"{value:g}" for value in wide[name]] for name in ("latency", "loss")},
-            **{shown.label: [f"{value:.3g}" for value in wide[shown.measure]] for shown in MAPS},
+            **{shown.label: [f"{value:.3g}" for value in wide[shown.measure]] for shown in _MAPS},
         }
     )
+
+
+def _draw(means: pd.DataFrame, critical: Mapping[str, float], resource: str) -> Figure:
+    """Draw the maps of one resource, a column for each dynamics with its critical loss.
+
+    Means have a row for each point: dynamics, latency, loss and the measures.
+    """
+    figure = Figure(figsize=(10.4, 14.0), layout="constrained")
+    figure.suptitle(
+        f"{resource} of the paper's system; the line is the loss that is survived, by theory",
+        fontsize="medium",
+    )
+    grid = figure.subplots(len(_MAPS), len(critical), sharex=True, sharey=True, squeeze=False)
+    for row, shown in zip(grid, _MAPS, strict=True):
+        norm = _norm(means[shown.measure].to_numpy(), shown.scale)
+        for axes, (dynamics, loss) in zip(row, critical.items(), strict=True):
+            mesh = _draw_map(axes, means[means["dynamics"] == dynamics], shown, norm, loss)
+            axes.set_title(f"{dynamics}: {shown.message}", loc="left", fontsize="medium")
+        bar = figure.colorbar(
+            mesh, ax=list(row), pad=0.015, extend="min" if shown.scale == "log" else "neither"
+        )
+        bar.set_label(shown.label)
+        if shown.scale == "log":
+            bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    return figure
+
+
+def _norm(values: FloatArray, scale: str) -> Normalize:
+    if scale == "log":
+        return LogNorm(_LEAST, max(float(values.max()), 10.0 * _LEAST))
+    if scale == "around 1":
+        return TwoSlopeNorm(1.0, min(float(values.min()), 0.9), max(float(values.max()), 1.1))
+    return Normalize(0.0, max(float(values.max()), 1e-9))
+
+
+def _draw_map(axes: Axes, rows: pd.DataFrame, shown: _Map, norm: Normalize, loss: float) -> QuadMesh:
+    """Draw one map, and return what a bar of colours is made from."""
+    latencies = np.unique(rows["latency"])
+    across = (2.0 * latencies[0] - latencies[1], 2.0 * latencies[-1] - latencies[-2])  # beyond both ends
+    plots.heat_map(axes, rows, "latency", "loss", shown.measure, norm=norm, boundary=(across, (loss, loss)))
+    axes.set(xlabel="latency (control periods)", ylabel="probability of loss")
+    axes.label_outer()
+    return next(mesh for mesh in axes.collections if isinstance(mesh, QuadMesh))
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
@@ -152,3 +223,6 @@ def _span(rows: pd.DataFrame, dynamics: str) -> str:
 
 
 main = command("delay_loss", study, "What do latency and loss do together?")
+
+if __name__ == "__main__":
+    main()
