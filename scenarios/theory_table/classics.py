@@ -77,7 +77,7 @@ class _Drawn:
 
     def process(self, system: System) -> ProcessGenerator:
         """Signal when the integral of the rate has reached the next exponential number."""
-        slope = float(system.law.increase[0].sum())
+        slope = float(system.parameters.increase[0].sum())
         while True:
             # At an instant copies land before anybody looks: the last signal has been answered here.
             yield system.env.at(system.env.now, EventKind.SENSE)
