@@ -185,7 +185,8 @@ def _known_keys(form: type[BaseModel], place: Place, data: Any) -> list[str]:
             annotations = (
                 table.model_fields[part].annotation for table in tables if part in table.model_fields
             )
-            tables = [found for annotation in annotations for found in _models_in(annotation)]
+            # A key of a table of tables, such as the number of a resource, is no field: its tables are known.
+            tables = [found for annotation in annotations for found in _models_in(annotation)] or tables
         if isinstance(data, Mapping):
             tables = [table.choose(data) if issubclass(table, KindTable) else table for table in tables]
     return list(dict.fromkeys(key for table in tables for key in table.model_fields))
