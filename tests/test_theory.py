@@ -27,7 +27,7 @@ from aimd_des import (
 )
 from aimd_des.problem.costs import CoupledCosts, CustomCosts, PolynomialCosts, weighted_costs
 from aimd_des.theory import prediction
-from aimd_des.theory.moments import exact_averages
+from aimd_des.theory.moments import averages_between, moments_at_signals
 from aimd_des.utils.validation import FloatArray
 from models import smart_cameras
 from tests.conftest import (
@@ -310,7 +310,8 @@ def test_the_bias_of_the_averages_knows_gamma_and_no_alpha() -> None:
 
     def expected(normalization: float) -> float:
         alike, found = np.full(120, 0.04), 120 / factors / (1 / factors).sum()
-        average = exact_averages(alike, np.full(120, 0.5), 2 * normalization * factors, found)
+        column = alike, np.full(120, 0.5), 2 * normalization * factors, found
+        average = averages_between(*column, moments_at_signals(*column))
         return kept_from_the_small(average, 1 / factors)
 
     whole, slow, half = biases(0.04, 0.06, steps), biases(0.02, 0.06, 2 * steps), biases(0.04, 0.03, steps)

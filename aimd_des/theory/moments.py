@@ -9,20 +9,39 @@ depend on y, so the moments E y and E y y' are the solutions of linear equations
 time of a line from B_i y_i on that rises for T = sum_u (1 - B_u) y_u / sum(alpha).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["exact_averages"]
+__all__ = ["Moments", "averages_between", "averages_on_the_clock", "moments_at_signals"]
 
 
-def exact_averages(increase: FloatArray, keep: FloatArray, hit: FloatArray, found: FloatArray) -> FloatArray:
-    """Compute the averages over time of one resource, for any number of agents.
+class Moments(NamedTuple):
+    """Second moments of one resource at the signals that act.
+
+    Attributes
+    ----------
+    covariance : ndarray, shape (n, n)
+        Of the demands that signals find; the total does not vary.
+    kicks : ndarray, shape (n,)
+        Var B_i E y_i^2, and what comes to it.
+    """
+
+    covariance: FloatArray
+    kicks: FloatArray
+
+
+def moments_at_signals(
+    increase: FloatArray, keep: FloatArray, hit: FloatArray, found: FloatArray, more: FloatArray | float = 0.0
+) -> Moments:
+    """Compute the second moments, for any number of agents; `more` is variance of other causes, (n,).
 
     Notes
     -----
     The covariance C of what signals find obeys C = E M C E M' + J diag(w) J' with J = 1 - a 1' and w_i = Var
-    B_i E y_i^2.  As the total does not vary, C 1 = 0, and with b = E B it has the form
+    B_i E y_i^2, besides `more`.  As the total does not vary, C 1 = 0, and with b = E B it has the form
 
         (1 - b_i b_k) C_ik = z_i a_k + a_i z_k - a_i a_k sum(z) + w_i [i = k],
 
@@ -36,13 +55,44 @@ def exact_averages(increase: FloatArray, keep: FloatArray, hit: FloatArray, foun
     shift = -np.linalg.solve(balance, np.diag(own))  # z is this times w
     returned = own[:, None] * (2.0 * part[:, None] * shift - (part**2)[:, None] * shift.sum(axis=0))
     returned += np.diag(own)  # C_ii is this times w
-    kicks = np.linalg.solve(np.eye(len(part)) - variance[:, None] * returned, variance * found**2)
+    kicks = np.linalg.solve(np.eye(len(part)) - variance[:, None] * returned, variance * found**2 + more)
     z = shift @ kicks
     crossed = np.outer(z, part)
     covariance = gain * (crossed + crossed.T - np.outer(part, part) * z.sum() + np.diag(kicks))
-    moments = covariance + np.outer(found, found)
-    growth = increase.sum()
+    return Moments(covariance, kicks)
+
+
+def averages_between(
+    increase: FloatArray, keep: FloatArray, hit: FloatArray, found: FloatArray, moments: Moments
+) -> FloatArray:
+    """Compute the averages over time of continuous agents, (n,)."""
+    kappa, growth = keep * hit, increase.sum()
+    square = moments.covariance + np.outer(found, found)
     gap = (kappa * found).sum() / growth  # E T
-    gap_square = (kappa @ moments @ kappa + kicks.sum()) / growth**2
-    gap_held = (stay * (moments @ kappa) - kicks) / growth  # E T B_i y_i
+    gap_square = (kappa @ square @ kappa + moments.kicks.sum()) / growth**2
+    gap_held = ((1.0 - kappa) * (square @ kappa) - moments.kicks) / growth  # E T B_i y_i
     return np.asarray((gap_held + 0.5 * increase * gap_square) / gap)
+
+
+def averages_on_the_clock(
+    increase: FloatArray,
+    keep: FloatArray,
+    hit: FloatArray,
+    found: FloatArray,
+    square: FloatArray,
+    share: FloatArray | float,
+    loss: FloatArray,
+) -> FloatArray:
+    """Compute the averages over steps, (n,) or (n, m), from E y_i^2: the square of a demand does not drift.
+
+    Notes
+    -----
+    With e the share of steps with a signal, over the steps without one, and those whose signal is lost,
+
+        (1 - e) (2 alpha E[x | none] + alpha^2) + e p (2 alpha E y + alpha^2) = e (1 - E B^2) E y^2,
+
+    exactly, whatever the lag.
+    """
+    taken = share * hit * keep * (2.0 - keep) * square
+    missed = share * loss * (2.0 * found + increase)
+    return np.asarray(share * found + 0.5 * (taken / increase - missed - (1.0 - share) * increase))

@@ -15,6 +15,7 @@ what signals find in all and for its mean over time.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -22,22 +23,32 @@ import numpy.typing as npt
 from aimd_des.problem.optimum import solve_optimum
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.arguments import Dynamics
-from aimd_des.theory.moments import exact_averages
+from aimd_des.theory.moments import averages_between, averages_on_the_clock, moments_at_signals
+from aimd_des.theory.response_rule import chance, cuts_of
 from aimd_des.theory.setting import Setting, check_setting
 from aimd_des.theory.totals import Levels, cuts, walk_by_crossings, walk_by_looks
 from aimd_des.utils.errors import InputError, SimulationError
 from aimd_des.utils.old_keywords import keywords
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Prediction", "check_enough", "follow", "predict", "settle", "walked"]
+__all__ = [
+    "Prediction",
+    "Steady",
+    "check_enough",
+    "follow",
+    "found_by_signals",
+    "lost_steps",
+    "predict",
+    "settle",
+    "steady_state",
+    "walked",
+]
 
 _TOLERANCE = 1e-9
 _MAX_ROUNDS = 500
 # The total alone is followed anew until its mean has settled to this share of the capacity, or so often.
 _ENOUGH = 3e-4
 _MAX_WALKS = 12
-# The exact moments of so many agents take tenths of a second; with more the first order misses little.
-_FEW = 200
 # What needs signals at more of the looks has run away: demand comes to rest where all of them have one.
 _NEARLY_ALL = 0.99
 
@@ -62,6 +73,30 @@ class Prediction:
     utilisation: FloatArray
     allocation: FloatArray
     probability: FloatArray
+
+
+class Steady(NamedTuple):
+    """The balance of growth and cuts.
+
+    Attributes
+    ----------
+    signals : ndarray, shape (m,)
+        Per unit of time, or per step.
+    average, square, found : ndarray, shape (n, m)
+        Demand in the mean over time; its square, and itself, in the mean over the signals that act.
+    part : ndarray, shape (n, m)
+        Part of 1 - beta that a received signal takes of the demand in the mean.
+    keep, hit : ndarray, shape (n, m)
+        Size of a cut, and with what probability a signal that is sent makes one.
+    """
+
+    signals: FloatArray
+    average: FloatArray
+    square: FloatArray
+    found: FloatArray
+    part: FloatArray
+    keep: FloatArray
+    hit: FloatArray
 
 
 @keywords("refractory")
@@ -127,11 +162,19 @@ def predict(
     (True, True)
     """
     setting = check_setting(problem, dynamics, latency=latency, period=period, loss=loss, hold_off=hold_off)
+    expected = steady_state(setting)
+    used = expected.average.sum(axis=0) / problem.capacity
+    return Prediction(expected.signals, used, expected.average, expected.part)
+
+
+def steady_state(setting: Setting) -> Steady:
+    """Let signals, use of the capacity and the walk of the total settle on each other."""
     expected = settle(setting)
     for _ in range(0 if setting.crossing else _MAX_WALKS):
         setting = walked(setting, follow(setting, expected))
-        before, expected = expected, settle(setting, expected.allocation)
-        if (np.abs(expected.utilisation - before.utilisation) <= _ENOUGH).all():
+        before, expected = expected, settle(setting, expected.average)
+        moved = (expected.average - before.average).sum(axis=0) / setting.problem.capacity
+        if (np.abs(moved) <= _ENOUGH).all():
             break
     check_enough(setting, expected.signals)
     return expected
@@ -143,11 +186,10 @@ def walked(setting: Setting, walks: list[Levels]) -> Setting:
     return setting._replace(mean=mean, found=found)
 
 
-def follow(setting: Setting, expected: Prediction) -> list[Levels]:
-    """Follow the total alone, with the cuts that the prediction makes of the agents."""
+def follow(setting: Setting, expected: Steady) -> list[Levels]:
+    """Follow the total alone, with the cuts of the agents in their steady state."""
     problem = setting.problem
-    _, found = _found(setting, expected.probability)
-    law = cuts(problem, found, expected.probability, setting.loss)
+    law = cuts(expected.found, expected.keep, expected.hit)
     growth = problem.increase.sum(axis=0)
     lost = ((setting.loss * problem.increase).sum(axis=0) / growth).tolist()
     walks = []
@@ -178,19 +220,22 @@ def check_enough(setting: Setting, signals: FloatArray) -> None:
         )
 
 
-def settle(setting: Setting, start: FloatArray | None = None) -> Prediction:
+def settle(setting: Setting, start: FloatArray | None = None) -> Steady:
     """Let signals and use of the capacity settle on each other."""
     problem = setting.problem
     average = solve_optimum(problem, capacity=problem.limit).allocation if start is None else start
+    tooth = np.zeros_like(average)
     for _ in range(_MAX_ROUNDS):
-        gradient, probability = problem.costs.gradient(average), _probability(problem, average)
-        signals, wanted = _balance(setting, probability)
+        gradient = problem.costs.gradient(average)
+        balance = _balance(setting, chance(problem, setting.rule, average, tooth))
+        wanted = balance.average
         if (np.abs(wanted - average) <= _TOLERANCE * average).all():
-            return Prediction(signals, wanted.sum(axis=0) / problem.capacity, wanted, probability)
+            return balance
         # The steeper the costs the more agents answer to their own averages: a whole step would swing.
         curvature = np.abs(problem.costs.hessian(average) * average[:, None, :]).sum(axis=2)
-        steepness = np.where(probability < 1.0, np.maximum(curvature / gradient, 1.0), 1.0)
+        steepness = np.where(balance.part < 1.0, np.maximum(curvature / gradient, 1.0), 1.0)
         average = average * np.clip(wanted / average, 0.5, 2.0) ** (1.0 / steepness)
+        tooth = balance.found - wanted
     used = average.sum(axis=0) / problem.capacity
     raise SimulationError(
         f"no prediction: utilisation does not settle, last {used.tolist()}; one signal takes too large a part"
@@ -198,15 +243,9 @@ def settle(setting: Setting, start: FloatArray | None = None) -> Prediction:
     )
 
 
-def _probability(problem: Problem, average: FloatArray) -> FloatArray:
-    """Compute the response probabilities, cut off at 1."""
-    return np.minimum(problem.normalization * problem.costs.gradient(average) / average, 1.0)
-
-
-def _found(setting: Setting, probability: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Balance growth and cuts: signals as in `Prediction`, (m,), and what they find with agents, (n, m)."""
+def found_by_signals(setting: Setting, kappa: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Balance growth and cuts: signals as in `Steady`, (m,), and what they find with agents, (n, m)."""
     problem = setting.problem
-    kappa = (1.0 - setting.loss) * (1.0 - problem.decrease) * probability
     total = problem.limit + problem.increase.sum(axis=0) * setting.found
     per_growth = problem.increase / kappa
     if not setting.discrete:
@@ -217,25 +256,52 @@ def _found(setting: Setting, probability: FloatArray) -> tuple[FloatArray, Float
     return 1.0 / (1.0 + growth), (growth + setting.loss) * per_growth
 
 
-def _balance(setting: Setting, probability: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute signals, (m,), and averages, (n, m), for fixed response probabilities."""
+def _balance(setting: Setting, part: FloatArray) -> Steady:
+    """Compute the steady state for signals that always take the same part."""
     problem = setting.problem
-    signals, found = _found(setting, probability)
-    if setting.crossing and problem.n_agents <= _FEW:
-        keep, hit = 1.0 - problem.decrease, (1.0 - setting.loss) * probability
-        columns = [
-            exact_averages(problem.increase[:, j], keep[:, j], hit[:, j], found[:, j])
-            for j in range(problem.n_resources)
-        ]
-        return signals, np.stack(columns, axis=1)
-    spread = np.array([law.variation for law in cuts(problem, found, probability, setting.loss)])
+    keep, hit = cuts_of(problem, setting.rule, part, setting.loss)
+    signals, found = found_by_signals(setting, keep * hit)
+    if setting.exact:
+        return Steady(signals, *_exact(setting, signals, found, keep, hit), found, part, keep, hit)
+    square = found**2 * (2.0 - keep * hit) / (2.0 - keep)
+    square += lost_steps(setting, keep * hit, found) / (keep * hit * (2.0 - keep))
+    if setting.sway is not None:
+        columns = problem.increase, keep, hit, found, square + setting.sway, signals, setting.loss
+        return Steady(signals, averages_on_the_clock(*columns), square, found, part, keep, hit)
+    spread = np.array([law.variation for law in cuts(found, keep, hit)])
     tooth = 0.5 / signals * (1.0 + spread**2)
     if setting.discrete:  # it stays where it is in the step of a signal
         tooth = 0.5 * (1.0 / signals - 1.0) * (1.0 + spread**2 * (1.0 - signals))
     average = found - problem.increase * tooth
-    if setting.crossing:
-        return signals, average
-    # Where signals come late, the total sways besides, all agents by as much as they grow: theory.md, Delay.
-    sway = problem.increase.sum(axis=0) * (tooth - setting.found + setting.mean)
-    part = problem.increase**2 / found
-    return signals, average + sway * part / part.sum(axis=0)
+    if setting.mean is not None:
+        # Signals come late: the total sways besides, all agents by as much as they grow (theory.md, Delay).
+        sway = problem.increase.sum(axis=0) * (tooth - setting.found + setting.mean)
+        share = problem.increase**2 / found
+        average += sway * share / share.sum(axis=0)
+    return Steady(signals, average, square, found, part, keep, hit)
+
+
+def lost_steps(setting: Setting, kappa: FloatArray, found: FloatArray) -> FloatArray:
+    """Compute the variance, (n, m), that comes on the clock from growth in the step of a lost signal."""
+    if not setting.discrete:
+        return np.zeros_like(found)
+    growth, loss = setting.problem.increase, setting.loss
+    return np.asarray(loss * growth * (growth * (1.0 - loss) + 2.0 * kappa * found))
+
+
+def _exact(
+    setting: Setting, signals: FloatArray, found: FloatArray, keep: FloatArray, hit: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Compute averages and mean squares of what signals find, (n, m), from exact moments."""
+    average, square = np.empty((2, *found.shape))
+    more = lost_steps(setting, keep * hit, found)
+    for j, growth in enumerate(setting.problem.increase.T):
+        column = growth, keep[:, j], hit[:, j], found[:, j]
+        moments = moments_at_signals(*column, more[:, j])
+        square[:, j] = found[:, j] ** 2 + np.diag(moments.covariance)
+        if setting.sway is None:
+            average[:, j] = averages_between(*column, moments)
+        else:
+            met = square[:, j] + setting.sway[:, j]
+            average[:, j] = averages_on_the_clock(*column, met, signals[j], setting.loss[:, 0])
+    return average, square

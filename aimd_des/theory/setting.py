@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.arguments import Dynamics, check_dynamics
+from aimd_des.theory.response_rule import PAPER, Rule
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
@@ -15,6 +16,8 @@ from aimd_des.utils.validation import FloatArray
 __all__ = ["Setting", "check_setting"]
 
 _MOST_ON_THE_WAY = 100
+# The exact moments of so many agents take tenths of a second; with more the first order misses little.
+_FEW = 200
 
 
 class Setting(NamedTuple):
@@ -32,9 +35,17 @@ class Setting(NamedTuple):
         As given to `predict`, one for each agent.
     hold_off : float, optional
         As given to `predict`.
-    mean, found : ndarray, shape (m,)
-        Total demand above its threshold, in units of growth: the mean over time, and at the signals that
-        act.  At first what they are where nearly every look has a signal.
+    found : ndarray, shape (m,)
+        Total demand above its threshold at the signals that act, in units of growth.  At first what it is
+        where nearly every look has a signal.
+    mean : ndarray, shape (m,), optional
+        The same in the mean over time; none where signals do not come late.
+    rule : Rule
+        How a signal is answered.
+    exact : bool
+        Whether averages come from exact moments.
+    sway : ndarray, shape (n, m), optional
+        On the clock: variance of the mean of an agent's demand over its draws, at the signals that act.
     """
 
     problem: Problem
@@ -43,13 +54,22 @@ class Setting(NamedTuple):
     period: float
     loss: FloatArray
     hold_off: float | None
-    mean: FloatArray
     found: FloatArray
+    mean: FloatArray | None
+    rule: Rule
+    exact: bool
+    sway: FloatArray | None = None
 
     @property
     def crossing(self) -> bool:
         """Whether one exact crossing is one signal."""
         return not self.discrete and self.period == 0.0 and self.hold_off is None
+
+    @property
+    def has_moments(self) -> bool:
+        """Whether exact moments are known, and do not take long."""
+        # Full cuts at regular numbers of signals are not drawn anew at each of them, as the moments have it.
+        return (self.discrete or self.crossing) and self.problem.n_agents <= _FEW and not self.rule.full
 
 
 def check_setting(
@@ -60,6 +80,7 @@ def check_setting(
     period: float,
     loss: npt.ArrayLike,
     hold_off: float | None,
+    rule: Rule = PAPER,
 ) -> Setting:
     """Check the arguments of `predict`."""
     validation.instance("problem", problem, Problem, "a Problem")
@@ -80,7 +101,12 @@ def check_setting(
     column = np.full((problem.n_agents, 1), lost) if np.ndim(lost) == 0 else np.reshape(lost, (-1, 1))
     discrete = dynamics == "discrete"
     start = np.full(problem.n_resources, _offset(discrete, delay, look))
-    return Setting(problem, discrete, delay, look, np.asarray(column), hold_off, start, start)
+    setting = Setting(
+        problem, discrete, delay, look, np.asarray(column), hold_off, start, start, rule, exact=False
+    )
+    if not setting.crossing:
+        return setting
+    return setting._replace(mean=None, exact=setting.has_moments)
 
 
 def _offset(discrete: bool, latency: float, period: float) -> float:

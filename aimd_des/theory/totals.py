@@ -20,7 +20,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.problem.problem import Problem
 from aimd_des.utils.validation import FloatArray
 
 __all__ = ["Cuts", "Levels", "cuts", "walk_by_crossings", "walk_by_looks"]
@@ -106,19 +105,19 @@ def _time_above(pieces: Levels, level: float) -> float:
     return float((part * pieces.duration).sum())
 
 
-def cuts(problem: Problem, found: FloatArray, probability: FloatArray, loss: FloatArray) -> list[Cuts]:
-    """Compute the moments of what a signal takes.
+def cuts(found: FloatArray, keep: FloatArray, hit: FloatArray) -> list[Cuts]:
+    """Compute the moments of what a signal takes that cuts the part `keep` with the probability `hit`.
 
     Notes
     -----
-    Responses are independent: with q = (1 - p) lambda and y the demand at a signal, variances (1 - beta)^2 q
-    (1 - q) E y^2 and third moments (1 - beta)^3 q (1 - q) (1 - 2 q) E y^3 add up.  E y^2 = (E y)^2 (2 -
-    kappa) / (1 + beta) is exact for evenly spaced signals; E y^3 is that of a gamma variate with this second
-    moment.  What agents hold at the moment changes the mean of the next cuts by sum_i (kappa_i - c) (y_i -
-    E y_i), with c the mean of the kappa_i; agents forget it at the rate c per signal.
+    Responses are independent: with d and q the part and the probability (1 - beta and (1 - p) lambda by the
+    paper's rule), kappa = d q, and y the demand at a signal, variances d^2 q (1 - q) E y^2 and third moments
+    d^3 q (1 - q) (1 - 2 q) E y^3 add up.  E y^2 = (E y)^2 (2 - kappa) / (2 - d) is exact for evenly spaced
+    signals; E y^3 is that of a gamma variate with this second moment.  What agents hold at the moment changes
+    the mean of the next cuts by sum_i (kappa_i - c) (y_i - E y_i), with c the mean of the kappa_i; agents
+    forget it at the rate c per signal.
     """
-    keep, hit = 1.0 - problem.decrease, (1.0 - loss) * probability
-    square = (2.0 - keep * hit) / (1.0 + problem.decrease)  # E y^2 / (E y)^2
+    square = (2.0 - keep * hit) / (2.0 - keep)  # E y^2 / (E y)^2
     mean = (keep * hit * found).sum(axis=0)
     one = keep * found
     variance = (one**2 * hit * (1.0 - hit) * square).sum(axis=0)
