@@ -4,6 +4,7 @@ All are pure functions.  Arguments are numbers, or arrays with one value for eac
 together; names and symbols are those of the model.  `predict` puts them together for a `Problem`.
 """
 
+from aimd_des.theory.accuracy import Convergence, Expected, Needed, convergence
 from aimd_des.theory.allocations import allocation_at, reweighted_optimum
 from aimd_des.theory.averaging import averaging_spread, elasticity, recovery_time, share_rates
 from aimd_des.theory.bursts import BurstRunaway, believed_loss, burst_runaway, burst_shares
@@ -32,7 +33,10 @@ from aimd_des.theory.thresholds import partition_runaway, safe_threshold
 __all__ = [
     "BurstRunaway",
     "Churn",
+    "Convergence",
+    "Expected",
     "Flow",
+    "Needed",
     "Prediction",
     "Spell",
     "SteadyTotal",
@@ -44,6 +48,7 @@ __all__ = [
     "churn",
     "clock_offset",
     "compensated_probability",
+    "convergence",
     "critical_loss",
     "elasticity",
     "event_interval",

@@ -1,0 +1,432 @@
+r"""How near to the optimum averages come, and when: rates, scatter and bias of all responses and averagings.
+
+The averages of a run are the mean of many runs plus Gaussian noise.  The mean is where `mean_dynamics` leads,
+in the end to a place that the balance of growth and cuts decides and that need not be the optimum (bias); the
+covariance of the noise is that of `second_moments`.  Both decay like powers of the time, t**-s and t**-1/2.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import erf
+
+from aimd_des.dynamics.averaging import Averaging, Cumulative, Forgetting, Window
+from aimd_des.problem.optimum import solve_optimum
+from aimd_des.problem.problem import Problem
+from aimd_des.theory.arguments import Dynamics
+from aimd_des.theory.mean_dynamics import Memory, Path, first_signals
+from aimd_des.theory.prediction import Steady, check_enough, settle, steady_state
+from aimd_des.theory.response_rule import PAPER, Rule, probability
+from aimd_des.theory.second_moments import Modes, modes_of
+from aimd_des.theory.setting import Setting, check_setting
+from aimd_des.theory.sways import follow_sway
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
+
+__all__ = ["Convergence", "Expected", "Needed", "convergence"]
+
+# Larger matrices take long, and one agent among so many has hardly a part in the total.
+_TOGETHER = 1000
+_DRAWS = 4000
+_INTERVAL = (2.5, 97.5)
+# A wanted length is looked for in stretches up to a longest time.
+_LONGEST = 1e15
+_SWAYS, _RESTS = 8, 3e-4
+_STRETCH = 10.0
+_LOOKS = 9
+
+
+class Expected(NamedTuple):
+    """What to expect of a measure of one run.
+
+    Attributes
+    ----------
+    mean, low, high : ndarray, shape (..., m)
+        Mean over runs, and the interval that holds 95 % of them.
+    """
+
+    mean: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+
+class Needed(NamedTuple):
+    """What an accuracy takes.
+
+    Attributes
+    ----------
+    length : ndarray, shape (m,)
+        Steps, or units of time; inf where bias keeps runs from it however long they are.
+    signals : ndarray, shape (m,)
+        Capacity signals in this time.
+    """
+
+    length: FloatArray
+    signals: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Convergence:
+    """What theory says about the accuracy of averages.
+
+    Made by `convergence`.  Time is in steps on the discrete clock, in units of time else.
+
+    Attributes
+    ----------
+    setting : Setting
+        What was asked for.
+    steady : Steady
+        Where averages settle.
+    memory : Memory
+        How agents average.
+    blocks : tuple of Modes
+        Modes of each resource, or of all of them if costs couple them.
+    """
+
+    setting: Setting
+    steady: Steady
+    memory: Memory
+    blocks: tuple[Modes, ...]
+
+    @property
+    def problem(self) -> Problem:
+        """What is shared."""
+        return self.setting.problem
+
+    @property
+    def signals(self) -> FloatArray:
+        """Capacity signals per unit of time or step, shape (m,)."""
+        return self.steady.signals
+
+    @property
+    def exponents(self) -> tuple[FloatArray, ...]:
+        """Exponents s of each resource, or of all of them if costs couple them, ascending.
+
+        A deviation that leaves the totals as they are decays like t**(-a s) if averages have the gain a (1
+        over all of the past), and like exp(-s t / tau) with forgetting.
+        """
+        return tuple(np.sort(block.exponent.real, axis=None) for block in self.blocks)
+
+    @property
+    def slowest(self) -> float:
+        """The smallest exponent."""
+        return float(min(values[0] for values in self.exponents))
+
+    @cached_property
+    def bias(self) -> FloatArray:
+        """Averages less the optimum for what they use, in the end: (n, m), in units of the resources."""
+        return _deviation(self.problem, self.steady.average, self.steady.average.sum(axis=0))
+
+    def average(self, at: npt.ArrayLike) -> FloatArray:
+        """Compute the averages in the mean over runs.
+
+        Parameters
+        ----------
+        at : float or array_like, shape (k,)
+            Times > 0 since the start with demand 0.
+
+        Returns
+        -------
+        ndarray, shape (n, m) or (k, n, m)
+            In units of the resources.
+        """
+        times = _times(at)
+        order = np.argsort(times.ravel(), kind="stable")
+        path = Path(self.setting, self.steady, self.memory).at(times.ravel()[order])
+        return path[np.argsort(order, kind="stable")].reshape(*times.shape, *path.shape[1:])
+
+    def covariance(self, at: float) -> FloatArray:
+        """Compute the covariance of the averages of a single run, for each resource.
+
+        Parameters
+        ----------
+        at : float
+            Time > 0.
+
+        Returns
+        -------
+        ndarray, shape (m, n, n)
+            In units of the resources squared; with 0 between agents where there are more than 1,000.  Times
+            `at` it is constant for long runs if averages are over all of the past and exponents above 1/2.
+        """
+        (time,) = _times([at]).tolist()
+        n, m = self.problem.n_agents, self.problem.n_resources
+        result = np.zeros((m, n, n))
+        for columns, block in self._columns():
+            own = block.covariance(self.memory, time)
+            width = len(range(m)[columns])
+            if len(own) == 1:
+                joint = own.reshape(n, width, n, width)
+                result[columns] = np.einsum("ijkj->jik", joint)
+            else:
+                result[columns, np.arange(n), np.arange(n)] = np.einsum("ijj->ji", own)
+        return result
+
+    def misallocation(self, at: npt.ArrayLike) -> Expected:
+        """Say how far averages are from the optimum for what they use.
+
+        Parameters
+        ----------
+        at : float or array_like, shape (k,)
+            Times > 0.
+
+        Returns
+        -------
+        Expected
+            sum_i |average - optimum| over the total of each resource, shape (m,) or (k, m); a pure number.
+        """
+        return self._expected(at, used=True)
+
+    def relative_error(self, at: npt.ArrayLike) -> Expected:
+        """Say how far averages are from the optimum for all of the capacity, the paper's measure.
+
+        Parameters
+        ----------
+        at : float or array_like, shape (k,)
+            Times > 0.
+
+        Returns
+        -------
+        Expected
+            sum_i |average - optimum| over the capacity of each resource, shape (m,) or (k, m); a pure number.
+            The totals of averages, which hardly differ between runs, are those of the mean.
+        """
+        return self._expected(at, used=False)
+
+    def needed(self, accuracy: float) -> Needed:
+        """Say how long a run has to be for its misallocation to be small in the mean.
+
+        Parameters
+        ----------
+        accuracy : float
+            Misallocation > 0 that is good enough, a pure number.
+
+        Returns
+        -------
+        Needed
+            Length and signals of each resource: inf where bias alone is more, or where it takes more than
+            10^15 steps or units of time.
+        """
+        wanted = validation.number("accuracy", accuracy, low=0.0, low_open=True)
+        length = np.full(self.problem.n_resources, np.inf)
+        floor = np.abs(self.bias).sum(axis=0) / self.steady.average.sum(axis=0)
+        begin = float(first_signals(self.setting, self.steady).max())
+        while (np.isinf(length) & (floor < wanted)).any() and begin < _LONGEST:
+            times = begin * np.geomspace(1.0, _STRETCH, _LOOKS)
+            expected = self._mean(times, self.average(times), used=True)
+            for j in np.flatnonzero(np.isinf(length)).tolist():
+                length[j] = _first_below(times, expected[:, j], wanted)
+            if np.allclose(expected[-1], expected[0], rtol=1e-6):
+                break  # averages with a finite memory have come to rest
+            begin = float(times[-1])
+        return Needed(length, length * self.signals)
+
+    def _columns(self) -> list[tuple[slice, Modes]]:
+        """Name the resources of each block."""
+        if len(self.blocks) == self.problem.n_resources:
+            return [(slice(j, j + 1), block) for j, block in enumerate(self.blocks)]
+        return [(slice(0, self.problem.n_resources), self.blocks[0])]
+
+    def _bias_at(self, average: FloatArray, used: bool) -> tuple[FloatArray, FloatArray]:
+        """Compute mean deviations, (k, n, m), and what they are measured by, (k, m)."""
+        problem = self.problem
+        totals = average.sum(axis=1) if used else np.tile(problem.capacity, (len(average), 1))
+        rows = [_deviation(problem, row, total) for row, total in zip(average, totals, strict=True)]
+        return np.stack(rows), totals
+
+    def _mean(self, times: FloatArray, average: FloatArray, used: bool) -> FloatArray:
+        """Compute the mean of a measure, (k, m): absolute values of Gaussian deviations add up."""
+        bias, totals = self._bias_at(average, used)
+        spread = np.sqrt(np.stack([np.einsum("jii->ij", self.covariance(time)) for time in times.tolist()]))
+        return np.asarray(_folded(bias, spread).sum(axis=1) / totals)
+
+    def _expected(self, at: npt.ArrayLike, used: bool) -> Expected:
+        times = _times(at)
+        flat = times.ravel()
+        average = self.average(flat)
+        bias, totals = self._bias_at(average, used)
+        bounds = np.empty((2, *totals.shape))
+        draws = np.random.default_rng(0).standard_normal((_DRAWS, self.problem.n_agents))
+        for k, time in enumerate(flat.tolist()):
+            for j, covariance in enumerate(self.covariance(time)):
+                values, vectors = np.linalg.eigh(covariance)
+                deviations = bias[k, :, j] + draws @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+                measure = np.abs(deviations).sum(axis=1) / totals[k, j]
+                bounds[:, k, j] = np.percentile(measure, _INTERVAL)
+        rows = (self._mean(flat, average, used), *bounds)
+        mean, low, high = (row.reshape(*times.shape, -1) for row in rows)
+        return Expected(mean, low, high)
+
+
+def _times(at: npt.ArrayLike) -> FloatArray:
+    """Check times."""
+    if validation.axes(at) == 0:
+        return np.array(validation.number("at", at, low=0.0, low_open=True))
+    return validation.array("at", at, ["k"], low=0.0, low_open=True)
+
+
+def _deviation(problem: Problem, average: FloatArray, totals: FloatArray) -> FloatArray:
+    return average - solve_optimum(problem, capacity=totals).allocation
+
+
+def _folded(mean: FloatArray, spread: FloatArray) -> FloatArray:
+    """Compute the mean absolute value of normal variates."""
+    safe = np.where(spread > 0.0, spread, 1.0)
+    ratio = mean / safe
+    value = spread * np.sqrt(2.0 / np.pi) * np.exp(-0.5 * ratio**2) + mean * erf(ratio / np.sqrt(2.0))
+    return np.where(spread > 0.0, value, np.abs(mean))
+
+
+def _first_below(times: FloatArray, values: FloatArray, wanted: float) -> float:
+    """Find from when on values stay below a level; inf if they do not."""
+    above = np.flatnonzero(values > wanted)
+    if not above.size:
+        return float(times[0])
+    last = int(above[-1])
+    if last == len(times) - 1:
+        return float("inf")
+    pair = slice(last + 1, last - 1 if last else None, -1)
+    return float(np.exp(np.interp(np.log(wanted), np.log(values[pair]), np.log(times[pair]))))
+
+
+def convergence(
+    problem: Problem,
+    dynamics: Dynamics = "discrete",
+    *,
+    lag: int | None = None,
+    latency: float = 0.0,
+    period: float = 0.0,
+    hold_off: float | None = None,
+    loss: npt.ArrayLike = 0.0,
+    averaging: Averaging | None = None,
+    response: Rule | None = None,
+    exact: bool | None = None,
+) -> Convergence:
+    """Predict how near averages come to the optimum, and how fast.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is shared; costs may couple resources, alpha and beta may differ from agent to agent.
+    dynamics : {"discrete", "continuous"}
+        Agents that act at ticks of one common clock of period 1, or agents that grow all the time.
+    lag : int, optional
+        Steps after which a signal acts on the clock; `latency` rounded up unless given.
+    latency : float
+        As for `predict`.
+    period : float
+        As for `predict`.
+    hold_off : float, optional
+        As for `predict`.
+    loss : float or array_like, shape (n,)
+        Probability that a signal is lost on an agent, independent of all else.
+    averaging : Averaging, optional
+        How agents average their demand: over all of their past unless given.
+    response : Rule, optional
+        How a signal is answered: by the paper's rule unless given.
+    exact : bool, optional
+        Whether averages come from the exact moments of what signals find, which there are for crossings and
+        for the clock.  They are used with up to 200 agents unless said otherwise; else the order 1 / n is
+        neglected.
+
+    Returns
+    -------
+    Convergence
+        Exponents, bias and covariance, and what follows from them.
+
+    Raises
+    ------
+    InputError
+        If more signals are necessary than there can be, a response probability is above 1 where averages
+        settle, or exact moments are asked for where there are none.
+    SimulationError
+        If the steady state is not found.
+
+    Examples
+    --------
+    >>> from aimd_des import PolynomialCosts, Resource
+    >>> memory = Resource("memory", capacity=30.0, increase=0.02, decrease=0.5, normalization=0.1)
+    >>> costs = PolynomialCosts([2], [[[1.0]]] * 15 + [[[2.0]]] * 15)
+    >>> expected = convergence(Problem([memory], costs))
+    >>> round(expected.slowest, 3)
+    1.0
+    >>> bool(expected.misallocation(1e6).mean[0] < expected.misallocation(1e3).mean[0])
+    True
+    """
+    if lag is not None:
+        latency = _lag(lag, dynamics, latency)
+    rule = validation.instance("response", PAPER if response is None else response, Rule, "a Rule")
+    setting = check_setting(
+        problem, dynamics, latency=latency, period=period, loss=loss, hold_off=hold_off, rule=rule
+    )
+    if exact and not setting.has_moments:
+        known = "exact moments are known on the clock, for crossings, and up to 200 agents; not for full cuts"
+        raise InputError.of("exact", exact, "left out here", known)
+    setting = setting._replace(exact=setting.has_moments and exact is not False)
+    setting, steady = _on_the_clock(setting) if setting.discrete else (setting, steady_state(setting))
+    check_enough(setting, steady.signals)
+    _check_not_cut_off(setting, steady)
+    n, m = problem.n_agents, problem.n_resources
+    if problem.costs.separable:
+        slices = [slice(j, j + 1) for j in range(m)]
+        blocks = [modes_of(setting, steady, columns, n <= _TOGETHER) for columns in slices]
+    else:
+        blocks = [modes_of(setting, steady, slice(0, m), n * m <= _TOGETHER)]
+    return Convergence(setting, steady, _memory(averaging), tuple(blocks))
+
+
+def _lag(lag: int, dynamics: Dynamics, latency: float) -> float:
+    """Check a lag; as a latency."""
+    steps = validation.integer("lag", lag, low=0)
+    if dynamics != "discrete" or latency:
+        raise InputError.of("lag", lag, "left out for continuous agents, and where a latency is given")
+    return float(steps)
+
+
+def _on_the_clock(setting: Setting) -> tuple[Setting, Steady]:
+    """Let averages and the sway that a delay makes settle on each other."""
+    # Without a delay the step that crosses a threshold ends evenly spread over one step of growth above it.
+    setting = setting._replace(sway=setting.problem.increase**2 / 12.0)
+    steady = settle(setting)
+    lag = math.ceil(setting.latency)
+    if lag == 0 and not setting.loss.any():
+        return setting, steady
+    for _ in range(_SWAYS):
+        sway = follow_sway(setting, steady, lag)
+        setting = setting._replace(found=sway.found, sway=sway.variance)
+        before, steady = steady, settle(setting, steady.average)
+        if np.allclose(steady.average, before.average, rtol=_RESTS):
+            break
+    return setting, steady
+
+
+def _memory(averaging: Averaging | None) -> Memory:
+    """Say what an averaging is to theory."""
+    if averaging is None or isinstance(averaging, Cumulative):
+        return Memory()
+    if isinstance(averaging, Window):
+        return Memory(window=averaging.length)
+    if isinstance(averaging, Forgetting):
+        return Memory(time_constant=averaging.time_constant)
+    allowed = "one of ours, such as averaging.Forgetting(100.0)"
+    raise InputError.of("averaging", averaging, allowed, "theory does not know what others weigh")
+
+
+def _check_not_cut_off(setting: Setting, steady: Steady) -> None:
+    """Refuse what is cut off: what averages settle on then does not depend on the costs."""
+    problem = setting.problem
+    wanted = probability(problem, setting.rule, steady.average, steady.found - steady.average)
+    most = 1.0 / (1.0 - problem.decrease) if setting.rule.certain else np.ones_like(wanted)
+    if (wanted > most).any():
+        agent, resource = (int(index) for index in np.argwhere(wanted > most)[0])
+        raise InputError.of(
+            f"response probability of agent {agent} for {problem.resource_names[resource]}",
+            float(wanted[agent, resource]),
+            f"at most {most[agent, resource]:.6g} where averages settle",
+            "make the normalization smaller",
+        )

@@ -1,0 +1,197 @@
+r"""How averages move in the mean: the balance of growth and cuts on the way to where they settle.
+
+A signal that is sent takes kappa_i y_i of agent i in the mean, y_i being the demand that signals find.  As
+all y_i add up to the same total, signals come at the rate sigma that lets growth make up for cuts,
+
+    dy_i / dt = alpha_i - sigma kappa_i y_i,   sigma = sum alpha / sum(kappa y),   kappa = kappa(averages),
+
+(on the clock alpha_i counts in steps without a received signal only), and averages follow at the rate r(t) of
+their averaging: 1 / t over all of the past, a / t with the gain a, 1 / tau with forgetting,
+
+    d theta_i / dt = r (y_i - h_i - theta_i),
+
+h_i being half a saw tooth.  Once the run is much older than the time x / alpha in which agents find new
+shares, y is what the balance makes it for the averages at hand, and only these are followed.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from aimd_des.theory.prediction import Steady, found_by_signals
+from aimd_des.theory.response_rule import chance, cuts_of
+from aimd_des.theory.setting import Setting
+from aimd_des.utils.validation import FloatArray
+
+__all__ = ["Memory", "Path", "first_signals"]
+
+# In multiples of the time until all capacities are reached.
+_SETTLED = 20.0
+_ACCURACY = 1e-6
+# Turns of the averages after which nothing moves any more.
+_ENDLESS = 500.0
+# Just after the first signal the average over signals would follow it at any rate.
+_NOT_YET = 0.05
+
+
+class Memory(NamedTuple):
+    """What theory has to know of a way of averaging.
+
+    Attributes
+    ----------
+    gain : float
+        a of averages that follow at the rate a / t.
+    time_constant : float, optional
+        tau of averages that forget.
+    window : float, optional
+        W of averages over a window.
+    """
+
+    gain: float = 1.0
+    time_constant: float | None = None
+    window: float | None = None
+
+    def rate(self, age: float) -> float:
+        """Return at what rate an average of this age follows demand."""
+        if self.time_constant is not None:
+            return float(-1.0 / (np.expm1(-age / self.time_constant) * self.time_constant))
+        if self.window is not None and age > self.window:
+            return 2.0 / self.window  # as fast in the mean
+        return self.gain / age
+
+    def turns(self, age: FloatArray | float) -> FloatArray:
+        """Integrate the rate: how often an average of this age has been renewed, but for a constant."""
+        if self.time_constant is not None:
+            past = np.asarray(age) / self.time_constant
+            return np.asarray(past + np.log(-np.expm1(-past)))
+        if self.window is not None:
+            full = np.minimum(age, self.window)
+            return np.asarray(np.log(full) + 2.0 * (age - full) / self.window)
+        return np.asarray(self.gain * np.log(age))
+
+    def age(self, turns: float) -> float:
+        """Return the age at which an average has been renewed so often."""
+        if self.time_constant is not None:
+            return float(self.time_constant * np.logaddexp(0.0, turns))
+        if self.window is not None:
+            beyond = max(turns - np.log(self.window), 0.0)
+            return float(np.exp(turns - beyond) + 0.5 * beyond * self.window)
+        return float(np.exp(turns / self.gain))
+
+
+def first_signals(setting: Setting, steady: Steady) -> FloatArray:
+    """Compute when each total is reached for the first time, (m,)."""
+    return np.asarray(steady.found.sum(axis=0) / setting.problem.increase.sum(axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Averages over time in the mean, from demand 0 on.
+
+    Attributes
+    ----------
+    setting : Setting
+        What a prediction is asked for.
+    steady : Steady
+        Where averages settle.
+    memory : Memory
+        How agents average.
+    """
+
+    setting: Setting
+    steady: Steady
+    memory: Memory
+
+    @cached_property
+    def starts(self) -> FloatArray:
+        """When each total is reached for the first time, shape (m,)."""
+        return first_signals(self.setting, self.steady)
+
+    def at(self, times: FloatArray) -> FloatArray:
+        """Compute the averages at ascending times, (k,) -> (k, n, m)."""
+        problem, starts = self.setting.problem, self.starts
+        begin = float(starts.min())
+        change = _SETTLED * starts.max()
+        first = problem.increase * begin
+        average = self._ramp(begin) * problem.increase
+        early, late = times[times <= change], times[times > change]
+        inside = np.clip(early, begin, None)
+        state, seen = self._integrate(self._fast, np.stack([average, first, first]), begin, change, inside)
+        result = [seen[:, 0]]
+        for row in np.flatnonzero(early < begin):
+            result[0][row] = self._ramp(float(early[row])) * problem.increase
+        if late.size:
+            slow = np.stack([state[0], state[2]])
+            result.append(self._integrate(self._slow, slow, change, late[-1], late)[1][:, 0])
+        return np.concatenate(result)
+
+    def _ramp(self, time: float) -> float:
+        """Average the time since the start, as demand that grows from 0 makes it."""
+        tau = self.memory.time_constant
+        if tau is not None:
+            return float(time / -np.expm1(-time / tau)) - tau
+        return time * self.memory.gain / (1.0 + self.memory.gain)
+
+    def _integrate(
+        self,
+        slope: Callable[[float, FloatArray], FloatArray],
+        start: FloatArray,
+        begin: float,
+        end: float,
+        times: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Follow a state while averages are renewed; return it at the end, and at the times."""
+        turns = self.memory.turns
+
+        def by_turns(turn: float, state: FloatArray) -> FloatArray:
+            time = self.memory.age(turn)
+            return slope(time, state.reshape(start.shape)).ravel() / self.memory.rate(time)
+
+        first = float(turns(begin))
+        last = min(float(turns(end)), first + _ENDLESS)
+        wanted, place = np.unique(np.clip(np.append(turns(times), last), first, last), return_inverse=True)
+        accuracy = _ACCURACY * float(np.abs(start).max())
+        solution = solve_ivp(
+            by_turns, (first, last), start.ravel(), "DOP853", wanted, rtol=_ACCURACY, atol=accuracy
+        )
+        states = solution.y.T[place].reshape(len(place), *start.shape)
+        return states[-1], states[:-1]
+
+    def _kappa(self, average: FloatArray, divisor: FloatArray) -> FloatArray:
+        """Compute what part of the demand that it finds a signal takes in the mean."""
+        setting, found = self.setting, self.steady.found
+        tooth = divisor - average if setting.rule.at_signals else found - self.steady.average
+        part = chance(setting.problem, setting.rule, average, tooth)
+        keep, hit = cuts_of(setting.problem, setting.rule, part, setting.loss)
+        return keep * hit
+
+    def _fast(self, time: float, state: FloatArray) -> FloatArray:
+        average, found, divisor = state
+        setting, increase, starts = self.setting, self.setting.problem.increase, self.starts
+        cut = self._kappa(average, divisor) * found
+        if setting.discrete:
+            share = increase.sum(axis=0) / (increase * (1.0 - setting.loss) + cut).sum(axis=0)
+            grown = increase * (1.0 - share + share * setting.loss)
+        else:
+            share, grown = increase.sum(axis=0) / cut.sum(axis=0), increase
+        begun = time >= starts
+        moved = np.where(begun, grown - share * cut, increase)
+        tooth = np.where(begun, self.steady.found - self.steady.average, 0.0)
+        follows = np.where(begun, self._counting(time) * (found - divisor), increase)
+        return np.stack([self.memory.rate(time) * (found - tooth - average), moved, follows])
+
+    def _slow(self, time: float, state: FloatArray) -> FloatArray:
+        average, divisor = state
+        _, found = found_by_signals(self.setting, self._kappa(average, divisor))
+        tooth = self.steady.found - self.steady.average
+        follows = self._counting(time) * (found - divisor)
+        return np.stack([self.memory.rate(time) * (found - tooth - average), follows])
+
+    def _counting(self, time: float) -> FloatArray:
+        """Compute at what rates averages over signals follow, (m,): they begin with the first."""
+        ages = np.maximum(time - self.starts, _NOT_YET * self.starts)
+        return np.array([self.memory.rate(age) for age in ages.tolist()])

@@ -1,0 +1,195 @@
+r"""How far averages of single runs scatter: second moments of the averages about their mean.
+
+At a signal agent i's own cut is off its mean by Xi_i, independent of all others.  Let Z_i be by how much the
+demands that signals find are off their mean, and tau the growth that makes up for cuts, of which the agent
+has the part a_i.  Summed over many signals they balance,
+
+    0 = Xi_i - kappa_i Z_i + a_i tau,    sum_i Z_i = 0,
+
+and averages over time see Z_i - a_i tau / 2: noise of the strength Q = Cov / signals per unit of time, for
+fixed response probabilities.  These follow the averages theta.  With W = theta / f', H the Hessian of the
+costs and P the projection that keeps the totals,
+
+    d theta / dt = -r (P W H theta - noise),
+
+whose modes die away like exp(-s int r dt).  The covariance in modes i and j is that of the noise times
+
+    int r(u)^2 exp(-(s_i + s_j) int_u^t r) du.
+
+Source: stochastic approximation, for example V. S. Borkar, Stochastic Approximation, 2008; P and Q are
+derived in docs/convergence.md.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from aimd_des.theory.mean_dynamics import Memory, first_signals
+from aimd_des.theory.prediction import Steady, lost_steps
+from aimd_des.theory.setting import Setting
+from aimd_des.utils.validation import FloatArray
+
+__all__ = ["Modes", "modes_of", "remaining"]
+
+# Frequencies of a window of length 1, and into how many steps they are cut.
+_BAND, _FINE = 400.0, 8000
+# In time constants: what was averaged before no longer counts.
+_FORGOTTEN = 500.0
+
+
+class Modes(NamedTuple):
+    """Independent deviations of the averages of a block of agents and resources.
+
+    Attributes
+    ----------
+    exponent : ndarray, shape (b, q)
+        s, of b blocks with q modes each.
+    shape : ndarray, shape (b, k, q)
+        What a mode is in the k averages of a block.
+    noise : ndarray, shape (b, q, q)
+        Covariance of the noise in modes, times time.
+    start, settling : float
+        Since when there is noise, and how long agents take to find new shares.
+    """
+
+    exponent: FloatArray
+    shape: FloatArray
+    noise: FloatArray
+    start: float
+    settling: float
+
+    def covariance(self, memory: Memory, time: float) -> FloatArray:
+        """Compute the covariance of the averages at a time, (b, k, k)."""
+        conjugate = self.exponent.conj()
+        pair = self.exponent[:, :, None], conjugate[:, None, :]
+        left = remaining(memory, *pair, self.start, self.settling, time)
+        of_modes = self.noise * left
+        return np.asarray((self.shape @ of_modes @ self.shape.conj().transpose(0, 2, 1)).real)
+
+
+def _power(ratio: float, exponent: FloatArray) -> FloatArray:
+    """Compute (1 - ratio**exponent) / exponent, and its limit where the exponent is 0."""
+    small = np.abs(exponent) < 1e-9
+    safe = np.where(small, 1.0, exponent)
+    return np.where(small, -np.log(ratio), (1.0 - ratio**safe) / safe)
+
+
+def remaining(
+    memory: Memory, s: FloatArray, t: FloatArray, start: float, settling: float, time: float
+) -> FloatArray:
+    """Integrate what is left at `time` of noise of strength 1 since `start`, in modes with exponents s and t.
+
+    Notes
+    -----
+    A cut at u changes demand until about u + `settling`, and counts as if it came then.  Of the last cuts
+    only a part has been averaged: that is as if there were none for the last 3 / 2 `settling`.
+    """
+    both, begin, end = s + t, start + settling, time - 0.5 * settling
+    if end <= begin:
+        return np.zeros(both.shape)
+    if memory.time_constant is not None:
+        tau = memory.time_constant + settling
+        ratio = float(np.exp((begin - end) / tau) * np.expm1(-begin / tau) / np.expm1(-end / tau))
+        old = (1.0 - ratio**both) / both
+        if end > _FORGOTTEN * tau:
+            return np.asarray(old / tau)
+        return np.asarray((old + _power(ratio, both - 1.0) / np.expm1(end / tau)) / tau)
+    if memory.window is not None and time > memory.window:
+        return np.stack([_window(*pair) for pair in zip(s[:, :, 0], t[:, 0], strict=True)]) / memory.window
+    power = memory.gain * both - 1.0
+    return np.asarray(memory.gain**2 / time * (end / time) ** power * _power(begin / end, power))
+
+
+def _window(s: FloatArray, t: FloatArray) -> FloatArray:
+    """Integrate the noise that a window of length 1 keeps, with its feedback 1 - s on demand: (q, q)."""
+    step = _BAND / _FINE
+    omega = (np.arange(_FINE) + 0.5) * step
+    seen = -np.expm1(-1j * omega) / (1j * omega)
+    first, second = (seen / (1.0 - (1.0 - e[:, None]) * seen) for e in (s, t.conj()))
+    # Both signs of omega; beyond the band all modes see 2 / omega^2 in the mean.
+    inside = (first @ second.conj().T).real * step / np.pi
+    return np.asarray(inside + 2.0 / (np.pi * _BAND))
+
+
+def modes_of(setting: Setting, steady: Steady, columns: slice, together: bool) -> Modes:
+    """Find the modes of all agents together, or of each by itself, for some resources."""
+    problem, average = setting.problem, steady.average[:, columns]
+    gradient = problem.costs.gradient(steady.average)[:, columns]
+    hessian = problem.costs.hessian(steady.average)[:, columns, columns]
+    root = np.sqrt(average / gradient)
+    own = root[:, :, None] * hessian * root[:, None, :]
+    noise = _noise(setting, steady, together)
+    settling = 1.0 / float((steady.keep * steady.hit * steady.signals)[:, columns].mean())
+    start = float(first_signals(setting, steady)[columns].max())
+    if not together:
+        strength = noise[:, columns, None] * np.eye(average.shape[1])
+        exponent, vectors = np.linalg.eigh(own)
+        back = vectors.transpose(0, 2, 1) / root[:, None, :]
+        spread = back @ strength @ back.transpose(0, 2, 1)
+        return Modes(exponent, root[:, :, None] * vectors, spread, start, settling)
+    n, m = average.shape
+    full, strength = np.zeros((2, n, m, n, m))
+    full[np.arange(n), :, np.arange(n), :] = own
+    for j in range(m):
+        strength[:, j, :, j] = noise[columns][j]
+    full, strength = full.reshape(n * m, n * m), strength.reshape(n * m, n * m)
+    weights = root.reshape(-1, 1)
+    # Deviations over `root` that leave each total as it is are at right angles to these.
+    totals = weights * np.tile(np.eye(m), (n, 1))
+    rest = np.linalg.qr(np.column_stack([totals, np.eye(n * m)]))[0][:, m:]
+    within = rest.T @ full @ rest
+    if _alike(setting):
+        exponent, vectors = np.linalg.eigh(within)
+        back = vectors.T
+    else:
+        # What the balance gives to keep a total goes by the slopes that agents settle on.
+        held = totals * (gradient / gradient.mean(axis=0)).reshape(-1, 1)
+        within = within - rest.T @ held @ np.linalg.solve(totals.T @ held, totals.T @ full @ rest)
+        exponent, vectors = np.linalg.eig(within)
+        back = np.linalg.inv(vectors)
+    back = back @ (rest / weights).T
+    exponent = exponent + float(_own_cut(setting, steady)[:, columns].mean()) * (1.0 - exponent)
+    shape, spread = weights * (rest @ vectors), back @ strength @ back.conj().T
+    return Modes(exponent[None], shape[None], spread[None], start, settling)
+
+
+def _alike(setting: Setting) -> bool:
+    """Tell whether all agents settle on the same slopes."""
+    problem = setting.problem
+    given = problem.increase, problem.decrease, setting.loss
+    return all(not np.ptp(values, axis=0).any() for values in given)
+
+
+def _own_cut(setting: Setting, steady: Steady) -> FloatArray:
+    """Compute how much less averages follow what signals find, because of agents' own cuts, (n, m).
+
+    Notes
+    -----
+    The interval after an agent's own cut is longer by d y_i / sum(alpha), and the agent begins it with less.
+    So the mean over time contains Cov(T, B_i y_i) / E T = -a_i d (1 - q) E y_i^2 / E y_i, with cuts of the
+    part d made with the probability q and the part a_i of the growth; twice that is its derivative by E y_i.
+    """
+    growth = setting.problem.increase
+    return np.asarray(2.0 * growth / growth.sum(axis=0) * steady.keep * (1.0 - steady.hit))
+
+
+def _noise(setting: Setting, steady: Steady, together: bool) -> FloatArray:
+    """Compute the strength of the noise: (m, n, n), or (n, m) where agents are taken one by one."""
+    keep, hit, loss = steady.keep, steady.hit, setting.loss
+    kappa = keep * hit
+    if setting.rule.full:  # cuts come at regular numbers of the signals that are received
+        hit = np.broadcast_to(1.0 - loss, kappa.shape)
+        keep = kappa / hit
+    kicks = keep**2 * hit * (1.0 - hit) * steady.square + lost_steps(setting, kappa, steady.found)
+    growth = setting.problem.increase
+    if not together:
+        return np.asarray(kicks / (kappa**2 * steady.signals))
+    part, less = growth / growth.sum(axis=0), _own_cut(setting, steady)
+    columns = []
+    for j in range(growth.shape[1]):
+        inverse, made_up = 1.0 / kappa[:, j], part[:, j] / kappa[:, j]
+        extra = inverse / made_up.sum()  # -tau is this times Xi
+        seen = 1.0 - less[:, j, None]
+        answer = seen * (np.diag(inverse) - np.outer(made_up, extra)) + 0.5 * np.outer(part[:, j], extra)
+        columns.append((answer * kicks[:, j]) @ answer.T / steady.signals[j])
+    return np.stack(columns)
