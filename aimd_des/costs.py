@@ -1,5 +1,12 @@
 """Private costs: the families that a `Problem` takes, and weights on them."""
 
-from aimd_des.problem.costs import Costs, CoupledCosts, CustomCosts, PolynomialCosts, weighted_costs
+from aimd_des.problem.costs import (
+    Costs,
+    CostTable,
+    CoupledCosts,
+    CustomCosts,
+    PolynomialCosts,
+    weighted_costs,
+)
 
-__all__ = ["Costs", "CoupledCosts", "CustomCosts", "PolynomialCosts", "weighted_costs"]
+__all__ = ["CostTable", "Costs", "CoupledCosts", "CustomCosts", "PolynomialCosts", "weighted_costs"]

@@ -16,8 +16,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numba.core.errors import TypingError
 
-from aimd_des.problem.costs import Costs
-from aimd_des.problem.costs.kernels import cost_table, gradient_row, marginal_cost
+from aimd_des.problem.costs import Costs, cost_table, marginal_cost
+from aimd_des.problem.costs.kernels import gradient_row
 from aimd_des.scenario import Scenario
 from aimd_des.utils.jit import ABOVE_KERNELS
 from tests.conftest import INLINE, ROOT, python, random_problem

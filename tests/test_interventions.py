@@ -389,7 +389,7 @@ def test_costs_that_couple_resources_do_not_follow_those_that_do_not() -> None:
     coupled = random_problem(2, 3, 2, "custom coupled").costs
     assert type(coupled) is type(problem.costs)
     assert problem.costs.separable != coupled.separable
-    with pytest.raises(InputError, match="of the same family"):
+    with pytest.raises(InputError, match="separable of CustomCosts = False: must be True, as of the costs"):
         run(problem, 5.0, Prices(1.0, lambda k: coupled))
 
 
@@ -500,7 +500,10 @@ def test_the_log_tells_what_has_changed() -> None:
         (lambda: UnusualActivity(0, 1.0, 2.0, 0.0), "UnusualActivity.weight = 0.0"),
         (lambda: Prices(0.0, lambda k: None), "Prices.every = 0.0"),
         (lambda: Prices(1.0, 5), "Prices.draw = 5"),
-        (lambda: Prices(1.0, lambda k: CoupledCosts(PolynomialCosts([2], [[[1.0]]]))), "of the same family"),
+        (
+            lambda: Prices(1.0, lambda k: CoupledCosts(PolynomialCosts([2], [[[1.0]]]))),
+            "separable of CoupledCosts",
+        ),
         (lambda: Prices(1.0, lambda k: PolynomialCosts([2], [[[1.0]]])), "for 3 agents and 1 resources"),
         (lambda: Failover(1.0, 0.0), "Failover.duration = 0.0"),
         (lambda: Partition(1.0, 1.0, [5]), "agent = 5"),

@@ -46,7 +46,7 @@ FACES = {
         Crossing Sampled
     """,
     "costs": """
-        Costs CoupledCosts CustomCosts PolynomialCosts weighted_costs
+        CostTable Costs CoupledCosts CustomCosts PolynomialCosts weighted_costs
     """,
     "interventions": """
         Absence CapacityProfile CapacityRamp CapacityStep Crash Failover Intervention Join Partition

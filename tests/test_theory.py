@@ -669,7 +669,7 @@ def test_weighted_costs_are_the_costs_times_the_weight(family: str) -> None:
     costs = random_costs(rng, family, np.array([0.5, 2.0]), 4)
     weights, x = rng.uniform(0.1, 3.0, 4), rng.uniform(0.2, 2.0, (4, 2))
     weighted = weighted_costs(costs, weights)
-    assert type(weighted) is type(costs)
+    assert (type(weighted) is type(costs)) == hasattr(costs, "scaled")
     assert weighted.value(x) == pytest.approx(weights * costs.value(x))
     assert weighted.gradient(x) == pytest.approx(weights[:, None] * costs.gradient(x))
     assert weighted.hessian(x) == pytest.approx(weights[:, None, None] * costs.hessian(x), rel=1e-6)

@@ -24,8 +24,7 @@ from aimd_des.dynamics.response import demand_at, response_probability
 from aimd_des.engine.delivery import ProcessGenerator, Signal
 from aimd_des.engine.environment import EventKind, Mailbox
 from aimd_des.engine.system import System
-from aimd_des.problem.costs import Costs
-from aimd_des.problem.costs.kernels import marginal_cost
+from aimd_des.problem.costs import Costs, marginal_cost
 from aimd_des.results.event_log import Entry
 from aimd_des.utils.validation import FloatArray
 

@@ -9,7 +9,7 @@ from aimd_des.dynamics.clocks import next_tick, tick_time
 from aimd_des.dynamics.state import AgentParameters, State
 from aimd_des.fleet.in_flight import BLOCK, DUPLICATE, CopiesInFlight
 from aimd_des.fleet.radix_heap import bits_of, put
-from aimd_des.problem.costs.kernels import CostTable
+from aimd_des.problem.costs import CostTable
 from aimd_des.utils.jit import routine
 from aimd_des.utils.rng import Key, uniforms_row
 from aimd_des.utils.validation import FloatArray

@@ -9,7 +9,6 @@ from typing import Any
 import numba
 import numpy as np
 import numpy.typing as npt
-from numba.core.dispatcher import Dispatcher
 
 from aimd_des.dynamics.loss_compensation import ESTIMATED
 from aimd_des.engine.delivery import Signal
@@ -32,8 +31,7 @@ from aimd_des.fleet.arrays import (
 from aimd_des.fleet.control_kernels import settle_and_fold
 from aimd_des.fleet.in_flight import empty_copies, enlarge, room
 from aimd_des.fleet.observer_kernels import FleetOvershoot
-from aimd_des.problem.costs import Costs, CustomCosts
-from aimd_des.problem.costs.kernels import cost_table
+from aimd_des.problem.costs import Costs, compiled_gradient, cost_table
 from aimd_des.results.event_log import Entry, LogEntry
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Purpose
@@ -267,18 +265,20 @@ def _answers(space: int) -> Answers:
     return Answers(key, rank, agent, resource, np.empty(space), np.zeros(1, dtype=np.int64))
 
 
-def _compiled_gradient(costs: Any) -> Any:
-    """Return the user's gradient as compiled code can call it; None where costs are of a built-in family."""
+def _compiled_gradient(costs: Costs) -> Any:
+    """Return the gradient of costs as compiled code can call it; None where they have a table."""
     if cost_table(costs).n_agents:
         return None
-    if not isinstance(costs, CustomCosts) or not isinstance(costs.agent_gradient, Dispatcher):
+    gradient = compiled_gradient(costs)
+    if gradient is None:
         raise InputError.of(
             "agents",
             "Fleet",
-            "AgentProcess with costs whose gradient is plain Python",
-            "decorate the gradient with numba.njit, or choose agents=AgentProcess",
+            f"AgentProcess with {type(costs).__name__} that have no table and no compiled gradient",
+            "give them table() or compiled_gradient(), of CustomCosts decorate the gradient with numba.njit,"
+            " or choose agents=AgentProcess",
         )
-    return _callback(costs.agent_gradient, costs.n_resources)
+    return _callback(gradient, costs.n_resources)
 
 
 @lru_cache(maxsize=16)

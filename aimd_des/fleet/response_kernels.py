@@ -30,7 +30,7 @@ from aimd_des.fleet.arrays import ALL_ANSWERS, LAST, NO_ANSWERS, FleetAgents
 from aimd_des.fleet.in_flight import BLOCK, DUE, FORGOTTEN, LATER
 from aimd_des.fleet.marginal_cost import marginal_cost_at
 from aimd_des.fleet.radix_heap import move, places, raise_due, release, time_of
-from aimd_des.problem.costs.kernels import horner_step
+from aimd_des.problem.costs.kernels import add_terms, horner_step
 from aimd_des.utils.jit import formula, kernel
 
 __all__ = ["settle"]
@@ -172,6 +172,10 @@ def _find_slopes(agents: FleetAgents, queue: int, chosen: int) -> None:
             horner_step(
                 buffers.slope, buffers.averages, buffers.coefficient, chosen, d == slopes.shape[0] - 1
             )
+        if agents.table.exponentials.shape[1] + agents.table.powers.shape[1] > 0:
+            for row in range(chosen):
+                i, average = copies.agent[buffers.chosen[row]], buffers.averages[row]
+                buffers.slope[row] = add_terms(agents.table, queue, i, average, buffers.slope[row])
 
 
 @formula

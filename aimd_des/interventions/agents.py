@@ -254,8 +254,8 @@ class Prices:
     every : float
         The interval, greater than 0: the k-th costs hold from k * every on.
     draw : callable
-        ``draw(k)`` returns the k-th costs, k = 1, 2, ..., of the same family and shape as the problem's.
-        It must give the same costs whenever it is called with the same k.
+        ``draw(k)`` returns the k-th costs, k = 1, 2, ..., of the same shape as the problem's, and as
+        separable.  It must give the same costs whenever it is called with the same k.
     """
 
     every: float

@@ -6,7 +6,7 @@ import numpy as np
 
 from aimd_des.engine.system import System
 from aimd_des.interventions.bookkeeping import begin_piece, end_piece, note
-from aimd_des.problem.costs import Costs, weighted_costs
+from aimd_des.problem.costs import Costs, family, weighted_costs
 from aimd_des.problem.lookup import Agents, agent_indices
 from aimd_des.problem.problem import Problem
 from aimd_des.results.event_log import Entry
@@ -25,12 +25,14 @@ def set_costs(system: System, costs: Costs) -> None:
     system : System
         The run in progress.
     costs : Costs
-        Of the same family and for as many agents and resources as before.
+        Of any family that couples resources if and only if those of the problem do, and for as many agents
+        and resources.
 
     Raises
     ------
     InputError
-        If the costs are of another kind or shape, or not convex and increasing.
+        If the costs couple resources where those before do not, or the other way round, or are of another
+        shape, or not convex and increasing.
     """
     checked_costs(system.problem, costs)
     system.conditions.base_costs = costs
@@ -40,9 +42,9 @@ def set_costs(system: System, costs: Costs) -> None:
 def checked_costs(problem: Problem, costs: Costs) -> None:
     """Refuse costs that cannot take the place of a problem's."""
     before = problem.costs
-    if type(costs) is not type(before) or costs.separable != before.separable:
-        allowed = f"of the same family as those of the problem, {type(before).__name__}"
-        raise InputError.of("costs", type(costs).__name__, allowed)
+    if family(costs).separable != before.separable:
+        allowed = f"{before.separable}, as of the costs of the problem"
+        raise InputError.of(f"separable of {type(costs).__name__}", costs.separable, allowed)
     if (costs.n_agents, costs.n_resources) != (before.n_agents, before.n_resources):
         allowed = f"for {before.n_agents} agents and {before.n_resources} resources"
         raise InputError.of("shape of costs", (costs.n_agents, costs.n_resources), allowed)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aimd_des.problem.costs import Costs, CustomCosts, check_on_box
+from aimd_des.problem.costs import Costs, check_costs, family
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
@@ -119,8 +119,7 @@ class Problem:
         self, resources: Sequence[Resource], costs: Costs, *, agent_names: Sequence[str] | None = None
     ) -> None:
         self.resources = validation.instances("resources", resources, Resource, "a Resource")
-        allowed = "costs, such as PolynomialCosts or CustomCosts"
-        self.costs = validation.instance("costs", costs, Costs, allowed)
+        self.costs = family(costs)
         names = [resource.name for resource in self.resources]
         if not names or len(set(names)) != len(names):
             raise InputError.of("names of the resources", names, "one or more, each different")
@@ -135,7 +134,7 @@ class Problem:
         self.increase = self._table("increase")
         self.decrease = self._table("decrease")
         self.agent_names = self._names_of_agents(agent_names)
-        self._check_costs()
+        check_costs(costs, self.capacity)
 
     @property
     def resource_names(self) -> tuple[str, ...]:
@@ -172,9 +171,3 @@ class Problem:
         if len(names) != self.n_agents or len(set(names)) != len(names):
             raise InputError.of("agent_names", given, f"{self.n_agents} different names")
         return names
-
-    def _check_costs(self) -> None:
-        if isinstance(self.costs, CustomCosts):
-            self.costs.check_gradient(self.capacity)
-        if not self.costs.proven:
-            check_on_box(self.costs, self.capacity)

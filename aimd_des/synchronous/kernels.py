@@ -8,8 +8,8 @@ import numpy.typing as npt
 from aimd_des.dynamics.response import DISCRETE, answer_row, average_row
 from aimd_des.dynamics.state import AgentParameters, State
 from aimd_des.dynamics.totals import observe, totals
-from aimd_des.problem.costs import Costs
-from aimd_des.problem.costs.kernels import CostTable, gradient_row
+from aimd_des.problem.costs import Costs, CostTable
+from aimd_des.problem.costs.kernels import gradient_row
 from aimd_des.results.metrics import fold_overshoot
 from aimd_des.utils.jit import kernel
 from aimd_des.utils.rng import Key, uniforms_row
@@ -230,7 +230,7 @@ def take_custom_steps(
     records: RecordBuffers,
     buffers: StepBuffers,
 ) -> None:
-    """Take all steps with derivatives from the user's own functions, which kernels cannot call."""
+    """Take all steps with derivatives from the gradient of the costs, which kernels cannot call."""
     for step in range(steps):
         if _look(state, parameters, step, lag, control, records):
             _average_all(state, parameters, step, buffers)

@@ -9,7 +9,7 @@ import numpy as np
 from aimd_des.dynamics.averaging import Averaging
 from aimd_des.dynamics.response import DISCRETE
 from aimd_des.dynamics.state import State, agent_parameters, start
-from aimd_des.problem.costs.kernels import cost_table
+from aimd_des.problem.costs import cost_table
 from aimd_des.problem.problem import Problem
 from aimd_des.results.metrics import Stretch, overshoot_of
 from aimd_des.results.overload import Opportunities
@@ -110,7 +110,7 @@ def run_synchronous(
     records = _open_records(recording, steps, n, m)
     folded, average, gradient = np.zeros((3, m, n))
     buffers = StepBuffers(folded, average, gradient, np.zeros(n), np.zeros((2, n)))
-    # Empty where costs are the user's own functions, which compiled code cannot call.
+    # Empty where the costs have no formula that compiled code knows.
     if table.n_agents:
         block = max(1, _IN_ONE_GO // (n * m))
         for first in range(0, steps, block):

@@ -5,19 +5,34 @@ paper's section II).  Every family evaluates all agents at once: a value per age
 per agent and resource, a Hessian per agent.
 """
 
-from aimd_des.problem.costs.base import Costs, check_on_box
+from aimd_des.problem.costs.base import Costs, family
+from aimd_des.problem.costs.checks import check_costs, sample_box
 from aimd_des.problem.costs.coupled import CoupledCosts
 from aimd_des.problem.costs.custom import CustomCosts
+from aimd_des.problem.costs.methods import (
+    compiled_gradient,
+    cost_table,
+    marginal_cost,
+    selected_costs,
+    steepest_at_corners,
+    weighted_costs,
+)
 from aimd_des.problem.costs.polynomial import PolynomialCosts
-from aimd_des.problem.costs.selected import selected_costs
-from aimd_des.problem.costs.transforms import weighted_costs
+from aimd_des.problem.costs.table import CostTable
 
 __all__ = [
+    "CostTable",
     "Costs",
     "CoupledCosts",
     "CustomCosts",
     "PolynomialCosts",
-    "check_on_box",
+    "check_costs",
+    "compiled_gradient",
+    "cost_table",
+    "family",
+    "marginal_cost",
+    "sample_box",
     "selected_costs",
+    "steepest_at_corners",
     "weighted_costs",
 ]

@@ -1,22 +1,18 @@
-"""What all cost families have in common, and the check that costs are convex and increasing."""
+"""What a family of private costs must have, and what it may have besides."""
 
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-from scipy.stats import qmc
-
-from aimd_des.utils.errors import InputError
+from aimd_des.utils import validation
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Costs", "check_on_box", "sample_box"]
+__all__ = ["Costs", "family"]
 
-# Second derivatives by central differences are good to about 4e-11 of x * grad f; this leaves a margin.
-_ROUNDING = 1e-8
+_NAMES = ("n_agents", "n_resources", "separable", "proven", "value", "gradient", "hessian")
 
 
 @runtime_checkable
 class Costs(Protocol):
-    """The private costs f_i of n agents over m resources.
+    """The private costs f_i of n agents over m resources: what any family of them must have.
 
     Attributes
     ----------
@@ -29,6 +25,21 @@ class Costs(Protocol):
     proven : bool
         Whether the family's parameters alone prove the costs convex and increasing on x >= 0,
         so that no sampling is needed.
+
+    Notes
+    -----
+    A family may have besides, and is slower, or does less, without:
+
+    - ``table()``, a `CostTable`: compiled code, of a fleet and of the synchronous algorithm, evaluates it;
+    - ``compiled_gradient()``, a function of `numba.njit` with the parameters (agent, averages), an int and
+      an array of shape (m,), that returns the m derivatives: a fleet calls it.  With neither, a fleet is
+      refused;
+    - ``marginal(agent)``, a function of (averages, resource) that returns one derivative: processes call it.
+      It must have the bits of the table, or of the compiled gradient;
+    - ``scaled(weights)``, the costs times weights > 0 of shape (n, 1), or (n, m) if the family can do that;
+    - ``select(agents)``, the costs of agents by their indices;
+    - ``steepest_at_corners``, True where derivative over allocation is largest at a corner of every box:
+      normalization factors then are found without a search.
     """
 
     @property
@@ -56,44 +67,9 @@ class Costs(Protocol):
         ...
 
 
-def sample_box(upper: FloatArray, n_points: int) -> FloatArray:
-    """Spread points over the box 0 < x^j <= upper^j, the upper corner first."""
-    unit = qmc.Sobol(len(upper), scramble=False).random_base2(int(np.ceil(np.log2(n_points + 1))))
-    unit = 1.0 - unit[:n_points]  # (0, 1]: the first point of the sequence becomes the corner
-    unit[n_points // 2 :] **= 3
-    return np.asarray(unit * upper)
-
-
-def check_on_box(costs: Costs, upper: FloatArray, n_points: int = 32) -> None:
-    """Check by sampling that every f_i is increasing and convex on the box 0 < x^j <= upper^j."""
-    for point in sample_box(upper, n_points):
-        allocation = np.tile(point, (costs.n_agents, 1))
-        where = f"x = {np.array2string(point, precision=6, separator=', ')}"
-        with np.errstate(all="ignore"):  # what is not finite is refused by name
-            value, gradient = costs.value(allocation), costs.gradient(allocation)
-        finite = np.isfinite(value) & np.isfinite(gradient).all(axis=1)
-        if not finite.all():
-            agent = int(np.argmin(finite))
-            raise InputError.of(
-                f"cost of agent {agent} at {where}", float(value[agent]), "finite, with finite derivatives"
-            )
-        if (gradient <= 0).any():
-            agent, resource = (int(index) for index in np.argwhere(gradient <= 0)[0])
-            raise InputError.of(
-                f"derivative of the cost of agent {agent} by resource {resource} at {where}",
-                float(gradient[agent, resource]),
-                "positive",
-                "costs must increase with every resource",
-            )
-        # In shares of the point, so that units do not matter; held against what the cost grows by there.
-        hessian = costs.hessian(allocation) * (point[:, None] * point)
-        eigenvalues = np.linalg.eigvalsh(hessian)
-        concave = eigenvalues[:, 0] < -_ROUNDING * (gradient * point).sum(axis=1)
-        if concave.any():
-            agent = int(np.argmax(concave))
-            raise InputError.of(
-                f"smallest eigenvalue of the Hessian of the cost of agent {agent} at {where}",
-                float(eigenvalues[agent, 0]),
-                "at least 0",
-                "costs must be convex",
-            )
+def family(costs: Costs) -> Costs:
+    """Take in costs of any family."""
+    missing = [name for name in _NAMES if not hasattr(costs, name)]
+    remedy = f"{type(costs).__name__} has no {', '.join(missing)}" if 0 < len(missing) < len(_NAMES) else ""
+    allowed = "costs, such as PolynomialCosts or CustomCosts"
+    return validation.instance("costs", costs, Costs, allowed, remedy)

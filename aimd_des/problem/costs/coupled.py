@@ -12,7 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.problem.costs.marginal import Marginal, table_marginal
+from aimd_des.problem.costs.methods import one_each
 from aimd_des.problem.costs.polynomial import PolynomialCosts, checked_powers, dense_slopes, horner
+from aimd_des.problem.costs.table import CostTable, separable_table
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
@@ -114,6 +117,92 @@ class CoupledCosts:
     def proven(self) -> bool:
         """True if the separable part is proven and no entry of a quadratic form is negative."""
         return self.separable_part.proven and bool((self.quadratic >= 0).all())
+
+    @property
+    def steepest_at_corners(self) -> bool:
+        """Whether derivative over allocation is largest at a corner: as where nothing is negative."""
+        return self.proven
+
+    def table(self) -> CostTable:
+        """Lay out the derivatives for compiled code.
+
+        Returns
+        -------
+        CostTable
+            Of polynomials, and of what couples the resources.
+        """
+        return self._table(slice(None))
+
+    def _table(self, agents: slice) -> CostTable:
+        own = separable_table(self.separable_part.slopes[:, agents].transpose(2, 0, 1))
+        return own._replace(
+            quadratic=self.quadratic[agents].transpose(1, 2, 0).copy(),
+            weights=self.weights[agents].T.copy(),
+            sum_slopes=self.sum_slopes[:, agents].copy(),
+        )
+
+    def marginal(self, agent: int) -> Marginal:
+        """Return one agent's partial derivative, as a process calls it.
+
+        Parameters
+        ----------
+        agent : int
+            i.
+
+        Returns
+        -------
+        callable
+            A function of (averages, resource).
+        """
+        return table_marginal(self._table(slice(agent, agent + 1)), 0)
+
+    def scaled(self, weights: FloatArray) -> "CoupledCosts":
+        """Multiply the costs by weights.
+
+        Parameters
+        ----------
+        weights : ndarray, shape (n, 1) or (n, m)
+            Greater than 0, and the same for all resources.
+
+        Returns
+        -------
+        CoupledCosts
+            With other coefficients.
+
+        Raises
+        ------
+        InputError
+            If weights differ from resource to resource.
+        """
+        factors = one_each(weights)
+        return CoupledCosts(
+            self.separable_part.scaled(weights),
+            quadratic=self.quadratic * factors[:, None, None],
+            weights=self.weights,
+            sum_exponents=self.sum_exponents,
+            sum_coefficients=self.sum_coefficients * factors[:, None],
+        )
+
+    def select(self, agents: npt.NDArray[np.int64]) -> "CoupledCosts":
+        """Take out some agents.
+
+        Parameters
+        ----------
+        agents : ndarray of int
+            Their indices.
+
+        Returns
+        -------
+        CoupledCosts
+            Of these agents alone.
+        """
+        return CoupledCosts(
+            self.separable_part.select(agents),
+            quadratic=self.quadratic[agents],
+            weights=self.weights[agents],
+            sum_exponents=self.sum_exponents,
+            sum_coefficients=self.sum_coefficients[agents],
+        )
 
     def _weighted_sum(self, allocation: FloatArray) -> FloatArray:
         return np.asarray((self.weights * allocation).sum(axis=1))

@@ -4,18 +4,15 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
+from numba.core.dispatcher import Dispatcher
 
-from aimd_des.problem.costs.base import sample_box
+from aimd_des.problem.costs.checks import straddle
+from aimd_des.problem.costs.marginal import Marginal
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
 __all__ = ["CustomCosts"]
-
-# A central difference with this relative step is good to about 1e-9 of the derivative's scale;
-# the tolerance leaves three digits for functions that are themselves rounded.
-_STEP = np.cbrt(np.finfo(float).eps)
-_TOLERANCE = 1e-6
 
 
 class CustomCosts:
@@ -127,46 +124,36 @@ class CustomCosts:
             return _of_all("hessian", self.agent_hessian, allocation, shape)
         columns = []
         for resource in range(self.n_resources):
-            ahead, behind, width = _straddle(allocation, resource)
+            ahead, behind, width = straddle(allocation, resource)
             columns.append((self.gradient(ahead) - self.gradient(behind)) / width[:, None])
         half = np.stack(columns, axis=2)
         return np.asarray(0.5 * (half + half.transpose(0, 2, 1)))
 
-    def check_gradient(self, upper: FloatArray, n_points: int = 8) -> None:
-        """Hold the gradient against central differences of the value on samples of the box.
+    def marginal(self, agent: int) -> Marginal:
+        """Return one agent's partial derivative, as a process calls it.
 
         Parameters
         ----------
-        upper : ndarray, shape (m,)
-            The box's upper corner, in units of the resources.
-        n_points : int
-            How many points to look at.
+        agent : int
+            i.
 
-        Raises
-        ------
-        InputError
-            Naming the first agent, resource and point at which the two differ.
+        Returns
+        -------
+        callable
+            A function of (averages, resource).
         """
-        for point in sample_box(upper, n_points):
-            allocation = np.tile(point, (self.n_agents, 1))
-            gradient = self.gradient(allocation)
-            scale = np.abs(gradient).max(axis=1)
-            for resource in range(self.n_resources):
-                ahead, behind, width = _straddle(allocation, resource)
-                values = self.value(ahead), self.value(behind)
-                slope = (values[0] - values[1]) / width
-                # What rounding of the values themselves leaves in their difference.
-                noise = 8 * np.finfo(float).eps * np.maximum(*np.abs(values)) / width
-                wrong = ~(np.abs(slope - gradient[:, resource]) <= _TOLERANCE * scale + noise)
-                if wrong.any():
-                    agent = int(np.argmax(wrong))
-                    where = np.array2string(point, precision=6, separator=", ")
-                    raise InputError.of(
-                        f"gradient(agent={agent})[{resource}] at x = {where}",
-                        float(gradient[agent, resource]),
-                        f"the derivative of value, {slope[agent]:.9g} by central differences",
-                        "correct the gradient function",
-                    )
+        own = self.agent_gradient
+        return lambda averages, resource: float(np.asarray(own(agent, np.array(averages)))[resource])
+
+    def compiled_gradient(self) -> Dispatcher | None:
+        """Return the gradient function as a fleet calls it.
+
+        Returns
+        -------
+        Dispatcher or None
+            Compiled if it was decorated with `numba.njit`; None otherwise.
+        """
+        return self.agent_gradient if isinstance(self.agent_gradient, Dispatcher) else None
 
 
 def _of_all(
@@ -191,14 +178,3 @@ def _of_all(
             raise InputError.of(f"shape of {field}", clean.shape, f"{shape}")
         table[agent] = clean
     return table
-
-
-def _straddle(allocation: FloatArray, resource: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Move one coordinate a step up and a step down; costs need not be defined below zero, so stop there."""
-    own = allocation[:, resource]
-    # A step in proportion to the coordinate; where that is next to nothing, to what others hold.
-    step = _STEP * np.maximum(own, 1e-3 * own.max() or 1e-3)
-    ahead, behind = allocation.copy(), allocation.copy()
-    ahead[:, resource] += step
-    behind[:, resource] = np.maximum(behind[:, resource] - step, 0.0)
-    return ahead, behind, ahead[:, resource] - behind[:, resource]

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.problem.costs.marginal import Marginal, polynomial_marginal
+from aimd_des.problem.costs.table import CostTable, separable_table
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import built_in
@@ -107,6 +109,66 @@ class PolynomialCosts:
     def proven(self) -> bool:
         """True if no coefficient is negative and every polynomial has a term: nothing need be sampled."""
         return bool((self.coefficients >= 0).all() and (self.coefficients > 0).any(axis=2).all())
+
+    @property
+    def steepest_at_corners(self) -> bool:
+        """Whether derivative over allocation is largest at a corner: as where nothing is negative."""
+        return self.proven
+
+    def table(self) -> CostTable:
+        """Lay out the derivatives for compiled code.
+
+        Returns
+        -------
+        CostTable
+            Of polynomials alone.
+        """
+        return separable_table(self.slopes.transpose(2, 0, 1))
+
+    def marginal(self, agent: int) -> Marginal:
+        """Return one agent's partial derivative, as a process calls it.
+
+        Parameters
+        ----------
+        agent : int
+            i.
+
+        Returns
+        -------
+        callable
+            A function of (averages, resource).
+        """
+        return polynomial_marginal(self.slopes[:, agent, :].T)
+
+    def scaled(self, weights: FloatArray) -> "PolynomialCosts":
+        """Multiply the costs by weights.
+
+        Parameters
+        ----------
+        weights : ndarray, shape (n, 1) or (n, m)
+            Greater than 0.
+
+        Returns
+        -------
+        PolynomialCosts
+            With other coefficients.
+        """
+        return PolynomialCosts(self.exponents, self.coefficients * weights[:, :, None])
+
+    def select(self, agents: npt.NDArray[np.int64]) -> "PolynomialCosts":
+        """Take out some agents.
+
+        Parameters
+        ----------
+        agents : ndarray of int
+            Their indices.
+
+        Returns
+        -------
+        PolynomialCosts
+            Of these agents alone.
+        """
+        return PolynomialCosts(self.exponents, self.coefficients[agents])
 
     def value(self, allocation: FloatArray) -> FloatArray:
         """Evaluate f_i(x_i).

@@ -7,8 +7,7 @@ here.  Gamma^j is the reciprocal of the largest steepness, and f_i is in F_delta
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.problem.costs import Costs, CoupledCosts, PolynomialCosts
-from aimd_des.problem.costs.base import sample_box
+from aimd_des.problem.costs import Costs, family, sample_box, steepest_at_corners
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
@@ -57,8 +56,9 @@ def normalization_factors(
 
     Notes
     -----
-    Exact, but for rounding, for `PolynomialCosts` and `CoupledCosts` with no negative coefficient: their
-    steepness grows with all other resources and is convex in its own, so it is largest at a corner.
+    Exact, but for rounding, for all families but `CustomCosts` where no coefficient is negative: their
+    steepness does not fall with any other resource and is convex in the logarithm of its own, or falls
+    with that, so it is largest at a corner.
     For all other costs samples of the box are improved by a local search for each agent at once.
     The result then is an upper bound on the infimum; how close depends on how smooth the costs are.
 
@@ -96,8 +96,7 @@ def in_f_delta(
 
 
 def _box(costs: Costs, lower: float | npt.ArrayLike, upper: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    allowed = "costs, such as PolynomialCosts or CustomCosts"
-    shape = (validation.instance("costs", costs, Costs, allowed).n_resources,)
+    shape = (family(costs).n_resources,)
     high = validation.array("upper", upper, shape, low=0.0, low_open=True)
     spread = lower if validation.axes(lower) else np.full(shape, validation.number("lower", lower))
     low = validation.array("lower", spread, shape, low=0.0)
@@ -125,7 +124,7 @@ def _largest_steepness(costs: Costs, low: FloatArray, high: FloatArray) -> Float
         edge = corner.copy()
         edge[:, resource] = low[resource]
         largest[:, resource] = np.maximum(at_high, _steepness(costs, edge))[:, resource]
-    if costs.proven and isinstance(costs, PolynomialCosts | CoupledCosts):
+    if steepest_at_corners(costs):
         return largest
     inner = np.maximum(low, _NEAREST_ZERO * high)
     for resource in range(costs.n_resources):
