@@ -38,7 +38,7 @@ _BUILT_AT_ONCE = 20_000
 # Arrays of truth values, and those of which only the part itself knows how many axes they have.
 _RECORD = list[bool | Integer] | list[list[bool | Integer]]
 _NUMBERS = float | list[float] | list[list[float]] | list[list[list[float]]]
-_ARRAYS: dict[tuple[str, str], Any] = {("trace", "lost"): _RECORD, ("polynomial", "coefficients"): _NUMBERS}
+_ARRAYS: dict[tuple[str, str], Any] = {("trace", "lost"): _RECORD}
 
 # Forms that are no tables with a kind.
 _NUMBER, _LIST, _TABLE, _TABLES = "(number)", "(list)", "(table)", "(tables)"
@@ -165,6 +165,8 @@ def _as_data(hint: Any, kind: Kind) -> Any:
     origin, arguments = get_origin(hint), get_args(hint)
     if np.ndarray in (hint, origin) or hint == npt.ArrayLike:
         ours = float | list[float] if hint == npt.ArrayLike else list[float]
+        if kind.group == "costs" and hint == npt.ArrayLike:
+            ours = _NUMBERS
         return _NUMBERS | _RECORD if kind.is_own else ours
     inner = [
         _as_data(argument, kind) for argument in arguments if argument is not ... and origin is not Literal

@@ -51,8 +51,8 @@ if TYPE_CHECKING:
     ControlUnitTable = KindTable
     AveragingTable = KindTable
     CompensationTable = KindTable
-    InterventionTable = KindTable
     CostsTable = KindTable
+    InterventionTable = KindTable
 else:
     ControlUnitTable = one_of("control_unit")
     AveragingTable = one_of("averaging")
@@ -77,7 +77,7 @@ class Scenario(Table, InSentences):
     parameters : dict
         Of the model; defaults are filled in, `seed` with the scenario's own.
     resources, costs : optional
-        The problem written out, in place of a model: a table for each resource, and polynomial costs.  With a
+        The problem written out, in place of a model: a table for each resource, and costs of a kind.  With a
         model, `resources` has tables by the numbers of its resources: what is other than the model has it.
     dynamics : {"discrete", "continuous", "synchronous"}
         "discrete": event-driven, agents on their clocks behind a channel; "continuous":

@@ -2,7 +2,8 @@
 
 A cost f_i is convex, twice differentiable and increasing on x >= 0 (the assumptions of the
 paper's section II).  Every family evaluates all agents at once: a value per agent, a gradient
-per agent and resource, a Hessian per agent.
+per agent and resource, a Hessian per agent.  Nothing inside the package asks of which family
+costs are; `aimd_des.costs` hands out all of them.
 """
 
 from aimd_des.problem.costs.base import Costs, family

@@ -71,8 +71,7 @@ def _with_coupling(own: Marginal, table: CostTable, agent: int) -> Marginal:
 
 
 def _with_terms(own: Marginal, table: CostTable, agent: int) -> Marginal:
-    exponentials = table.exponentials[..., agent].tolist() or [[]] * table.slopes.shape[0]
-    powers = table.powers[..., agent].tolist() or [[]] * table.slopes.shape[0]
+    exponentials, powers = table.exponentials[..., agent].tolist(), table.powers[..., agent].tolist()
 
     def marginal(averages: Sequence[float], resource: int) -> float:
         total, average = own(averages, resource), averages[resource]

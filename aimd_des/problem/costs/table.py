@@ -29,9 +29,9 @@ class CostTable(NamedTuple):
         Weights of the weighted sum; empty where costs are separable.
     sum_slopes : ndarray, shape (D', n) or (0, 0)
         Derivative of the function of the weighted sum; empty where costs are separable.
-    exponentials : ndarray, shape (m, T, 2, n) or (0, 0, 0, 0)
+    exponentials : ndarray, shape (m, T, 2, n)
         Scale and rate of each exponential.
-    powers : ndarray, shape (m, T', 3, n) or (0, 0, 0, 0)
+    powers : ndarray, shape (m, T', 3, n)
         Scale, exponent and shift of each power.
     """
 
@@ -76,7 +76,6 @@ class CostTable(NamedTuple):
             raise InputError.of("shape of slopes", rows.shape, "at least 1 in each direction")
         tables = {}
         for name, given, width in (("exponentials", exponentials, 2), ("powers", powers, 3)):
-            tables[name] = np.zeros((0, 0, 0, 0))
             if given is not None:
                 terms = validation.array(name, given, (*rows.shape[:2], "terms", width))
                 tables[name] = terms.transpose(1, 2, 3, 0).copy()
@@ -103,8 +102,7 @@ class CostTable(NamedTuple):
         rows = weights.reshape(-1, 1, weights.shape[-1])
         exponentials, powers = self.exponentials.copy(), self.powers.copy()
         for terms in (exponentials, powers):
-            if terms.size:
-                terms[:, :, 0] *= rows
+            terms[:, :, 0] *= rows
         return self._replace(
             slopes=self.slopes * rows,
             quadratic=self.quadratic * weights if self.quadratic.size else self.quadratic,
@@ -131,10 +129,9 @@ class CostTable(NamedTuple):
 
 def separable_table(slopes: FloatArray) -> CostTable:
     """Lay out polynomials alone, given with shape (m, D, n)."""
-    none = np.zeros((0, 0))
-    terms = np.zeros((0, 0, 0, 0))
+    none, (m, _, n) = np.zeros((0, 0)), slopes.shape
     # Copies, since a kernel would be compiled once more for arrays that are read-only.
-    return CostTable(slopes.copy(), none[None], none, none, terms, terms)
+    return CostTable(slopes.copy(), none[None], none, none, np.zeros((m, 0, 2, n)), np.zeros((m, 0, 3, n)))
 
 
 def no_table() -> CostTable:
