@@ -1,6 +1,6 @@
 """Private costs: the families that a `Problem` takes, and weights on them."""
 
-from aimd_des.problem.costs import Costs, CostTable, weighted_costs
+from aimd_des.problem.costs import CostMethods, Costs, CostTable, weighted_costs
 from aimd_des.problem.costs.coupled import CoupledCosts
 from aimd_des.problem.costs.custom import CustomCosts
 from aimd_des.problem.costs.exponential import ExponentialCosts
@@ -11,6 +11,7 @@ from aimd_des.problem.costs.tracking import TrackingCosts
 from aimd_des.problem.costs.utility import UtilityCosts
 
 __all__ = [
+    "CostMethods",
     "CostTable",
     "Costs",
     "CoupledCosts",

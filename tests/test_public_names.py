@@ -46,8 +46,8 @@ FACES = {
         Crossing Sampled
     """,
     "costs": """
-        CostTable Costs CoupledCosts CustomCosts ExponentialCosts PolynomialCosts PowerCosts TermCosts
-        TrackingCosts UtilityCosts weighted_costs
+        CostMethods CostTable Costs CoupledCosts CustomCosts ExponentialCosts PolynomialCosts PowerCosts
+        TermCosts TrackingCosts UtilityCosts weighted_costs
     """,
     "interventions": """
         Absence CapacityProfile CapacityRamp CapacityStep Crash Failover Intervention Join Partition

@@ -6,7 +6,7 @@ per agent and resource, a Hessian per agent.  Nothing inside the package asks of
 costs are; `aimd_des.costs` hands out all of them.
 """
 
-from aimd_des.problem.costs.base import Costs, family
+from aimd_des.problem.costs.base import CostMethods, Costs, family
 from aimd_des.problem.costs.checks import check_costs, sample_box
 from aimd_des.problem.costs.coupled import CoupledCosts
 from aimd_des.problem.costs.custom import CustomCosts
@@ -22,6 +22,7 @@ from aimd_des.problem.costs.polynomial import PolynomialCosts
 from aimd_des.problem.costs.table import CostTable
 
 __all__ = [
+    "CostMethods",
     "CostTable",
     "Costs",
     "CoupledCosts",

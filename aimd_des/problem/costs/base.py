@@ -2,10 +2,13 @@
 
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+import numpy.typing as npt
+
+from aimd_des.problem.costs.marginal import Marginal
+from aimd_des.problem.costs.table import CostTable
 from aimd_des.utils import validation
 from aimd_des.utils.validation import FloatArray
-
-__all__ = ["Costs", "family"]
 
 _NAMES = ("n_agents", "n_resources", "separable", "proven", "value", "gradient", "hessian")
 
@@ -13,6 +16,8 @@ _NAMES = ("n_agents", "n_resources", "separable", "proven", "value", "gradient",
 @runtime_checkable
 class Costs(Protocol):
     """The private costs f_i of n agents over m resources: what any family of them must have.
+
+    It may have the methods of `CostMethods` besides.
 
     Attributes
     ----------
@@ -25,21 +30,6 @@ class Costs(Protocol):
     proven : bool
         Whether the family's parameters alone prove the costs convex and increasing on x >= 0,
         so that no sampling is needed.
-
-    Notes
-    -----
-    A family may have besides, and is slower, or does less, without:
-
-    - ``table()``, a `CostTable`: compiled code, of a fleet and of the synchronous algorithm, evaluates it;
-    - ``compiled_gradient()``, a function of `numba.njit` with the parameters (agent, averages), an int and
-      an array of shape (m,), that returns the m derivatives: a fleet calls it.  With neither, a fleet is
-      refused;
-    - ``marginal(agent)``, a function of (averages, resource) that returns one derivative: processes call it.
-      It must have the bits of the table, or of the compiled gradient;
-    - ``scaled(weights)``, the costs times weights > 0 of shape (n, 1), or (n, m) if the family can do that;
-    - ``select(agents)``, the costs of agents by their indices;
-    - ``steepest_at_corners``, True where derivative over allocation is largest at a corner of every box:
-      normalization factors then are found without a search.
     """
 
     @property
@@ -64,6 +54,32 @@ class Costs(Protocol):
 
     def hessian(self, allocation: FloatArray) -> FloatArray:
         """Evaluate the second derivatives: (n, m) -> (n, m, m)."""
+        ...
+
+
+class CostMethods(Protocol):
+    """What a family of costs may have besides, each by itself; without, it is slower or does less.
+
+    Besides these, ``compiled_gradient()`` may return a function of `numba.njit` with the parameters (agent,
+    averages), an int and an array of shape (m,), that returns the m derivatives: fleets call it where there
+    is no table.  With neither, a fleet is refused.  ``steepest_at_corners`` may be True where derivative over
+    allocation is largest at a corner of every box: normalization factors are then found without a search.
+    """
+
+    def table(self) -> CostTable | None:
+        """Lay out the derivatives for compiled code, of fleets and of the synchronous algorithm."""
+        ...
+
+    def marginal(self, agent: int) -> Marginal:
+        """Return one agent's derivative, a function of (averages, resource), with the bits of the table."""
+        ...
+
+    def scaled(self, weights: FloatArray) -> Costs:
+        """Multiply the costs by weights > 0 of shape (n, 1), or (n, m) if the family can do that."""
+        ...
+
+    def select(self, agents: npt.NDArray[np.int64]) -> Costs:
+        """Take out the costs of agents, by their indices in ascending order."""
         ...
 
 

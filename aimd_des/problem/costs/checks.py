@@ -8,8 +8,6 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.returned_values import said_by
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["check_costs", "check_gradient", "check_on_box", "sample_box", "straddle"]
-
 # Second derivatives by central differences are good to about 4e-11 of x * grad f; this leaves a margin.
 _ROUNDING = 1e-8
 

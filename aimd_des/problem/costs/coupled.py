@@ -124,13 +124,7 @@ class CoupledCosts:
         return self.proven
 
     def table(self) -> CostTable:
-        """Lay out the derivatives for compiled code.
-
-        Returns
-        -------
-        CostTable
-            Of polynomials, and of what couples the resources.
-        """
+        """Lay out the derivatives for compiled code."""
         return self._table(slice(None))
 
     def _table(self, agents: slice) -> CostTable:
@@ -142,38 +136,11 @@ class CoupledCosts:
         )
 
     def marginal(self, agent: int) -> Marginal:
-        """Return one agent's partial derivative, as a process calls it.
-
-        Parameters
-        ----------
-        agent : int
-            i.
-
-        Returns
-        -------
-        callable
-            A function of (averages, resource).
-        """
+        """Return one agent's partial derivative, as a process calls it."""
         return table_marginal(self._table(slice(agent, agent + 1)), 0)
 
     def scaled(self, weights: FloatArray) -> "CoupledCosts":
-        """Multiply the costs by weights.
-
-        Parameters
-        ----------
-        weights : ndarray, shape (n, 1) or (n, m)
-            Greater than 0, and the same for all resources.
-
-        Returns
-        -------
-        CoupledCosts
-            With other coefficients.
-
-        Raises
-        ------
-        InputError
-            If weights differ from resource to resource.
-        """
+        """Multiply the costs by weights."""
         factors = one_each(weights)
         return CoupledCosts(
             self.separable_part.scaled(weights),
@@ -184,18 +151,7 @@ class CoupledCosts:
         )
 
     def select(self, agents: npt.NDArray[np.int64]) -> "CoupledCosts":
-        """Take out some agents.
-
-        Parameters
-        ----------
-        agents : ndarray of int
-            Their indices.
-
-        Returns
-        -------
-        CoupledCosts
-            Of these agents alone.
-        """
+        """Take out some agents."""
         return CoupledCosts(
             self.separable_part.select(agents),
             quadratic=self.quadratic[agents],
@@ -208,53 +164,20 @@ class CoupledCosts:
         return np.asarray((self.weights * allocation).sum(axis=1))
 
     def value(self, allocation: FloatArray) -> FloatArray:
-        """Evaluate f_i(x_i).
-
-        Parameters
-        ----------
-        allocation : ndarray, shape (n, m)
-            In units of the resources.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            In units of cost.
-        """
+        """Evaluate f_i(x_i)."""
         weighted = self._weighted_sum(allocation)
         dense = self.sum_slopes / np.arange(1, len(self.sum_slopes) + 1)[:, None]
         form = 0.5 * np.einsum("ij,ijk,ik->i", allocation, self.quadratic, allocation)
         return np.asarray(self.separable_part.value(allocation) + form + horner(dense, weighted) * weighted)
 
     def gradient(self, allocation: FloatArray) -> FloatArray:
-        """Evaluate grad_j f_i(x_i).
-
-        Parameters
-        ----------
-        allocation : ndarray, shape (n, m)
-            In units of the resources.
-
-        Returns
-        -------
-        ndarray, shape (n, m)
-            In units of cost per unit of the resource.
-        """
+        """Evaluate grad_j f_i(x_i)."""
         slope = horner(self.sum_slopes, self._weighted_sum(allocation))
         form = np.einsum("ijk,ik->ij", self.quadratic, allocation)
         return np.asarray(self.separable_part.gradient(allocation) + form + self.weights * slope[:, None])
 
     def hessian(self, allocation: FloatArray) -> FloatArray:
-        """Evaluate the second derivatives of f_i at x_i.
-
-        Parameters
-        ----------
-        allocation : ndarray, shape (n, m)
-            In units of the resources.
-
-        Returns
-        -------
-        ndarray, shape (n, m, m)
-            In units of cost per product of the two resources' units.
-        """
+        """Evaluate the second derivatives of f_i at x_i."""
         curvature = self.sum_slopes[1:] * np.arange(1, len(self.sum_slopes))[:, None]
         bend = horner(curvature, self._weighted_sum(allocation))
         outer = self.weights[:, :, None] * self.weights[:, None, :]

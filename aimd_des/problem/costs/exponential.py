@@ -7,8 +7,6 @@ from aimd_des.problem.costs.terms import TermCosts, each_agent
 from aimd_des.utils import validation
 from aimd_des.utils.parts import built_in
 
-__all__ = ["ExponentialCosts"]
-
 
 @built_in("costs", "exponential")
 class ExponentialCosts(TermCosts):

@@ -8,8 +8,6 @@ from aimd_des.utils.jit import formula, kernel
 from aimd_des.utils.portable_math import exp, log
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["add_terms", "gradient_at", "gradient_row", "horner_step"]
-
 
 @formula
 def _horner_row(rows: FloatArray, argument: FloatArray, out: FloatArray) -> None:

@@ -11,8 +11,6 @@ from aimd_des.problem.costs.table import CostTable
 from aimd_des.utils.portable_math import exp, log
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Marginal", "polynomial_marginal", "table_marginal"]
-
 #: The partial derivative by a resource, of one agent's averages: ``marginal(averages, resource)``.
 Marginal = Callable[[Sequence[float], int], float]
 

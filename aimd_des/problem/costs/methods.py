@@ -19,16 +19,6 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.returned_values import said_by
 from aimd_des.utils.validation import FloatArray
 
-__all__ = [
-    "compiled_gradient",
-    "cost_table",
-    "marginal_cost",
-    "one_each",
-    "selected_costs",
-    "steepest_at_corners",
-    "weighted_costs",
-]
-
 
 def _own(costs: Costs, method: str, *given: Any) -> Any:
     """Ask the family; None where it has no such method."""

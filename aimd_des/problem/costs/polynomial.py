@@ -116,104 +116,32 @@ class PolynomialCosts:
         return self.proven
 
     def table(self) -> CostTable:
-        """Lay out the derivatives for compiled code.
-
-        Returns
-        -------
-        CostTable
-            Of polynomials alone.
-        """
+        """Lay out the derivatives for compiled code."""
         return separable_table(self.slopes.transpose(2, 0, 1))
 
     def marginal(self, agent: int) -> Marginal:
-        """Return one agent's partial derivative, as a process calls it.
-
-        Parameters
-        ----------
-        agent : int
-            i.
-
-        Returns
-        -------
-        callable
-            A function of (averages, resource).
-        """
+        """Return one agent's partial derivative, as a process calls it."""
         return polynomial_marginal(self.slopes[:, agent, :].T)
 
     def scaled(self, weights: FloatArray) -> "PolynomialCosts":
-        """Multiply the costs by weights.
-
-        Parameters
-        ----------
-        weights : ndarray, shape (n, 1) or (n, m)
-            Greater than 0.
-
-        Returns
-        -------
-        PolynomialCosts
-            With other coefficients.
-        """
+        """Multiply the costs by weights."""
         return PolynomialCosts(self.exponents, self.coefficients * weights[:, :, None])
 
     def select(self, agents: npt.NDArray[np.int64]) -> "PolynomialCosts":
-        """Take out some agents.
-
-        Parameters
-        ----------
-        agents : ndarray of int
-            Their indices.
-
-        Returns
-        -------
-        PolynomialCosts
-            Of these agents alone.
-        """
+        """Take out some agents."""
         return PolynomialCosts(self.exponents, self.coefficients[agents])
 
     def value(self, allocation: FloatArray) -> FloatArray:
-        """Evaluate f_i(x_i).
-
-        Parameters
-        ----------
-        allocation : ndarray, shape (n, m)
-            In units of the resources.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            In units of cost.
-        """
+        """Evaluate f_i(x_i)."""
         dense = self.slopes / np.arange(1, len(self.slopes) + 1)[:, None, None]
         return np.asarray((horner(dense, allocation) * allocation).sum(axis=1))
 
     def gradient(self, allocation: FloatArray) -> FloatArray:
-        """Evaluate grad_j f_i(x_i).
-
-        Parameters
-        ----------
-        allocation : ndarray, shape (n, m)
-            In units of the resources.
-
-        Returns
-        -------
-        ndarray, shape (n, m)
-            In units of cost per unit of the resource.
-        """
+        """Evaluate grad_j f_i(x_i)."""
         return horner(self.slopes, allocation)
 
     def hessian(self, allocation: FloatArray) -> FloatArray:
-        """Evaluate the second derivatives of f_i at x_i, a diagonal matrix per agent.
-
-        Parameters
-        ----------
-        allocation : ndarray, shape (n, m)
-            In units of the resources.
-
-        Returns
-        -------
-        ndarray, shape (n, m, m)
-            In units of cost per product of the two resources' units.
-        """
+        """Evaluate the second derivatives of f_i at x_i, a diagonal matrix per agent."""
         curvature = self.slopes[1:] * np.arange(1, len(self.slopes))[:, None, None]
         diagonal = horner(curvature, allocation)
         return np.asarray(diagonal[:, :, None] * np.eye(self.n_resources))

@@ -10,8 +10,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import built_in
 
-__all__ = ["PowerCosts"]
-
 
 @built_in("costs", "power")
 class PowerCosts(TermCosts):

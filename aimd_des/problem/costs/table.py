@@ -9,8 +9,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["CostTable", "no_table", "separable_table"]
-
 
 class CostTable(NamedTuple):
     """The parameters of derivatives that compiled code evaluates, with agents along the last axis.

@@ -18,8 +18,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["TermCosts", "common_price", "each_agent", "prices"]
-
 
 class TermCosts:
     """Costs whose derivative by each resource is a sum of terms of that resource alone.
@@ -91,59 +89,20 @@ class TermCosts:
         return int(self._table.slopes.shape[0])
 
     def table(self) -> CostTable:
-        """Lay out the derivatives for compiled code.
-
-        Returns
-        -------
-        CostTable
-            The terms.
-        """
+        """Lay out the derivatives for compiled code."""
         return self._table
 
     def marginal(self, agent: int) -> Marginal:
-        """Return one agent's partial derivative, as a process calls it.
-
-        Parameters
-        ----------
-        agent : int
-            i.
-
-        Returns
-        -------
-        callable
-            A function of (averages, resource).
-        """
+        """Return one agent's partial derivative, as a process calls it."""
         return table_marginal(self._table, agent)
 
     def scaled(self, weights: FloatArray) -> Self:
-        """Multiply the costs by weights.
-
-        Parameters
-        ----------
-        weights : ndarray, shape (n, 1) or (n, m)
-            Greater than 0.
-
-        Returns
-        -------
-        Self
-            Of the same family.
-        """
+        """Multiply the costs by weights."""
         rows = np.broadcast_to(weights.T, (self.n_resources, self.n_agents))
         return self._with(self._table.scaled(rows), self._constant * weights)
 
     def select(self, agents: npt.NDArray[np.int64]) -> Self:
-        """Take out some agents.
-
-        Parameters
-        ----------
-        agents : ndarray of int
-            Their indices.
-
-        Returns
-        -------
-        Self
-            Of these agents alone.
-        """
+        """Take out some agents."""
         return self._with(self._table.select(agents), self._constant[agents])
 
     def _with(self, table: CostTable, constant: FloatArray) -> Self:
@@ -153,18 +112,7 @@ class TermCosts:
         return other
 
     def value(self, allocation: FloatArray) -> FloatArray:
-        """Evaluate f_i(x_i).
-
-        Parameters
-        ----------
-        allocation : ndarray, shape (n, m)
-            In units of the resources.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            In units of cost.
-        """
+        """Evaluate f_i(x_i)."""
         x, table = allocation.T, self._table
         rows = table.slopes.transpose(1, 0, 2)
         total = horner(rows / np.arange(1, len(rows) + 1)[:, None, None], x) * x
@@ -175,18 +123,7 @@ class TermCosts:
         return np.asarray((self._constant + total.T).sum(axis=1))
 
     def gradient(self, allocation: FloatArray) -> FloatArray:
-        """Evaluate grad_j f_i(x_i).
-
-        Parameters
-        ----------
-        allocation : ndarray, shape (n, m)
-            In units of the resources.
-
-        Returns
-        -------
-        ndarray, shape (n, m)
-            In units of cost per unit of the resource.
-        """
+        """Evaluate grad_j f_i(x_i)."""
         x, table = allocation.T, self._table
         total = horner(table.slopes.transpose(1, 0, 2), x)
         for scale, rate in _terms(table.exponentials):
@@ -196,18 +133,7 @@ class TermCosts:
         return np.asarray(total.T)
 
     def hessian(self, allocation: FloatArray) -> FloatArray:
-        """Evaluate the second derivatives of f_i at x_i, a diagonal matrix per agent.
-
-        Parameters
-        ----------
-        allocation : ndarray, shape (n, m)
-            In units of the resources.
-
-        Returns
-        -------
-        ndarray, shape (n, m, m)
-            In units of cost per product of the two resources' units.
-        """
+        """Evaluate the second derivatives of f_i at x_i, a diagonal matrix per agent."""
         x, table = allocation.T, self._table
         rows = table.slopes.transpose(1, 0, 2)
         total = horner(rows[1:] * np.arange(1, len(rows))[:, None, None], x)

@@ -10,8 +10,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.parts import built_in
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["TrackingCosts"]
-
 
 @built_in("costs", "tracking")
 class TrackingCosts(TermCosts):

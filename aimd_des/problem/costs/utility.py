@@ -14,8 +14,6 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import built_in
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["UtilityCosts"]
-
 _Prices = float | Sequence[float] | FloatArray
 
 
