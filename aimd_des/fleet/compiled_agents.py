@@ -72,7 +72,8 @@ class CompiledAgents:
         self.system = system
         self.members = np.ones(n, dtype=np.bool_)
         self.members[list(absent)] = False
-        gradient = _compiled_gradient(problem.costs)
+        # Kept as long as the run: its address means nothing without it.
+        self._gradient = _compiled_gradient(problem.costs)
         ticking, numbered = system.clocks is not None, system.parameters.compensation.rule == ESTIMATED
         copies = empty_copies(_BROADCASTS * n, m if problem.costs.separable else 1, ticking, numbered)
         account = system.transmitter
@@ -84,7 +85,7 @@ class CompiledAgents:
             parameters=system.parameters,
             members=self.members,
             table=cost_table(problem.costs),
-            gradient=0 if gradient is None else gradient.address,
+            gradient=_address(self._gradient),
             coupled=not problem.costs.separable,
             clocks=ClockArrays(
                 *clocks, system.keys[Purpose.CLOCK], system.clocks is None or system.clocks.common
@@ -206,9 +207,8 @@ class CompiledAgents:
     def _reprice(self, costs: Costs) -> None:
         """Take in new private costs."""
         # Whoever sets them has settled: copies that were due before are answered at the old ones.
-        gradient = _compiled_gradient(costs)
-        address = 0 if gradient is None else gradient.address
-        self.agents = self.agents._replace(table=cost_table(costs), gradient=address)
+        self._gradient = _compiled_gradient(costs)
+        self.agents = self.agents._replace(table=cost_table(costs), gradient=_address(self._gradient))
 
     def flush(self) -> None:
         """Have changes folded in that come before those of the members."""
@@ -281,10 +281,13 @@ def _compiled_gradient(costs: Costs) -> Any:
     return _callback(gradient, costs.n_resources)
 
 
+def _address(callback: Any) -> int:
+    return 0 if callback is None else int(callback.address)
+
+
 @lru_cache(maxsize=16)
 def _callback(gradient: Callable[..., Any], m: int) -> Any:
-    # Compiled code is given the address alone: kernels need not be compiled again for each function.  The
-    # cache keeps the callback alive, without which its address would mean nothing.
+    # Compiled code is given the address alone: kernels need not be compiled again for each function.
     @numba.cfunc("void(int64, CPointer(float64), CPointer(float64))")  # type: ignore[untyped-decorator]
     def call(agent: int, average: Any, out: Any) -> None:
         values = gradient(agent, numba.carray(average, (m,)))

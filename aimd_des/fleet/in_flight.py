@@ -33,8 +33,8 @@ _LEVELS = 64
 DUE, LATER = _LEVELS, _LEVELS + 1
 _CHAINS = _LEVELS + 2
 
-#: A bit above those of a resource's index, set in that of a duplicate: it saves a column.
-DUPLICATE = 1 << 16
+#: The highest bit of a resource's index, set in that of a duplicate: it saves a column.
+DUPLICATE = 1 << 31
 
 #: The draw of a copy that is never answered: no draw is that high, all are below 1.
 FORGOTTEN = 2.0
