@@ -5,7 +5,7 @@ These names are promised like those of `aimd_des` itself. Nothing else inside th
 
 from aimd_des.channel import Broadcast, Channel, Copies, DrawnLink, Draws, Link
 from aimd_des.dynamics.response import response_probability
-from aimd_des.engine.control_unit import ControlUnit
+from aimd_des.engine.control_unit import ControlUnit, CrossingTable, SampledTable, SampledUnit
 from aimd_des.engine.delivery import Agent, ProcessGenerator, Signal
 from aimd_des.engine.environment import EventKind, OrderedEnvironment
 from aimd_des.engine.system import System
@@ -21,6 +21,7 @@ __all__ = [
     "Channel",
     "ControlUnit",
     "Copies",
+    "CrossingTable",
     "DrawnLink",
     "Draws",
     "EventKind",
@@ -29,6 +30,8 @@ __all__ = [
     "OrderedEnvironment",
     "ProcessGenerator",
     "Purpose",
+    "SampledTable",
+    "SampledUnit",
     "Signal",
     "System",
     "agent_indices",

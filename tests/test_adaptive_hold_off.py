@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aimd_des import BroadcastChannel, Crossing, Fleet, InputError, Problem, Result, Simulation, latency
-from aimd_des.engine.control_unit import adapted
+from aimd_des.engine.control_unit.crossing import adapted
 from aimd_des.interventions import Absence, Join
 from tests.conftest import assert_same_run, problems, quadratic_problem, quietly, signals_of
 from tests.support.scripts import Script

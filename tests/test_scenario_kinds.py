@@ -106,7 +106,7 @@ def test_without_a_package_of_models_there_are_the_other_kinds(monkeypatch: pyte
 
 
 def test_defaults_are_those_of_the_scenario() -> None:
-    crossing = our_kinds("control_unit")[1]
+    crossing = next(kind for kind in our_kinds("control_unit") if kind.name == "crossing")
     assert [(one.name, one.required, one.default) for one in crossing.parameters] == [
         ("hold_off", False, "1.0"), ("sensing_delay", False, "0.0"), ("longest_hold_off", False, "")
     ]  # fmt: skip

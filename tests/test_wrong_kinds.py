@@ -142,8 +142,8 @@ REFUSALS: dict[str, tuple[Any, str]] = {
     "a class of control units": (
         lambda: Simulation(PROBLEM, dynamics="continuous", control_unit=Crossing, seed=1),
         (
-            "control_unit = <class 'aimd_des.engine.control_unit.Crossing'>: must be a control unit, such as "
-            "Sampled(1.0) or Crossing(1.0); make an object of it: Crossing(...)"
+            "control_unit = <class 'aimd_des.engine.control_unit.crossing.Crossing'>: must be a control "
+            "unit, such as Sampled(1.0) or Crossing(1.0); make an object of it: Crossing(...)"
         ),
     ),
     "a class for an optimum": (
@@ -209,7 +209,7 @@ REFUSALS: dict[str, tuple[Any, str]] = {
     "a control unit that makes agents": (
         lambda: Simulation(PROBLEM, agents=Crossing, seed=1),
         (
-            "agents = <class 'aimd_des.engine.control_unit.Crossing'>: "
+            "agents = <class 'aimd_des.engine.control_unit.crossing.Crossing'>: "
             "must be a class or function that makes an agent"
         ),
     ),

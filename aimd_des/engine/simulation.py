@@ -10,7 +10,7 @@ from aimd_des.dynamics.loss_compensation import Compensation
 from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
 from aimd_des.dynamics.state import agent_parameters
 from aimd_des.engine.agent_process import AgentProcess
-from aimd_des.engine.control_unit import ControlUnit, Crossing, Sampled
+from aimd_des.engine.control_unit import ControlUnit, CrossingTable, Sampled, table_of
 from aimd_des.engine.declared import Intervention, check_absences, check_end
 from aimd_des.engine.delivery import Agent, ProcessGenerator
 from aimd_des.engine.observers import Observer
@@ -146,7 +146,7 @@ class Simulation:
         if dynamics == "continuous" and clocks is not None:
             remedy = "leave clocks out, or choose discrete dynamics"
             raise InputError.of("clocks", clocks, "None with continuous agents, which have no ticks", remedy)
-        if dynamics == "discrete" and isinstance(control_unit, Crossing):
+        if isinstance(table_of(control_unit), CrossingTable) and dynamics == "discrete":
             reason = "a Sampled with discrete agents: their demand jumps at ticks and crosses nothing"
             raise InputError.of("control_unit", control_unit, reason, "or choose continuous dynamics")
         if not hasattr(agents, "populate"):

@@ -4,12 +4,15 @@ import numpy as np
 
 from aimd_des.dynamics.clocks import next_ticks
 from aimd_des.dynamics.totals import observe_totals, total_of
-from aimd_des.engine.control_unit import MOST_AT_ONE_INSTANT, NEVER, adapted, soonest_crossing
+from aimd_des.engine.control_unit.base import NEVER
+from aimd_des.engine.control_unit.crossing import MOST_AT_ONE_INSTANT, adapted, soonest_crossing
+from aimd_des.engine.control_unit.sampled import signal_probability, signals
 from aimd_des.engine.environment import EventKind
 from aimd_des.fleet.arrays import LAST, FleetAgents
 from aimd_des.fleet.broadcast_kernel import FleetChannel, broadcast
 from aimd_des.fleet.control_state import (
     BROADCAST,
+    IMPROPER,
     LOOK,
     NO_ROOM,
     REACHED,
@@ -21,6 +24,7 @@ from aimd_des.fleet.control_state import (
     FleetControl,
     Limits,
 )
+from aimd_des.fleet.control_table import call_probability
 from aimd_des.fleet.observer_kernels import FleetOvershoot, ObservedTotals, fold_answers
 from aimd_des.fleet.response_kernels import settle
 from aimd_des.results.metrics import fold_overshoot
@@ -147,13 +151,27 @@ def _sends(control: FleetControl, channel: FleetChannel, limits: Limits) -> bool
 
 
 @formula
-def _signal(agents: FleetAgents, control: FleetControl, channel: FleetChannel, limits: Limits) -> int:
-    """Broadcast for each resource whose total demand is above its threshold."""
+def _probability(agents: FleetAgents, control: FleetControl, resource: int, look: int) -> float:
+    total, limit = control.total[resource], agents.parameters.limit[resource]
+    if control.probability != 0:
+        return float(call_probability(control.probability, total, limit, control.now[0], look, resource))
+    return signal_probability(control.low, control.high, total, limit)
+
+
+@formula
+def _signal(
+    agents: FleetAgents, control: FleetControl, channel: FleetChannel, limits: Limits, look: int
+) -> int:
+    """Broadcast for each resource for which the look signals."""
     # All resources are decided on before anything is sent: a signal without latency must not change what the
     # same look finds for the next resource.
-    due, up = False, not control.failed[0]
-    for j in range(control.due.shape[0]):
-        control.due[j] = up and control.total[j] > agents.parameters.limit[j]
+    due, control.due[:] = False, False
+    for j in range(0 if control.failed[0] else control.due.shape[0]):
+        probability = _probability(agents, control, j, look)
+        if not 0.0 <= probability <= 1.0:
+            control.due[:], control.due[j] = False, True
+            return IMPROPER
+        control.due[j] = signals(probability, control.key, j, look)
         due = due or control.due[j]
     if due and not _sends(control, channel, limits):
         return BROADCAST
@@ -200,7 +218,7 @@ def sample(
         # Counted before signals are sent: whoever sends them in its place does not come back to this look.
         control.look[0] += 1
         control.turns[LOOK] = UNSCHEDULED
-        status = _signal(agents, control, channel, limits)
+        status = _signal(agents, control, channel, limits, control.look[0] - 1)
         if status != REACHED:
             return status
         # Continuous agents answer signals without latency before observers look at the same instant.

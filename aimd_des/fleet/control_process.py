@@ -8,7 +8,10 @@ import simpy
 from aimd_des.channel import BroadcastChannel, CompiledLink
 from aimd_des.channel.loss.kernels import refuse_loss
 from aimd_des.channel.transmit_kernel import ChannelTable
-from aimd_des.engine.control_unit import NEVER, Crossing, Sampled, Unanswered
+from aimd_des.engine.control_unit import ControlUnit, CrossingTable, SampledTable
+from aimd_des.engine.control_unit.base import NEVER
+from aimd_des.engine.control_unit.crossing import Unanswered, standstill
+from aimd_des.engine.control_unit.sampled import asked
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import EventKind, Mailbox
 from aimd_des.engine.observers import ConstantPieces, Observer
@@ -18,6 +21,7 @@ from aimd_des.fleet.broadcast_kernel import FleetChannel
 from aimd_des.fleet.compiled_agents import TOLD_AT_ONCE, CompiledAgents
 from aimd_des.fleet.control_kernels import sample, sense
 from aimd_des.fleet.control_state import (
+    IMPROPER,
     LOOK,
     NO_ROOM,
     REACHED,
@@ -29,8 +33,11 @@ from aimd_des.fleet.control_state import (
     FleetControl,
     Limits,
 )
+from aimd_des.fleet.control_table import compiled_probability
 from aimd_des.fleet.observer_kernels import ObservedTotals
+from aimd_des.utils import returned_values
 from aimd_des.utils.errors import SimulationError
+from aimd_des.utils.rng import Purpose
 
 __all__ = ["ControlProcess"]
 
@@ -42,43 +49,22 @@ _SIGNALS = 1 << 14
 
 
 class ControlProcess:
-    """A built-in control unit of a fleet: the looks of its process, many of them to an event of SimPy."""
+    """A control unit that has a table: the looks of its process, many of them to an event of SimPy."""
 
-    def __init__(self, fleet: CompiledAgents, control_unit: Sampled | Crossing, observer: Observer) -> None:
-        self.fleet, self.control_unit = fleet, control_unit
+    def __init__(
+        self,
+        fleet: CompiledAgents,
+        control_unit: ControlUnit,
+        table: SampledTable | CrossingTable,
+        observer: Observer,
+    ) -> None:
+        self.fleet, self.control_unit, self.table = fleet, control_unit, table
         self.system = system = fleet.system
-        m = system.problem.n_resources
         common = system.clocks is None or system.clocks.common
-        # One record for both kinds, since most kernels serve both; what the other one needs stays unused.
-        sampled = control_unit if isinstance(control_unit, Sampled) else Sampled()
-        shortest, longest = control_unit.bounds if isinstance(control_unit, Crossing) else (0.0, 0.0)
-        unanswered = Unanswered(system)
-        self.control = FleetControl(
-            crossing=isinstance(control_unit, Crossing),
-            period=sampled.period,
-            phase=sampled.phase,
-            shortest=shortest,
-            longest=longest,
-            delay=control_unit.sensing_delay,
-            failed=system.conditions.failed,
-            look=np.zeros(1, dtype=np.int64),
-            look_time=np.zeros(m),
-            awaits_crossing=np.zeros(m, dtype=np.bool_),
-            growth=system.conditions.growth,
-            instant=np.full(m, NEVER),
-            # The arrays that `Unanswered` keeps up to date when growth or demand changes from outside.
-            unanswered=unanswered.level,
-            since=unanswered.since,
-            hold_off=np.full(m, shortest),
-            holding=np.zeros(m, dtype=np.bool_),
-            repeated=np.zeros(m, dtype=np.int64),
-            due=np.zeros(m, dtype=np.bool_),
-            total=np.zeros(m),
-            now=np.zeros(1),
-            moment=np.zeros(1 if common else system.problem.n_agents),
-            turns=np.full(3, UNSCHEDULED),
-            answers=TOLD_AT_ONCE,
-        )
+        own = table.probability if isinstance(table, SampledTable) else None
+        # Kept as long as the run: its address means nothing without it.
+        self._probability = None if own is None else compiled_probability(own)
+        self.control = self._control(common)
         self.channel = self._channel()
         # The ticks of a common clock are followed in compiled code.  The processes that would do so elsewhere
         # exist already; they read what is set here when they begin, which is when the run does.
@@ -107,6 +93,44 @@ class ControlProcess:
             # What compiled code has stopped for is done within the same event, and the looks go on.
             while self._steer() != REACHED:
                 pass
+
+    def _control(self, common: bool) -> FleetControl:
+        system, table = self.system, self.table
+        m = system.problem.n_resources
+        # One record for both kinds, since most kernels serve both; what the other one needs stays unused.
+        sampled = table if isinstance(table, SampledTable) else SampledTable(1.0)
+        crossing = table if isinstance(table, CrossingTable) else CrossingTable(0.0, 0.0)
+        unanswered = Unanswered(system)
+        return FleetControl(
+            crossing=table is crossing,
+            period=sampled.period,
+            phase=sampled.phase,
+            shortest=crossing.hold_off,
+            longest=crossing.longest_hold_off,
+            delay=table.sensing_delay,
+            low=sampled.low,
+            high=sampled.high,
+            probability=0 if self._probability is None else self._probability.address,
+            key=system.keys[Purpose.SENSING],
+            failed=system.conditions.failed,
+            look=np.zeros(1, dtype=np.int64),
+            look_time=np.zeros(m),
+            awaits_crossing=np.zeros(m, dtype=np.bool_),
+            growth=system.conditions.growth,
+            instant=np.full(m, NEVER),
+            # The arrays that `Unanswered` keeps up to date when growth or demand changes from outside.
+            unanswered=unanswered.level,
+            since=unanswered.since,
+            hold_off=np.full(m, crossing.hold_off),
+            holding=np.zeros(m, dtype=np.bool_),
+            repeated=np.zeros(m, dtype=np.int64),
+            due=np.zeros(m, dtype=np.bool_),
+            total=np.zeros(m),
+            now=np.zeros(1),
+            moment=np.zeros(1 if common else system.problem.n_agents),
+            turns=np.full(3, UNSCHEDULED),
+            answers=TOLD_AT_ONCE,
+        )
 
     def _channel(self) -> FleetChannel:
         system, account = self.system, self.system.transmitter
@@ -237,10 +261,18 @@ class ControlProcess:
             resource, departure = int(self.channel.resource[sent - 1]), now + self.control.delay
             raise refuse_loss(self.channel.table.loss, int(self.channel.code[0]), resource, departure)
         if status == STANDSTILL:
-            assert isinstance(self.control_unit, Crossing)  # noqa: S101 - sampled ones go on by themselves
-            raise SimulationError(self.control_unit.standstill(self.system, resources[0]))
+            raise SimulationError(standstill(self.system, resources[0], self.control.shortest))
+        if status == IMPROPER:
+            self._ask_again(resources[0])
         for resource in resources:
             self.system.broadcast(resource, self.control.delay)
+
+    def _ask_again(self, resource: int) -> None:
+        """Let the check of a process refuse what a function of the user's own has given."""
+        assert isinstance(self.table, SampledTable)  # noqa: S101 - others have no such function
+        control, field = self.control, returned_values.said_by(self.control_unit, "table")
+        total, limit = float(control.total[resource]), float(self.system.parameters.limit[resource])
+        asked(self.table, field, total, limit, float(control.now[0]), int(control.look[0]) - 1, resource)
 
 
 def _unused_channel(system: System) -> ChannelTable:

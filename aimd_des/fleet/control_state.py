@@ -6,10 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.fleet.arrays import LAST
+from aimd_des.utils.rng import Key
 from aimd_des.utils.validation import FloatArray
 
 __all__ = [
     "BROADCAST",
+    "IMPROPER",
     "LOOK",
     "NO_ROOM",
     "REACHED",
@@ -33,7 +35,9 @@ IntArray = npt.NDArray[np.int64]
 #:             look has not been taken.
 #: STANDSTILL  The look at `now` has been taken; time cannot advance for the resource in `due`.
 #: REFUSED     The channel has not taken the last signal that was noted; why is in `FleetChannel.code`.
-REACHED, BROADCAST, NO_ROOM, STANDSTILL, REFUSED = 0, 1, 2, 3, 4
+#: IMPROPER    A function of the user's own has given no probability at the look at `now`, for the resource in
+#:             `due`.
+REACHED, BROADCAST, NO_ROOM, STANDSTILL, REFUSED, IMPROPER = 0, 1, 2, 3, 4, 5
 
 #: What has a turn of its own: a look of a sampled control unit, a row of totals, a tick that is measured.
 LOOK, ROW, TICK = 0, 1, 2
@@ -52,6 +56,12 @@ class FleetControl(NamedTuple):
     period, phase, shortest, longest, delay : float
         Of a sampled one, and bounds of the hold-off of a crossing one; how long after a look its signals
         leave.
+    low, high : float
+        Shares of the threshold between which the probability of a signal of a sampled one rises.
+    probability : int
+        Address of the compiled function that gives the probability instead; 0 where there is none.
+    key : tuple of two uint64
+        The key of its draws.
     failed : ndarray of bool, shape (1,)
         Whether it is down.
     look : ndarray of int, shape (1,)
@@ -95,6 +105,10 @@ class FleetControl(NamedTuple):
     shortest: float
     longest: float
     delay: float
+    low: float
+    high: float
+    probability: int
+    key: Key
     failed: BoolArray
     look: IntArray
     look_time: FloatArray

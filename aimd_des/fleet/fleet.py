@@ -2,12 +2,13 @@
 
 from collections.abc import Collection
 
-from aimd_des.engine.control_unit import ControlUnit, Crossing, Sampled
+from aimd_des.engine.control_unit import ControlUnit
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.observers import Observer
 from aimd_des.engine.system import System
 from aimd_des.fleet.compiled_agents import CompiledAgents
 from aimd_des.fleet.control_process import ControlProcess
+from aimd_des.fleet.control_table import compiled_table
 
 __all__ = ["Fleet"]
 
@@ -31,7 +32,7 @@ class Fleet:
         absent : collection of int
             Agents that are no part of it.
         control_unit : ControlUnit
-            What decides; the built-in ones look in compiled code.
+            What decides; one that gives a table looks in compiled code.
         observer : Observer
             What totals are recorded by.
 
@@ -47,7 +48,7 @@ class Fleet:
         """
         agents = CompiledAgents(system, absent, observer.overshoot)
         system.join(agents)
-        # Not `isinstance`: a subclass may decide otherwise in its `process`, which then has to be run.
-        if type(control_unit) is Sampled or type(control_unit) is Crossing:
-            return ControlProcess(agents, control_unit, observer).process()
-        return control_unit.process(system)
+        table = compiled_table(control_unit)
+        if table is None:
+            return control_unit.process(system)
+        return ControlProcess(agents, control_unit, table, observer).process()

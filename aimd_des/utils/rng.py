@@ -42,6 +42,7 @@ class Purpose(IntEnum):
     LATENCY = 3
     CLOCK = 4
     DUPLICATION = 5
+    SENSING = 6
 
 
 def key(seed: int, purpose: Purpose) -> Key:

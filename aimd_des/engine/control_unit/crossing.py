@@ -1,14 +1,12 @@
-"""The control unit: it looks at total demand and broadcasts one bit where that is too high (Algorithm 1)."""
+"""A control unit that senses the instant at which total demand reaches its threshold."""
 
 import math
 from dataclasses import dataclass
-from itertools import count
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 import simpy
 
-from aimd_des.dynamics.clocks import Clock
+from aimd_des.engine.control_unit.base import NEVER, CrossingTable
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import EventKind, Mailbox
 from aimd_des.engine.system import System
@@ -19,10 +17,7 @@ from aimd_des.utils.jit import formula
 from aimd_des.utils.old_keywords import keywords
 from aimd_des.utils.parts import built_in
 
-__all__ = ["NEVER", "ControlUnit", "Crossing", "Sampled", "Unanswered", "adapted", "soonest_crossing"]
-
-#: When something happened that has not yet: no instant of a run, which begins at 0.
-NEVER = -1.0
+__all__ = ["MOST_AT_ONE_INSTANT", "Crossing", "Unanswered", "adapted", "soonest_crossing", "standstill"]
 
 # Broadcasts at one instant, one after another without anybody responding, after which time is
 # taken to stand still.  If responses were possible at all, with a chance of 1/100 say, to get here
@@ -32,85 +27,6 @@ MOST_AT_ONE_INSTANT = 10_000
 
 # Below this share of the total, a difference is rounding and nobody's answer.
 _ROUNDING = 1e-9
-
-
-@runtime_checkable
-class ControlUnit(Protocol):
-    """Anything that decides when capacity signals are broadcast."""
-
-    def process(self, system: System) -> ProcessGenerator:
-        """Live: the SimPy process of the control unit."""
-        ...
-
-
-@built_in("control_unit", "sampled")
-@dataclass(frozen=True)
-class Sampled:
-    """A control unit that looks at ``phase + q * period``.
-
-    Parameters
-    ----------
-    period : float
-        Time between two looks, greater than 0.
-    phase : float
-        Time of the first look, at least 0.
-    sensing_delay : float
-        How long after a look its signals leave the control unit, at least 0; a partition, or a fault of the
-        control unit, cuts those that leave while it lasts.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
-    """
-
-    period: float = 1.0
-    phase: float = 0.0
-    sensing_delay: float = 0.0
-
-    def __post_init__(self) -> None:
-        clock = Clock(self.period, self.phase)
-        object.__setattr__(self, "period", clock.period)
-        object.__setattr__(self, "phase", clock.phase)
-        delay = validation.number("sensing_delay", self.sensing_delay, low=0.0)
-        object.__setattr__(self, "sensing_delay", delay)
-
-    def opportunities(self, start: float, end: float) -> Opportunities:
-        """Count when it may signal.
-
-        Parameters
-        ----------
-        start, end : float
-            From when to when.
-
-        Returns
-        -------
-        Opportunities
-            Its looks.
-        """
-        clock = Clock(self.period, self.phase)
-        return Opportunities(clock.next_tick(end) - clock.next_tick(start), self.period)
-
-    def process(self, system: System) -> ProcessGenerator:
-        """Look, and broadcast for each resource whose total demand is above its threshold.
-
-        Parameters
-        ----------
-        system : System
-            The run in progress.
-
-        Yields
-        ------
-        simpy.Event
-            The next look.
-        """
-        clock = Clock(self.period, self.phase)
-        for look in count():
-            yield system.env.at(clock.time(look), EventKind.SENSE)
-            if not system.conditions.failed[0]:
-                # Totals of all resources before anything is sent, which could be answered at once.
-                for resource in np.flatnonzero(system.totals() > system.parameters.limit).tolist():
-                    system.broadcast(resource, self.sensing_delay)
 
 
 @formula
@@ -211,6 +127,16 @@ class Crossing:
         """The shortest and the longest hold-off, in units of time."""
         return self.hold_off, self.hold_off if self.longest_hold_off is None else self.longest_hold_off
 
+    def table(self) -> CrossingTable:
+        """Say how long the unit holds off.
+
+        Returns
+        -------
+        CrossingTable
+            The bounds of the hold-off, and the sensing delay.
+        """
+        return CrossingTable(*self.bounds, self.sensing_delay)
+
     def opportunities(self, start: float, end: float) -> Opportunities:
         """Count when it may signal.
 
@@ -266,7 +192,7 @@ class Crossing:
             # At the threshold, or so near below it that no representable time lies in between.
             at_this_instant = at_this_instant + 1 if now == instant else 1
             if at_this_instant > MOST_AT_ONE_INSTANT:
-                raise SimulationError(self.standstill(system, resource))
+                raise SimulationError(standstill(system, resource, shortest))
             if alarm.holding:
                 expected = float(level[resource] + growth[resource] * (now - since[resource]))
                 alarm.hold_off = adapted(alarm.hold_off, shortest, longest, expected, total)
@@ -277,28 +203,16 @@ class Crossing:
             # The hold-off ends when it ends, however tight things become: its end is a look in any case.
             yield alarm.at(now + alarm.hold_off, sooner_if_raised=False)
 
-    def standstill(self, system: System, resource: int) -> str:
-        """Say why time cannot advance.
 
-        Parameters
-        ----------
-        system : System
-            The run in progress.
-        resource : int
-            j.
-
-        Returns
-        -------
-        str
-            With what to do about it.
-        """
-        name = system.problem.resource_names[resource]
-        return (
-            f"time {system.env.now!r}, resource {name}: after {MOST_AT_ONE_INSTANT} signals at this instant "
-            "total demand is still at its threshold, and time cannot advance since hold_off = "
-            f"{self.hold_off!r}; set hold_off greater than 0, or let signals arrive at once and reach "
-            "somebody who can respond"
-        )
+def standstill(system: System, resource: int, hold_off: float) -> str:
+    """Say why time cannot advance, and what to do about it."""
+    name = system.problem.resource_names[resource]
+    return (
+        f"time {system.env.now!r}, resource {name}: after {MOST_AT_ONE_INSTANT} signals at this instant "
+        "total demand is still at its threshold, and time cannot advance since hold_off = "
+        f"{hold_off!r}; set hold_off greater than 0, or let signals arrive at once and reach "
+        "somebody who can respond"
+    )
 
 
 class _Alarm:
