@@ -17,6 +17,7 @@ from aimd_des import (
     Clocks,
     Crossing,
     CustomCosts,
+    Fleet,
     InputError,
     Problem,
     Recording,
@@ -69,7 +70,7 @@ def names_in_table(heading: str) -> list[str]:
 
 def test_the_system_has_what_the_page_lists(page: Names) -> None:
     names = names_in_table("## What a part finds in the system")
-    assert len(names) == 16
+    assert len(names) == 17
     assert {"env.now", "total", "set_demand", "parameters.decrease"} < set(names)
     seen: list[bool] = []
 
@@ -82,7 +83,7 @@ def test_the_system_has_what_the_page_lists(page: Names) -> None:
             seen.append(part is not None)
 
     Simulation(page.problem, processes=[look], seed=0).run(2.0)
-    assert seen == [True] * 16
+    assert seen == [True] * 17
 
 
 def test_every_part_of_the_first_table_has_an_example() -> None:
@@ -193,13 +194,19 @@ def test_the_punctual_agent_answers_its_share_of_signals_exactly(page: Names) ->
     assert heard.min() > 100
     for i in (1, 3):
         share = 0.1 * page.factors[i]  # lambda = 2 Gamma c, whatever the average
-        cuts = len(times_of(result, "change", agent=str(i)))
+        cuts = len(times_of(result, "respond", agent=str(i)))
+        assert cuts == result.account.responses[0, i]
         # It always owes less than one: the count is behind by less than one, and never ahead.
         assert share * heard[i] - 1.0 - 1e-9 < cuts <= share * heard[i] + 1e-9
-    # They are no responses in the account, those of the cameras are.
-    responses = result.account.responses[0]
-    assert responses[[1, 3]].tolist() == [0, 0]
-    assert responses[[0, 2, 4]].min() > 0
+    # Responses are counted like those of the others, in the log and in the summary.
+    assert result.account.responses.min() > 0
+    assert result.summary()["responses"].iloc[0] == len(times_of(result, "respond"))
+    parts = {"dynamics": "continuous", "control_unit": Crossing(1.0), "agents": Fleet, "seed": 1}
+    beside = Simulation(
+        page.problem, special=dict.fromkeys((1, 3), page.Punctual), recording=Recording(events=True), **parts
+    ).run(300)
+    assert beside.digest == result.digest
+    assert (beside.account.responses == result.account.responses).all()
 
 
 @pytest.mark.parametrize("dynamics", ["discrete", "continuous"])
@@ -413,6 +420,7 @@ class Saying:
     [
         (meddling(lambda system: system.set_demand(0, 0, math.nan)), "demand = nan: must be "),
         (meddling(lambda system: system.set_demand(0, 0, -1.0)), "demand = -1.0: must be "),
+        (meddling(lambda system: system.respond(0, 0, 1.5)), "factor = 1.5: must be "),
         (meddling(lambda system: system.set_demand(-1, 0, 1.0)), "agent = -1: must be "),
         (meddling(lambda system: system.set_demand(0, 1, 1.0)), "resource = 1: must be "),
         (meddling(lambda system: system.broadcast(-1)), "resource = -1: must be "),

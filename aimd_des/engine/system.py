@@ -120,11 +120,8 @@ class System(Readings):
             If there is no such agent or resource, the agent is away, or the demand is negative or not
             finite.
         """
-        i, j = agent_index(self.problem, agent), resource_index(self.problem, resource)
         demand = validation.number("demand", demand, low=0.0)
-        if self.conditions.away[i]:
-            name = self.problem.agent_names[i]
-            raise InputError.of("agent", name, "one that is here", "let it join first")
+        i, j = self._here(agent), resource_index(self.problem, resource)
         # Reading it settles: copies that were due before are answered from what was held then.
         before = self.demand(i, j)
         self.break_line(i, j, demand)
@@ -135,6 +132,54 @@ class System(Readings):
         # A lower demand can only delay a crossing, and a look that comes too early finds nothing.
         if demand > before:
             self.tighten(j)
+
+    def respond(
+        self,
+        agent: str | int,
+        resource: str | int,
+        factor: float,
+        signal: Signal | None = None,
+        *,
+        saturated: bool = False,
+    ) -> None:
+        """Let an agent of one's own respond: multiply its demand, and count and log the response.
+
+        Parameters
+        ----------
+        agent, resource : str or int
+            Their names, or i and j.
+        factor : float
+            What its demand is multiplied by, from 0 to 1.
+        signal : Signal, optional
+            The signal that it answers, whose number the log names.
+        saturated : bool
+            Whether its response probability was above 1, which is counted, too.
+
+        Raises
+        ------
+        InputError
+            If there is no such agent or resource, the agent is away, or the factor is outside its range.
+        """
+        factor = validation.number("factor", factor, low=0.0, high=1.0)
+        i, j = self._here(agent), resource_index(self.problem, resource)
+        before = self.demand(i, j)
+        kept = before * factor
+        self.break_line(i, j, kept)
+        self.state.responses[j, i] += 1
+        self.state.saturated[j, i] += validation.flag("saturated", saturated)
+        for tell in self.on_response:
+            tell(self.env.now, j, kept - before)
+        if self.log is not None:
+            number = -1 if signal is None else signal.number
+            self.log.add((self.env.now, Entry.RESPOND, j, i, number, before - kept))
+
+    def _here(self, agent: str | int) -> int:
+        """Return the index of an agent, which must not be away."""
+        i = agent_index(self.problem, agent)
+        if self.conditions.away[i]:
+            name = self.problem.agent_names[i]
+            raise InputError.of("agent", name, "one that is here", "let it join first")
+        return i
 
     def break_line(self, agent: int, resource: int, demand: float) -> None:
         """Let one agent's demand for one resource go on as a new line; nobody is told.
