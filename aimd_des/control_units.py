@@ -1,5 +1,5 @@
 """When capacity signals are broadcast: what `control_unit=` takes."""
 
-from aimd_des.engine.control_unit import Crossing, Sampled
+from aimd_des.engine.control_unit import Crossing, EarlyDetection, Sampled
 
-__all__ = ["Crossing", "Sampled"]
+__all__ = ["Crossing", "EarlyDetection", "Sampled"]

@@ -77,6 +77,11 @@ _OTHERS = {
     ),
     "continuous": inline(f'{_CONTINUOUS}\nagents = "fleet"'),
     "sampled": inline("", "[control_unit]\nperiod = 0.5\nphase = 0.25\nsensing_delay = 0.1"),
+    "early detection": inline(
+        "",
+        '[control_unit]\nkind = "early_detection"\nperiod = 0.5\nlow = 0.6\nhigh = 1.05\n'
+        'sensing_delay = 0.1\n[[interventions]]\nkind = "failover"\nat = 15\nduration = 4.5',
+    ),
     "crossing": inline(
         _CONTINUOUS,
         '[control_unit]\nkind = "crossing"\nhold_off = 0.5\nlongest_hold_off = 4\n[channel]\nlatency = 2.0',

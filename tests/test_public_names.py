@@ -43,7 +43,7 @@ FACES = {
         Compensation EstimatedLoss KnownLoss compensation_factor
     """,
     "control_units": """
-        Crossing Sampled
+        Crossing EarlyDetection Sampled
     """,
     "costs": """
         CostMethods CostTable Costs CoupledCosts CustomCosts ExponentialCosts PolynomialCosts PowerCosts

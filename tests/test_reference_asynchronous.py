@@ -22,6 +22,7 @@ from aimd_des import (
     latency,
     loss,
 )
+from aimd_des.control_units import EarlyDetection
 from aimd_des.problem.costs import Costs
 from aimd_des.utils.errors import OverloadWarning
 from tests.conftest import FAMILIES, problems, random_problem
@@ -87,9 +88,16 @@ def setting_of(configuration: Configuration) -> Setting:
     parts, n, until = configuration.parts, configuration.problem.n_agents, configuration.until
     unit, channel, answers = parts["control_unit"], parts["channel"], parts["compensation"]
     if isinstance(unit, Crossing):
-        numbers = ("crossing", unit.hold_off, unit.longest_hold_off or unit.hold_off, unit.sensing_delay)
+        numbers: tuple[Any, ...] = (
+            "crossing",
+            unit.hold_off,
+            unit.longest_hold_off or unit.hold_off,
+            unit.sensing_delay,
+        )
     else:
-        numbers = ("sampled", unit.period, unit.phase, unit.sensing_delay)
+        shares = (unit.low, unit.high) if isinstance(unit, EarlyDetection) else ()
+        kind = "early" if shares else "sampled"
+        numbers = (kind, unit.period, unit.phase, unit.sensing_delay, *shares)
     if isinstance(answers, compensation.EstimatedLoss):
         answered: Any = ("estimated",)
     else:

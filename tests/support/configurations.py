@@ -32,6 +32,7 @@ from aimd_des import (
     loss,
     topology,
 )
+from aimd_des.control_units import EarlyDetection
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
@@ -151,14 +152,16 @@ def networks(draw: st.DrawFn, n: int) -> Any:
 # -- control unit and agents -----------------------------------------------------------------------------
 
 
-def samplers() -> st.SearchStrategy[Sampled]:
+def samplers() -> Strategy:
     """Control units that look on a clock."""
-    return st.builds(
-        Sampled,
-        period=st.sampled_from([1.0, 0.5, 0.7, 2.3]) | st.floats(0.3, 1.5),
-        phase=st.sampled_from([0.0, 0.25, 0.5]),
-        sensing_delay=st.sampled_from([0.0, 0.0, 0.5]) | st.floats(0.1, 1.5),
-    )
+    looks: dict[str, Strategy] = {
+        "period": st.sampled_from([1.0, 0.5, 0.7, 2.3]) | st.floats(0.3, 1.5),
+        "phase": st.sampled_from([0.0, 0.25, 0.5]),
+        "sensing_delay": st.sampled_from([0.0, 0.0, 0.5]) | st.floats(0.1, 1.5),
+    }
+    shares = {"low": st.sampled_from([0.5, 0.9]), "high": st.sampled_from([0.95, 1.1])}
+    plain = st.builds(Sampled, **looks)
+    return one_kind(plain, plain, st.builds(EarlyDetection, **looks, **shares))
 
 
 def control_units(dynamics: str) -> Strategy:

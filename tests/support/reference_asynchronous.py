@@ -24,7 +24,7 @@ from tests.conftest import reference_draws
 INTERVENE, DEPART, DELIVER, SENSE, OBSERVE, ACT = range(6)
 
 # Where random numbers stand: the spawn keys of their purposes, and the lane of second copies.
-RESPONSE, LOSS, LATENCY, CLOCK, DUPLICATION = 1, 2, 3, 4, 5
+RESPONSE, LOSS, LATENCY, CLOCK, DUPLICATION, SENSING = 1, 2, 3, 4, 5, 6
 SECOND_LATENCY, SECOND_RESPONSE = 1 << 32, 1
 TICKS, PHASES = 0, 1  # of clocks, in place of a resource
 
@@ -44,8 +44,9 @@ class Setting:
     until: float
     #: (period, phase, drift, jitter), as `tick_times` takes them; None for continuous agents.
     clocks: tuple[Any, Any, Any, Any] | None
-    #: ("sampled", period, phase, delay) or ("crossing", hold-off, longest, delay).
-    unit: tuple[str, float, float, float]
+    #: ("sampled", period, phase, delay), ("early", period, phase, delay, low, high) or
+    #: ("crossing", hold-off, longest, delay).
+    unit: tuple[Any, ...]
     #: ("constant", values), ("uniform", low, high) or ("exponential", means).
     latency: tuple[Any, ...] = ("constant", 0.0)
     #: ("chance", probabilities) or ("bursts", mean losses, mean bursts).
@@ -221,7 +222,7 @@ class _Run:
             for agent, times in enumerate(tick_times(setting.seed, setting.until, self.n, *setting.clocks)):
                 for time in times:
                     self.at(time, ACT, (agent,), partial(self.tick, agent))
-        if setting.unit[0] == "sampled":
+        if setting.unit[0] != "crossing":
             self.at(setting.unit[2], SENSE, (), partial(self.look, 0))
         while due := [event for event in (*self.heap[:1], *self.crossings()) if event[0] < setting.until]:
             following = min(due)
@@ -354,16 +355,21 @@ class _Run:
 
     def look(self, look: int) -> None:
         """Look on the clock, and again."""
-        _, period, phase, _ = self.setting.unit
+        _, period, phase, _, *shares = self.setting.unit
         self.at(phase + (look + 1) * period, SENSE, (), partial(self.look, look + 1))
         for j in self.resources:
-            self.near(self.total(j) / self.limit(j) - 1.0)
-            if not self.failed and self.total(j) > self.limit(j):
+            # What the load must be above: the threshold, or a level that is drawn between two shares of it.
+            level = 1.0
+            if shares:
+                low, high = shares
+                level = low + float(self.draws(SENSING, j, look)[0]) * (high - low)
+            self.near(self.total(j) / self.limit(j) - level)
+            if not self.failed and self.total(j) > level * self.limit(j):
                 self.broadcast(j)
 
     def crossings(self) -> Iterator[Event]:
         """When thresholds are reached next, if nothing happens before."""
-        if self.setting.unit[0] == "sampled" or self.failed:
+        if self.setting.unit[0] != "crossing" or self.failed:
             return
         for j in self.resources:
             growth = sum(self.alpha[i][j] for i in self.agents if not self.away[i])

@@ -2,12 +2,14 @@
 
 from aimd_des.engine.control_unit.base import ControlUnit, CrossingTable, SampledTable, table_of
 from aimd_des.engine.control_unit.crossing import Crossing
+from aimd_des.engine.control_unit.early_detection import EarlyDetection
 from aimd_des.engine.control_unit.sampled import Sampled, SampledUnit
 
 __all__ = [
     "ControlUnit",
     "Crossing",
     "CrossingTable",
+    "EarlyDetection",
     "Sampled",
     "SampledTable",
     "SampledUnit",

@@ -1,0 +1,80 @@
+"""Random early detection: the higher total demand, the more probable a signal (Floyd and Jacobson, 1993)."""
+
+from dataclasses import dataclass
+
+from aimd_des.dynamics.clocks import Clock
+from aimd_des.engine.control_unit.base import SampledTable
+from aimd_des.engine.control_unit.sampled import SampledUnit
+from aimd_des.utils import validation
+from aimd_des.utils.parts import built_in
+
+__all__ = ["EarlyDetection"]
+
+
+@built_in("control_unit", "early_detection")
+@dataclass(frozen=True)
+class EarlyDetection(SampledUnit):
+    """A control unit that signals at random, the more probably the higher total demand is.
+
+    It looks at ``phase + q * period``.  At each look it signals for each resource with the probability
+    ``(total / threshold - low) / (high - low)``, cut off at 0 and at 1.
+
+    Parameters
+    ----------
+    period : float
+        Time between two looks, greater than 0.
+    low : float
+        Up to this share of the threshold it never signals; at least 0.
+    high : float
+        From this share of the threshold on it always signals; greater than `low`.
+    phase : float
+        Time of the first look, at least 0.
+    sensing_delay : float
+        How long after a look its signals leave the control unit, at least 0; a partition, or a fault of the
+        control unit, cuts those that leave while it lasts.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range.
+
+    Notes
+    -----
+    The decision on a resource at look q is drawn at the address (resource, q): it is the same draw whatever
+    happens elsewhere in the run, and however the agents are represented.  Floyd and Jacobson (1993) average
+    the queue before they compare it; here total demand is compared as it is at the look.
+
+    Examples
+    --------
+    >>> EarlyDetection(low=0.8, high=1.2).table().low
+    0.8
+    """
+
+    period: float = 1.0
+    low: float = 0.9
+    high: float = 1.1
+    phase: float = 0.0
+    sensing_delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        clock = Clock(self.period, self.phase)
+        low = validation.number("low", self.low, low=0.0)
+        clean = {
+            "period": clock.period,
+            "low": low,
+            "high": validation.number("high", self.high, low=low, low_open=True),
+            "phase": clock.phase,
+            "sensing_delay": validation.number("sensing_delay", self.sensing_delay, low=0.0),
+        }
+        for name, value in clean.items():
+            object.__setattr__(self, name, value)
+
+    def table(self) -> SampledTable:
+        """Say when the unit looks, and between which shares of the threshold the probability rises.
+
+        Returns
+        -------
+        SampledTable
+            With `low` and `high`.
+        """
+        return SampledTable(self.period, self.phase, self.sensing_delay, self.low, self.high)
