@@ -10,6 +10,7 @@ from aimd_des import (
     Fleet,
     Problem,
     Recording,
+    Sampled,
     Simulation,
     averaging,
     compensation,
@@ -17,6 +18,7 @@ from aimd_des import (
     loss,
     topology,
 )
+from aimd_des.control_units import EarlyDetection
 from aimd_des.interventions import Absence, CapacityProfile, UnusualActivity
 from benchmarks.harness import (
     Contestant,
@@ -72,6 +74,8 @@ def _ways(problem: Problem, until: float) -> dict[str, dict[str, Any]]:
         "known loss": {"compensation": compensation.KnownLoss(0.1)},
         "estimated loss": {"compensation": compensation.EstimatedLoss()},
         "adaptive hold-off": {"control_unit": Crossing(0.25, longest_hold_off=1.25)},
+        "looks on a clock": {"control_unit": Sampled()},
+        "early detection": {"control_unit": EarlyDetection()},
         "tree over a grid": {"channel": networks["tree"]},
         "flood over a grid": {"channel": networks["flood"]},
         "interventions": {"interventions": _changes(problem, until)},
@@ -83,14 +87,13 @@ def _prepare(problem: Problem, until: float, parts: dict[str, Any]) -> Callable[
     channel = BroadcastChannel(latency=latency.Exponential(0.5), loss=loss.Bernoulli(0.1))
     options: dict[str, Any] = {"control_unit": Crossing(1.0), "channel": channel, **parts}
 
-    def run(seed: int, end: float = until) -> int:
+    def run(seed: int, end: float = until, **others: Any) -> int:
         recording = Recording("end", overshoot=False)
-        simulation = Simulation(
-            problem, dynamics="continuous", agents=Fleet, seed=seed, recording=recording, **options
-        )
-        return int(simulation.run(end).account.delivered.sum())
+        parts = {"dynamics": "continuous", "agents": Fleet, "recording": recording, **options, **others}
+        return int(Simulation(problem, seed=seed, **parts).run(end).account.delivered.sum())
 
-    run(0, WARM_UP)
+    # Without interventions: most would begin after so short a run, which is refused.
+    run(0, WARM_UP, interventions=())
     return run
 
 
