@@ -1,5 +1,5 @@
 """How agents average their demand: what `averaging=` takes."""
 
-from aimd_des.dynamics.averaging import Averaging, Cumulative, Forgetting, Window
+from aimd_des.dynamics.averaging import Averaging, Cumulative, Forgetting, Polynomial, Window
 
-__all__ = ["Averaging", "Cumulative", "Forgetting", "Window"]
+__all__ = ["Averaging", "Cumulative", "Forgetting", "Polynomial", "Window"]

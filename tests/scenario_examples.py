@@ -96,6 +96,10 @@ _OTHERS = {
     "clocks": inline("", '[clocks]\nperiod = [1, 1, 1, 2, 2]\nphase = "random"\ndrift = 0.001\njitter = 0.1'),
     "cumulative": inline("", '[averaging]\nkind = "cumulative"'),
     "window": inline("", '[averaging]\nkind = "window"\nlength = 40'),
+    "polynomial": inline("", '[averaging]\nkind = "polynomial"\ngain = 2.5'),
+    "event normalised": inline("", '[response]\nkind = "event_normalised"'),
+    "derandomised": inline("", '[response]\nkind = "derandomised"\ndivisor = "events"'),
+    "full cuts": inline("", '[response]\nkind = "derandomised"\nfull = true'),
     "window of continuous agents": inline(
         _CONTINUOUS, '[averaging]\nkind = "window"\nlength = 0.5\nparts = 3'
     ),

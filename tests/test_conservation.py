@@ -31,13 +31,22 @@ from aimd_des import (
 from aimd_des.engine.environment import EventKind
 from models import smart_cameras
 from tests.conftest import python, quietly, random_problem
-from tests.support.configurations import Configuration, SetDemands, configurations, plain_channels
+from tests.support.configurations import (
+    Configuration,
+    SetDemands,
+    configurations,
+    plain_averagings,
+    plain_channels,
+)
 from tests.support.reference_asynchronous import tick_times
 
 #: Whatever is drawn, with no other record than the log; books are kept up to the end of rather short runs.
 ANY: dict[str, Any] = {
     "until": st.sampled_from([0.5, 7.0, 30.0, 43.21]),
     "recording": lambda problem, dynamics, until: st.just(Recording(demand="end", events=True)),
+    # Books are kept of the paper's cut and of plain averages; test_responses has the others by hand.
+    "averaging": lambda problem, dynamics, until: plain_averagings(),
+    "response": lambda problem, dynamics, until: st.none(),
 }
 
 

@@ -23,8 +23,10 @@ from aimd_des import (
     Sampled,
     Simulation,
     SimulationError,
+    averaging,
     latency,
     loss,
+    responses,
     run_synchronous,
 )
 from aimd_des.channel import Broadcast, Copies, Draws
@@ -92,12 +94,21 @@ def test_the_papers_system_over_thousands_of_signals(way: str, until: float) -> 
     assert_same(*both(smart_cameras(seed=0), until, seed=1, **PAPER[way]))
 
 
-def test_in_phase_a_fleet_is_the_synchronous_algorithm() -> None:
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {},
+        {"response": responses.EventNormalised()},
+        {"response": responses.Derandomised("events"), "averaging": averaging.Polynomial(3.0)},
+        {"response": responses.Derandomised("events", full=True), "averaging": averaging.Window(40.0)},
+    ],
+)
+def test_in_phase_a_fleet_is_the_synchronous_algorithm(parts: dict[str, Any]) -> None:
     problem = smart_cameras(seed=3)
-    simulation = Simulation(problem, agents=Fleet, channel=BroadcastChannel(latency=0.5), seed=4)
-    assert simulation.run(2000.0).digest == run_synchronous(problem, steps=2000, seed=4).digest
-    at_once = Simulation(problem, agents=Fleet, seed=4)
-    assert at_once.run(2000.0).digest == run_synchronous(problem, steps=2000, seed=4, lag=0).digest
+    late = Simulation(problem, agents=Fleet, channel=BroadcastChannel(latency=0.5), seed=4, **parts)
+    assert late.run(2000.0).digest == run_synchronous(problem, steps=2000, seed=4, **parts).digest
+    at_once = Simulation(problem, agents=Fleet, seed=4, **parts)
+    assert at_once.run(2000.0).digest == run_synchronous(problem, steps=2000, seed=4, lag=0, **parts).digest
 
 
 # -- company ---------------------------------------------------------------------------------------------

@@ -32,6 +32,19 @@ _MEETING = {
     "forgetting of continuous agents": inline(
         _CONTINUOUS, f'{_CROSSING}\n{_CHANNEL}\n[averaging]\nkind = "forgetting"\ntime_constant = 15'
     ),
+    "gain of continuous agents": inline(
+        _CONTINUOUS, f'{_CROSSING}\n{_CHANNEL}\n[averaging]\nkind = "polynomial"\ngain = 1.75'
+    ),
+    "event normalised, window of continuous agents": inline(
+        _CONTINUOUS,
+        f"{_CROSSING}\n{_CHANNEL}\n"
+        '[averaging]\nkind = "window"\nlength = 12.5\nparts = 5\n[response]\nkind = "event_normalised"',
+    ),
+    "full cuts, estimated": inline(
+        "",
+        f'{_CHANNEL}\n[compensation]\nkind = "estimated"\n'
+        '[response]\nkind = "derandomised"\nfull = true\ndivisor = "events"',
+    ),
     "estimated, continuous": inline(
         _CONTINUOUS, f'{_CROSSING}\n{_CHANNEL}\n[compensation]\nkind = "estimated"\nnumber_bits = 5'
     ),
@@ -66,6 +79,11 @@ def _synchronous() -> dict[str, str]:
         "window": 'kind = "window"\nlength = 40',
         "forgetting": 'kind = "forgetting"\ntime_constant = 20',
     }
+    answers = {
+        "event normalised": 'kind = "event_normalised"',
+        "derandomised": 'kind = "derandomised"\ndivisor = "events"',
+        "full cuts": 'kind = "derandomised"\ndivisor = "events"\nfull = true',
+    }
     found = {}
     for (problem, (text, steps)), (average, table), lag, seed in product(
         models.items(), averages.items(), (0, 1), (1, 2, 3)
@@ -73,6 +91,10 @@ def _synchronous() -> dict[str, str]:
         head = f'dynamics = "synchronous"\nlag = {lag}\nuntil = {steps}\nseed = {seed}\n'
         body = text.replace("until = 60\nseed = 4\n", "")
         found[f"{problem}, {average}, lag {lag}, seed {seed}"] = f"{head}{body}\n[averaging]\n{table}\n"
+    head = 'dynamics = "synchronous"\nlag = 0\nuntil = 300\nseed = 1\n'
+    for (problem, (text, _)), (answer, table) in product(models.items(), answers.items()):
+        body = text.replace("until = 60\nseed = 4\n", "")
+        found[f"{problem}, {answer}"] = f"{head}{body}\n[response]\n{table}\n"
     return found
 
 

@@ -20,6 +20,7 @@ from aimd_des import (
 from aimd_des.channel import Copies
 from aimd_des.dynamics.averaging import AveragingParameters, Cumulative
 from aimd_des.dynamics.loss_compensation import CompensationParameters
+from aimd_des.responses import Randomised
 from tests.conftest import assert_same_run, quadratic_problem, quietly
 
 N = 4
@@ -150,6 +151,11 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     (
         {"averaging": Answers("parameters", AveragingParameters(0, np.nan, 0.0, 0.0, 0))},
         "Answers.parameters().rate = nan: must be",
+    ),
+    ({"response": Answers("parameters", None)}, "Answers.parameters() = None: must be ResponseParameters"),
+    (
+        {"response": Answers("parameters", Randomised().parameters(1.0)._replace(cut=3))},
+        "Answers.parameters().cut = 3: must be",
     ),
     (
         {"compensation": Answers("parameters", 1.0, bits=0)},

@@ -554,7 +554,14 @@ def test_functions_refuse_what_cannot_be() -> None:
 
 
 @pytest.mark.parametrize(
-    "way", [averaging.Cumulative(), averaging.Window(40.0, parts=8), averaging.Forgetting(20.0)], ids=type
+    "way",
+    [
+        averaging.Cumulative(),
+        averaging.Window(40.0, parts=8),
+        averaging.Forgetting(20.0),
+        averaging.Polynomial(1.5),
+    ],
+    ids=type,
 )
 def test_in_phase_each_average_is_that_of_the_synchronous_algorithm(way: Any) -> None:
     problem = random_problem(5, 6, 3, "coupled")
@@ -570,6 +577,7 @@ def test_in_phase_each_average_is_that_of_the_synchronous_algorithm(way: Any) ->
         (lambda: averaging.Window(0.0), "Window.length = 0.0"),
         (lambda: averaging.Window(5.0, parts=1), "Window.parts = 1"),
         (lambda: averaging.Forgetting(-1.0), "Forgetting.time_constant = -1.0"),
+        (lambda: averaging.Polynomial(0.5), "Polynomial.gain = 0.5"),
         (
             lambda: Simulation(growing(), averaging=averaging.Window(50.0), seed=0),
             "a multiple of its 20 parts",

@@ -23,6 +23,7 @@ ORDER = [
     "dynamics",
     "averaging",
     "compensation",
+    "responses",
     "theory",
     "results",
     "metrics",

@@ -73,7 +73,14 @@ def test_a_normalization_that_changes_is_obeyed_alike() -> None:
 
 @pytest.mark.parametrize("dynamics", ["continuous", "discrete"])
 @pytest.mark.parametrize(
-    "way", [averaging.Cumulative(), averaging.Window(20.0, parts=4), averaging.Forgetting(9.0)], ids=type
+    "way",
+    [
+        averaging.Cumulative(),
+        averaging.Window(20.0, parts=4),
+        averaging.Forgetting(9.0),
+        averaging.Polynomial(1.5),
+    ],
+    ids=type,
 )
 def test_processes_and_a_fleet_obey_alike(way: Any, dynamics: str) -> None:
     problem = random_problem(7, 5, 2, "coupled", per_agent=True)

@@ -34,7 +34,7 @@ ALIASES = {"Camera"}
 
 FACES = {
     "averaging": """
-        Averaging Cumulative Forgetting Window
+        Averaging Cumulative Forgetting Polynomial Window
     """,
     "checks": """
         array integer number per_agent
@@ -76,6 +76,9 @@ FACES = {
     """,
     "report": """
         check_page report_run report_study write_page
+    """,
+    "responses": """
+        Derandomised EventNormalised Randomised Response
     """,
     "scenario": """
         Place Scenario StoredRun check_folder load_run load_scenario new_folder parse_setting

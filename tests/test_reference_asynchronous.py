@@ -33,6 +33,7 @@ from tests.support.configurations import (
     SetDemands,
     compensations,
     configurations,
+    plain_averagings,
     plain_channels,
 )
 from tests.support.reference_asynchronous import Outcome, Setting, simulate
@@ -129,6 +130,8 @@ def looks(until: float) -> st.SearchStrategy[Recording]:
 #: What the reference simulator knows: it reads numbers of signals as a whole, and not their last bits.
 KNOWN: dict[str, Any] = {
     "channel": lambda problem, dynamics, until: plain_channels(problem.n_agents),
+    "averaging": lambda problem, dynamics, until: plain_averagings(),
+    "response": lambda problem, dynamics, until: st.none(),
     "compensation": lambda problem, dynamics, until: compensations(problem.n_agents).filter(
         lambda drawn: getattr(drawn, "number_bits", 8) == 8
     ),

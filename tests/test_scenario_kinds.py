@@ -24,6 +24,7 @@ from aimd_des import (
     interventions,
     latency,
     loss,
+    responses,
     run_synchronous,
     topology,
 )
@@ -56,6 +57,7 @@ def test_all_that_is_public_has_a_kind() -> None:
         *(getattr(latency, name) for name in latency.__all__ if name not in {"Latency"}),
         *(getattr(loss, name) for name in loss.__all__),
         *(getattr(averaging, name) for name in averaging.__all__),
+        *(getattr(responses, name) for name in responses.__all__),
         compensation.KnownLoss,
         compensation.EstimatedLoss,
         *(getattr(topology, name) for name in topology.__all__),
@@ -67,7 +69,7 @@ def test_all_that_is_public_has_a_kind() -> None:
         if inspect.isclass(thing) or thing.__module__.endswith("files")
     }
     # Protocols; what is made of other things; and prices, which are drawn by the model.
-    others = "Averaging Combined FloodChannel Intervention Loss LossProcess Prices TreeChannel"
+    others = "Averaging Combined FloodChannel Intervention Loss LossProcess Prices Response TreeChannel"
     assert missing == set(others.split())
 
 

@@ -22,6 +22,7 @@ from aimd_des import (
     interventions,
     latency,
     loss,
+    responses,
     run_synchronous,
     topology,
 )
@@ -81,6 +82,10 @@ BY_HAND: dict[str, Callable[[], dict[str, Any]]] = {
         "channel": BroadcastChannel(2.0),
     },
     "window": lambda: {"averaging": averaging.Window(40)},
+    "polynomial": lambda: {"averaging": averaging.Polynomial(2.5)},
+    "event normalised": lambda: {"response": responses.EventNormalised()},
+    "derandomised": lambda: {"response": responses.Derandomised("events")},
+    "full cuts": lambda: {"response": responses.Derandomised(full=True)},
     "window of continuous agents": lambda: {
         "dynamics": "continuous",
         "averaging": averaging.Window(0.5, 3),
@@ -269,11 +274,11 @@ VAST = "[channel.network]" + EXAMPLES["network random_geometric"].partition("[ch
     [
         (
             '[averaging]\nkind = "widnow"',
-            "averaging.kind = 'widnow': must be one of cumulative, window, forgetting; did you mean 'window",
+            "averaging.kind = 'widnow': must be one of cumulative, window, forgetting, polynomial; did",
         ),
         (
             "[averaging]\nlength = 40",
-            "averaging.kind: is missing; give one of cumulative, window, forgetting",
+            "averaging.kind: is missing; give one of cumulative, window, forgetting, polynomial",
         ),
         (
             '[averaging]\nkind = "window"\nlenght = 40',

@@ -28,6 +28,7 @@ TOPICS = {
     "loss": Topic('Loss, as in channel.loss = { kind = "NAME", ... }', "loss"),
     "networks": Topic('Networks, as in [channel.network] kind = "NAME"', "network"),
     "averaging": Topic('Averaging, as in [averaging] kind = "NAME"', "averaging"),
+    "responses": Topic('Responses, as in [response] kind = "NAME"', "response"),
     "compensation": Topic('Compensation of losses, as in [compensation] kind = "NAME"', "compensation"),
     "interventions": Topic('Interventions, as in [[interventions]] kind = "NAME"', "intervention"),
     "costs": Topic('Private costs of a problem that is written out, as in [costs] kind = "NAME"', "costs"),

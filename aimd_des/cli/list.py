@@ -16,8 +16,8 @@ from aimd_des.cli.printing import say
 def command(topic: str | None, as_json: bool) -> None:
     """List what there is of one TOPIC, or the names of everything.
 
-    TOPIC is one of models, scenarios, control_units, latency, loss, networks, averaging, compensation,
-    interventions and costs.
+    TOPIC is one of models, scenarios, control_units, latency, loss, networks, averaging, responses,
+    compensation, interventions and costs.
 
     Models are those of the package `models` on the Python path or in the working directory, scenarios
     those of its folder `scenarios` and the scenario files beside them.  The other topics are kinds that

@@ -1,4 +1,4 @@
-r"""How an agent averages its demand: over all of its past, over a window, or with forgetting.
+r"""How an agent averages its demand: over all of its past, over a window, with forgetting, or with a gain.
 
 Where the problem changes, an average over all of the past adapts the more slowly the longer the run has
 lasted.  A short memory adapts fast, and pays with averages that scatter: see `theory.recovery_time` and
@@ -15,6 +15,13 @@ with r one over the time constant T and L the sum of all weights: T where time i
 1 / (1 - exp(-1 / T)) where it has ticks.  Divided by the sum of the weights so far, L (1 - exp(-r age)), that
 is the average from the first moment on: what is not there yet weighs nothing.
 
+With gain a the newest of N ticks weighs min(1, a / N), and in continuous time demand at age s weighs as
+s^(a-1).  What is accumulated is the average y itself.  From age L to age N = L + c it moves to
+
+    y + D (x - y) + alpha (a c - D (L + g)) / (a + 1),    D = 1 - P(L) / P(N)
+
+where P(N) is N^a, or Gamma(N + 1) / Gamma(N + 1 - a) where time has ticks: both telescope.
+
 A window slides by parts: an agent keeps what it had accumulated at the last few multiples of length / parts,
 and subtracts the oldest that lies within the window.  A small device can hold that, and it is exact.
 
@@ -29,17 +36,19 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.jit import formula
 from aimd_des.utils.parts import built_in
-from aimd_des.utils.portable_math import exp, expm1
+from aimd_des.utils.portable_math import exp, expm1, log1p
 from aimd_des.utils.validation import FloatArray
 
 __all__ = [
     "CUMULATIVE",
     "FORGETTING",
+    "POLYNOMIAL",
     "WINDOW",
     "Averaging",
     "AveragingParameters",
     "Cumulative",
     "Forgetting",
+    "Polynomial",
     "Window",
     "accumulated_at",
     "age_at",
@@ -53,7 +62,13 @@ __all__ = [
 _MOST_PARTS = 1000
 
 #: Kinds of averaging.
-CUMULATIVE, WINDOW, FORGETTING = 0, 1, 2
+CUMULATIVE, WINDOW, FORGETTING, POLYNOMIAL = 0, 1, 2, 3
+
+# A larger gain averages over less than a hundredth of the past.
+_MOST_GAIN = 100.0
+
+# Ticks that are taken one by one: beyond, the series of the Gamma function is as exact, and costs as much.
+_MOST_STEPS = 64
 
 
 class AveragingParameters(NamedTuple):
@@ -62,13 +77,15 @@ class AveragingParameters(NamedTuple):
     Attributes
     ----------
     kind : int
-        `CUMULATIVE`, `WINDOW` or `FORGETTING`.
+        `CUMULATIVE`, `WINDOW`, `FORGETTING` or `POLYNOMIAL`.
     rate, span : float
         Of forgetting: one over the time constant, and the sum of all weights.
     part : float
         Of a window: the length of a part.
     parts : int
         Of a window: how many; 0 else.
+    gain : float
+        a, by which the newest weighs more than in the average over all of the past.
     """
 
     kind: int
@@ -76,6 +93,7 @@ class AveragingParameters(NamedTuple):
     span: float
     part: float
     parts: int
+    gain: float = 1.0
 
 
 @formula
@@ -99,18 +117,79 @@ def time_average(accumulated: float, age: float) -> float:
 
 
 @formula
+def _log_gamma_tail(middle: float, gain: float) -> float:
+    """Return a log(w) - log P, where w is N + (1 - a) / 2: a series in powers of 1 / w."""
+    # The Bernoulli polynomials of degree 3, 5 and 7 at (1 + a) / 2, over w to the power of 2, 4 and 6.
+    u, z = 0.5 * gain, 1.0 / (middle * middle)
+    square = u * u
+    third = u * (square - 0.25)
+    fifth = u * (square * (square - 5.0 / 6.0) + 7.0 / 48.0)
+    seventh = u * (square * (square * (square - 1.75) + 49.0 / 48.0) - 31.0 / 192.0)
+    return z * (third / 3.0 + z * (fifth / 10.0 + z * (seventh / 21.0)))
+
+
+@formula
+def _newer_share(gain: float, before: float, since: float, tick_weight: float) -> float:
+    """Return D, what the latest stretch weighs among all that is averaged."""
+    age = before + since
+    if tick_weight == 0.0:
+        return -expm1(gain * log1p(-since / age)) if before > 0.0 else 1.0
+    stepped = since if since <= _MOST_STEPS else min(since, max(0.0, 100.0 + 50.0 * gain - before))
+    newer, tick = 0.0, before
+    for _ in range(int(stepped)):
+        tick += 1.0
+        newer += (1.0 - newer) * (gain / tick)
+    if stepped < since:
+        shift = 0.5 * (1.0 - gain)
+        low, high = before + stepped + shift, age + shift
+        ratio = gain * log1p(-(since - stepped) / high)
+        ratio -= _log_gamma_tail(low, gain) - _log_gamma_tail(high, gain)
+        newer -= (1.0 - newer) * expm1(ratio)
+    return newer
+
+
+@formula
+def _with_gain(
+    gain: float,
+    average: float,
+    demand: float,
+    increase: float,
+    before: float,
+    since: float,
+    tick_weight: float,
+) -> float:
+    """Return the average with a gain, of an agent whose age at the anchor was `before`."""
+    if since <= 0.0:
+        return average
+    # While N <= a, the newest tick has all of the weight.
+    skipped = float(int(gain)) - before if tick_weight > 0.0 else 0.0
+    if skipped > 0.0:
+        passed = min(skipped, since)
+        average = demand + increase * (passed - 1.0)
+        demand, before, since = demand + increase * passed, before + passed, since - passed
+        if since <= 0.0:
+            return average
+    newer = _newer_share(gain, before, since, tick_weight)
+    grown = (gain * since - newer * (before + tick_weight)) / (gain + 1.0)
+    return average + (newer * (demand - average) + increase * grown)
+
+
+@formula
 def folded_at(
     averaging: AveragingParameters,
     accumulated: float,
     demand: float,
     increase: float,
     since: float,
+    before: float,
     tick_weight: float,
 ) -> float:
-    """Return what is accumulated at the moment at hand, as the way of averaging has it."""
+    """Return what is accumulated at the moment at hand; `before` is the agent's age at the anchor."""
+    if averaging.kind >= FORGETTING and accumulated == 0.0 and demand == 0.0 and since <= tick_weight:
+        return 0.0  # a tick that folds in nothing; the rounding of what follows would be taken for demand
+    if averaging.kind == POLYNOMIAL:
+        return _with_gain(averaging.gain, accumulated, demand, increase, before, since, tick_weight)
     if averaging.kind == FORGETTING:
-        if accumulated == 0.0 and demand == 0.0 and since <= tick_weight:
-            return 0.0  # a tick that folds in nothing; the rounding of what follows would be taken for demand
         kept = exp(-averaging.rate * since)
         grown = averaging.span * -expm1(-averaging.rate * since)
         return accumulated * kept + (demand * grown + increase * (averaging.span * (since - grown)))
@@ -142,6 +221,8 @@ def average_at(
     age = age_at(moment, origin, tick_weight)
     if averaging.kind == CUMULATIVE or age <= 0.0:
         return time_average(folded, age)
+    if averaging.kind == POLYNOMIAL:
+        return folded
     if averaging.kind == FORGETTING:
         return folded / (averaging.span * -expm1(-averaging.rate * age))
     first = _part_of(averaging, age) - averaging.parts + 1
@@ -208,7 +289,7 @@ class Cumulative:
 
         Returns
         -------
-        Memory
+        AveragingParameters
             The same for any tick weight.
         """
         del tick_weight
@@ -256,7 +337,7 @@ class Window:
 
         Returns
         -------
-        Memory
+        AveragingParameters
             Of this window.
 
         Raises
@@ -307,9 +388,52 @@ class Forgetting:
 
         Returns
         -------
-        Memory
+        AveragingParameters
             Of this time constant.
         """
         rate = 1.0 / self.time_constant
         span = self.time_constant if tick_weight == 0.0 else -1.0 / expm1(-rate)
         return AveragingParameters(FORGETTING, rate, span, 0.0, 0)
+
+
+@built_in("averaging", "polynomial")
+@dataclass(frozen=True)
+class Polynomial:
+    """The latest demand weighs more, by a gain that is constant: demand at age s weighs as s^(a-1).
+
+    On ticks the newest of N has the weight min(1, a / N) in the average.  A cost that grows slowly above its
+    minimum needs a gain above 1, see `theory.convergence`; more gain than that adds noise.
+
+    Parameters
+    ----------
+    gain : float
+        a, 1 to 100; with 1 all of the past counts alike, as with `Cumulative`.
+
+    Raises
+    ------
+    InputError
+        If the value is outside its range.
+    """
+
+    gain: float
+
+    def __post_init__(self) -> None:
+        clean = validation.number("Polynomial.gain", self.gain, low=1.0, high=_MOST_GAIN)
+        object.__setattr__(self, "gain", clean)
+
+    def parameters(self, tick_weight: float) -> AveragingParameters:
+        """Return what the formulas need.
+
+        Parameters
+        ----------
+        tick_weight : float
+            1 where agents tick, 0 in continuous time.
+
+        Returns
+        -------
+        AveragingParameters
+            The same for any tick weight; with gain 1, those of `Cumulative`.
+        """
+        if self.gain == 1.0:
+            return Cumulative().parameters(tick_weight)
+        return AveragingParameters(POLYNOMIAL, 0.0, 0.0, 0.0, 0, self.gain)

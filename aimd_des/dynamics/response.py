@@ -10,8 +10,8 @@ after it, and the demand accumulated up to it.  With c the moments since the anc
 
 and they differ in one number, the *tick weight*: 1 where a tick folds in a whole demand before it acts
 (eq. (average_eqn) of the paper), 0 where the average is an integral.  A signal is answered with
-probability lambda = Gamma * grad_j f(average) / average^j, eq. (prob_x).  The formulas below are
-the rule, written once: kernels compile them, processes call them as they stand.
+probability lambda = Gamma * grad_j f(average) / average^j, eq. (prob_x), or as another of
+`responses` has it.  The formulas are the rule, written once: kernels compile them, processes call them.
 """
 
 from aimd_des.dynamics.averaging import (
@@ -24,6 +24,14 @@ from aimd_des.dynamics.averaging import (
     keep_parts,
     time_average,
 )
+from aimd_des.dynamics.responses import (
+    AVERAGE,
+    DRAWN,
+    cut_factor,
+    is_saturated,
+    probability_of,
+    response_probability,
+)
 from aimd_des.dynamics.state import AgentParameters, State
 from aimd_des.utils.jit import formula, kernel
 from aimd_des.utils.validation import FloatArray
@@ -34,7 +42,6 @@ __all__ = [
     "answer_row",
     "average_row",
     "demand_at",
-    "response_probability",
 ]
 
 #: The tick weight: what the moment at hand itself counts for in the average.
@@ -45,27 +52,6 @@ DISCRETE, CONTINUOUS = 1.0, 0.0
 def demand_at(demand: float, increase: float, since: float, tick_weight: float) -> float:
     """Return the demand after growth."""
     return demand + increase * (since - tick_weight)
-
-
-@formula
-def response_probability(normalization: float, gradient: float, average: float) -> float:
-    """Return lambda of eq. (prob_x), not cut off at 1.
-
-    Parameters
-    ----------
-    normalization : float
-        Gamma.
-    gradient : float
-        Derivative of the private cost at the averages.
-    average : float
-        The average; at 0 the agent has nothing to give back and lambda is 0.
-
-    Returns
-    -------
-    float
-        At least 0.
-    """
-    return normalization * gradient / average if average > 0.0 else 0.0
 
 
 @kernel
@@ -90,7 +76,8 @@ def average_row(
     else:
         for i in range(demand.shape[0]):
             held, kept, alpha, since = demand[i], accumulated[i], increase[i], moment - anchor[i]
-            folded[i] = folded_at(averaging, kept, held, alpha, since, tick_weight)
+            before = age_at(anchor[i], origin[i], tick_weight)
+            folded[i] = folded_at(averaging, kept, held, alpha, since, before, tick_weight)
             line = (folded[i], kept, held, alpha, anchor[i], origin[i])
             average[i] = average_at(averaging, state.parts, j, i, *line, moment, tick_weight)
 
@@ -116,12 +103,25 @@ def answer_row(
         for i in range(demand.shape[0]):
             line = (accumulated[i], demand[i], increase[i], anchor[i], origin[i])
             keep_parts(averaging, state.parts, j, i, *line, moment, tick_weight)
+    # The factor takes the place of the derivative, which nothing reads any more.
+    factor, response = gradient, parameters.response
+    if response.cut == DRAWN and response.divisor == AVERAGE:  # on its own, as in `average_row`
+        for i in range(demand.shape[0]):
+            probability = response_probability(normalization, gradient[i], average[i])
+            saturated[i] += probability > 1.0
+            factor[i] = decrease[i] if uniform[i] < probability else 1.0
+    else:
+        for i in range(demand.shape[0]):
+            present = demand_at(demand[i], increase[i], moment - anchor[i], tick_weight)
+            found = (normalization, gradient[i], average[i], present, increase[i], decrease[i])
+            age = age_at(moment, origin[i], tick_weight)
+            probability = probability_of(response, averaging, state.memory, j, i, *found, age)
+            saturated[i] += is_saturated(response, probability, decrease[i])
+            cut = (probability, uniform[i], present, decrease[i])
+            factor[i] = cut_factor(response, averaging, state.memory, j, i, *cut)
     for i in range(demand.shape[0]):
         present = demand_at(demand[i], increase[i], moment - anchor[i], tick_weight)
-        probability = response_probability(normalization, gradient[i], average[i])
-        decreases = uniform[i] < probability
-        demand[i] = present * decrease[i] if decreases else present
+        demand[i] = present * factor[i]
         accumulated[i] = folded[i]
         anchor[i] = moment
-        responses[i] += decreases
-        saturated[i] += probability > 1.0
+        responses[i] += factor[i] < 1.0

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from aimd_des.dynamics.averaging import (
     CUMULATIVE,
     FORGETTING,
+    POLYNOMIAL,
     WINDOW,
     Averaging,
     AveragingParameters,
@@ -21,6 +22,16 @@ from aimd_des.dynamics.loss_compensation import (
     CompensationParameters,
     no_compensation,
 )
+from aimd_des.dynamics.responses import (
+    AVERAGE,
+    DRAWN,
+    FULL,
+    OWN,
+    Randomised,
+    Response,
+    ResponseParameters,
+    memory_columns,
+)
 from aimd_des.problem.problem import Problem
 from aimd_des.utils import returned_values, validation
 from aimd_des.utils.errors import InputError
@@ -33,7 +44,7 @@ IntArray = npt.NDArray[np.int64]
 
 
 class State(NamedTuple):
-    """What changes: every array has shape (m, n), `parts` has (m, n, parts).
+    """What changes: every array has shape (m, n), `parts` and `memory` one axis more.
 
     Attributes
     ----------
@@ -56,6 +67,8 @@ class State(NamedTuple):
         agents estimate their loss.
     answered : ndarray of int
         Ticks or times at which a signal was answered; kept where agents compensate.
+    memory : ndarray
+        What the response keeps for each agent and resource; empty with the paper's.
     """
 
     demand: FloatArray
@@ -70,6 +83,7 @@ class State(NamedTuple):
     first: IntArray
     latest: IntArray
     answered: IntArray
+    memory: FloatArray
 
 
 class AgentParameters(NamedTuple):
@@ -89,6 +103,8 @@ class AgentParameters(NamedTuple):
         How demand is averaged.
     compensation : CompensationParameters
         How losses are made good for.
+    response : ResponseParameters
+        How signals are answered.
     """
 
     increase: FloatArray
@@ -98,6 +114,7 @@ class AgentParameters(NamedTuple):
     capacity: FloatArray
     averaging: AveragingParameters
     compensation: CompensationParameters
+    response: ResponseParameters
 
 
 def agent_parameters(
@@ -105,6 +122,7 @@ def agent_parameters(
     tick_weight: float,
     averaging: Averaging | None = None,
     compensation: Compensation | None = None,
+    response: Response | None = None,
 ) -> AgentParameters:
     """Lay out a problem's parameters with agents along the contiguous axis."""
     return AgentParameters(
@@ -115,6 +133,7 @@ def agent_parameters(
         capacity=locked(problem.capacity.copy()),
         averaging=_averaging_parameters(Cumulative() if averaging is None else averaging, tick_weight),
         compensation=_compensation_parameters(compensation, problem.n_agents),
+        response=_response_parameters(Randomised() if response is None else response, tick_weight),
     )
 
 
@@ -126,11 +145,26 @@ def _averaging_parameters(averaging: Averaging, tick_weight: float) -> Averaging
         AveragingParameters,
         "AveragingParameters, see aimd_des.averaging",
     )
-    if given.kind not in (CUMULATIVE, WINDOW, FORGETTING):
-        raise InputError.of(f"{field}.kind", given.kind, "CUMULATIVE, WINDOW or FORGETTING")
+    if given.kind not in (CUMULATIVE, WINDOW, FORGETTING, POLYNOMIAL):
+        raise InputError.of(f"{field}.kind", given.kind, "CUMULATIVE, WINDOW, FORGETTING or POLYNOMIAL")
     for name in ("rate", "span", "part"):
         validation.number(f"{field}.{name}", getattr(given, name), low=0.0)
     validation.integer(f"{field}.parts", given.parts, low=0)
+    validation.number(f"{field}.gain", given.gain, low=1.0)
+    return given
+
+
+def _response_parameters(response: Response, tick_weight: float) -> ResponseParameters:
+    field = returned_values.said_by(response, "parameters")
+    given = returned_values.instance(
+        field,
+        response.parameters(tick_weight),
+        ResponseParameters,
+        "ResponseParameters, see aimd_des.responses",
+    )
+    validation.integer(f"{field}.cut", given.cut, low=DRAWN, high=FULL)
+    validation.integer(f"{field}.divisor", given.divisor, low=AVERAGE, high=OWN)
+    validation.integer(f"{field}.columns", given.columns, low=0)
     return given
 
 
@@ -153,7 +187,7 @@ def _compensation_parameters(compensation: Compensation | None, n_agents: int) -
     return given._replace(loss=locked(np.array(given.loss, dtype=np.float64)))
 
 
-def start(n_resources: int, n_agents: int, tick_weight: float, averaging: AveragingParameters) -> State:
+def start(n_resources: int, n_agents: int, tick_weight: float, parameters: AgentParameters) -> State:
     """Give the state before anything has happened: nobody holds anything."""
     shape = (n_resources, n_agents)
     counts = np.zeros((6, *shape), dtype=np.int64)
@@ -165,9 +199,10 @@ def start(n_resources: int, n_agents: int, tick_weight: float, averaging: Averag
         saturated=counts[1],
         origin=np.zeros(shape),
         pause=np.full(shape, np.inf),
-        parts=np.zeros((*shape, averaging.parts)),
+        parts=np.zeros((*shape, parameters.averaging.parts)),
         heard=counts[2],
         first=counts[3],
         latest=counts[4],
         answered=counts[5],
+        memory=np.zeros((*shape, memory_columns(parameters.response, parameters.averaging))),
     )

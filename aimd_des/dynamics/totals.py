@@ -4,7 +4,7 @@ A total is always summed over the agents in index order at the look that needs i
 carried along: so it has the same bits however the agents are represented.
 """
 
-from aimd_des.dynamics.averaging import average_at, folded_at
+from aimd_des.dynamics.averaging import age_at, average_at, folded_at
 from aimd_des.dynamics.response import demand_at
 from aimd_des.dynamics.state import AgentParameters, State
 from aimd_des.utils.jit import formula, kernel
@@ -21,8 +21,10 @@ def average_of(
     j, i, averaging = resource, agent, parameters.averaging
     held, kept, alpha = state.demand[j, i], state.accumulated[j, i], parameters.increase[j, i]
     anchor, now = state.anchor[j, i], min(moment, state.pause[j, i])
-    folded = folded_at(averaging, kept, held, alpha, now - anchor, tick_weight)
-    line = (folded, kept, held, alpha, anchor, state.origin[j, i])
+    origin = state.origin[j, i]
+    before = age_at(anchor, origin, tick_weight)
+    folded = folded_at(averaging, kept, held, alpha, now - anchor, before, tick_weight)
+    line = (folded, kept, held, alpha, anchor, origin)
     return average_at(averaging, state.parts, j, i, *line, now, tick_weight)
 
 

@@ -20,7 +20,15 @@ from aimd_des.dynamics.loss_compensation import (
     estimated_loss,
     read_number,
 )
-from aimd_des.dynamics.response import demand_at, response_probability
+from aimd_des.dynamics.response import demand_at
+from aimd_des.dynamics.responses import (
+    AVERAGE,
+    DRAWN,
+    cut_factor,
+    is_saturated,
+    probability_of,
+    response_probability,
+)
 from aimd_des.engine.delivery import ProcessGenerator, Signal
 from aimd_des.engine.environment import EventKind, Mailbox
 from aimd_des.engine.system import System
@@ -78,6 +86,8 @@ class AgentProcess:
         self._responses, self._saturated = rows.responses, rows.saturated
         self._averaging, self._compensation = parameters.averaging, parameters.compensation
         self._cumulative = parameters.averaging.kind == CUMULATIVE
+        self._response, self._memory = parameters.response, system.state.memory
+        self._drawn, self._divides = self._response.cut == DRAWN, self._response.divisor == AVERAGE
         self._compensates = parameters.compensation.rule != NOTHING
         self._env, self._tick_weight, self._log = system.env, system.tick_weight, system.log
         self._on_response = system.on_response
@@ -165,17 +175,23 @@ class AgentProcess:
                 folded, average = self._fold(j, moment)
                 averages[j] = average
             # Formulas that kernels compile, too: whoever rearranges one moves the bits of both.
-            present = demand_at(held, increase, since, tick_weight)
-            probability = response_probability(normalization, self.marginal_cost(averages, j), average)
+            present, slope = demand_at(held, increase, since, tick_weight), self.marginal_cost(averages, j)
+            probability = (
+                response_probability(normalization, slope, average)
+                if self._divides
+                else self._probability(j, slope, average, present, moment)
+            )
             if self._compensates:
                 probability *= self._factor(signal, moment)
-            if self.system.response_draws(signal)[i] < probability:
-                kept = present * decrease
+            uniform = self.system.response_draws(signal)[i]
+            drawn = decrease if uniform < probability else 1.0
+            factor = drawn if self._drawn else self._cut(j, probability, uniform, present)
+            if factor < 1.0:
+                kept = present * factor
                 self._break_line(j, kept, folded, moment)
                 self._responses[j][i] += 1
                 # Draws are below 1, so that whoever has more than 1 responds, and is counted.
-                if probability > 1.0:
-                    self._saturated[j][i] += 1
+                self._saturated[j][i] += is_saturated(self._response, probability, decrease)
                 # Listeners are told when the new line has begun, so what they read is what is so now.
                 for tell in self._on_response:
                     tell(self._env.now, j, kept - present)
@@ -188,6 +204,21 @@ class AgentProcess:
                     self._break_line(j, present, folded, moment)
                 if self._log is not None:
                     self._log.add((self._env.now, Entry.HOLD, j, i, signal.number, 0.0))
+
+    def _probability(
+        self, resource: int, slope: float, average: float, demand: float, moment: float
+    ) -> float:
+        """Return lambda, in whatever way signals are answered."""
+        i, j, row, response, memory = self.agent, resource, self._rows[resource], self._response, self._memory
+        age = age_at(moment, row[3][i], self._tick_weight)
+        found = (row[6], slope, average, demand, row[4], row[5], age)
+        return float(probability_of(response, self._averaging, memory, j, i, *found))
+
+    def _cut(self, resource: int, probability: float, uniform: float, demand: float) -> float:
+        """Return what demand is multiplied by, where no draw alone decides."""
+        found = (probability, uniform, demand, self.decrease[resource])
+        place = (self._memory, resource, self.agent)
+        return float(cut_factor(self._response, self._averaging, *place, *found))
 
     def _break_line(self, resource: int, demand: float, folded: float, moment: float) -> None:
         """Begin a new line with what is held now."""
@@ -204,7 +235,8 @@ class AgentProcess:
         i, averaging, tick_weight = self.agent, self._averaging, self._tick_weight
         demand, accumulated, anchor, origin, increase, _, _ = self._rows[resource]
         line = accumulated[i], demand[i], increase
-        folded = folded_at(averaging, *line, moment - anchor[i], tick_weight)
+        before = age_at(anchor[i], origin[i], tick_weight)
+        folded = folded_at(averaging, *line, moment - anchor[i], before, tick_weight)
         parts, span = self.system.state.parts, (anchor[i], origin[i], moment, tick_weight)
         return folded, average_at(averaging, parts, resource, i, folded, *line, *span)
 

@@ -8,6 +8,7 @@ from aimd_des.dynamics.averaging import Averaging, Cumulative
 from aimd_des.dynamics.clocks import Clocks
 from aimd_des.dynamics.loss_compensation import Compensation
 from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
+from aimd_des.dynamics.responses import Response
 from aimd_des.dynamics.state import agent_parameters
 from aimd_des.engine.agent_process import AgentProcess
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, Sampled, table_of
@@ -52,6 +53,7 @@ _PARTS: dict[str, tuple[type, str, str]] = {
     "clocks": (Clocks, "Clocks", ""),
     "averaging": (Averaging, "an averaging, such as averaging.Window(100.0)", ""),
     "compensation": (Compensation, "a compensation, such as compensation.KnownLoss(0.1)", ""),
+    "response": (Response, "a response, such as responses.EventNormalised()", ""),
     "recording": (Recording, "a Recording, such as Recording(events=True)", ""),
 }
 
@@ -95,6 +97,8 @@ class Simulation:
         How agents average their demand: `averaging.Cumulative`, the paper's, unless given.
     compensation : Compensation, optional
         What agents do about signals that they lose; nothing unless given.
+    response : Response, optional
+        How agents answer signals: `responses.Randomised`, the paper's rule, unless given.
     interventions : sequence of Intervention
         What changes from outside while the run goes on, see `aimd_des.interventions`.
     seed : int
@@ -127,6 +131,7 @@ class Simulation:
         clocks: Clocks | None = None,
         averaging: Averaging | None = None,
         compensation: Compensation | None = None,
+        response: Response | None = None,
         interventions: Sequence[Intervention] = (),
         seed: int,
         recording: Recording | None = None,
@@ -141,6 +146,7 @@ class Simulation:
             clocks=clocks,
             averaging=averaging,
             compensation=compensation,
+            response=response,
             recording=recording,
         )
         if dynamics == "continuous" and clocks is not None:
@@ -153,7 +159,8 @@ class Simulation:
             _check_maker("agents", agents)
         self.seed = validation.integer("seed", seed, low=0)
         tick_weight = DISCRETE if dynamics == "discrete" else CONTINUOUS
-        agent_parameters(problem, tick_weight, averaging, compensation)  # and what does not fit the agents
+        # And what does not fit the agents.
+        agent_parameters(problem, tick_weight, averaging, compensation, response)
         changes = validation.instances("interventions", interventions, Intervention, "an intervention")
         for intervention in changes:
             returned_values.check(intervention, problem)
@@ -168,6 +175,7 @@ class Simulation:
         self.clocks = Clocks() if clocks is None and dynamics == "discrete" else clocks
         self.averaging = Cumulative() if averaging is None else averaging
         self.compensation = compensation
+        self.response = response
         self.interventions = changes
         self.recording = Recording() if recording is None else recording
         self.processes = validation.instances("processes", processes, _FUNCTION, "a function of the system")
@@ -221,9 +229,8 @@ class Simulation:
         # Everything that changes is made here, so that one simulation can be run any number of times.
         check_end(self.interventions, until)
         log = EventLog() if self.recording.events else None
-        system = System(
-            self.problem, self.channel, self.clocks, self.seed, until, log, self.averaging, self.compensation
-        )
+        whole = (self.problem, self.channel, self.clocks, self.seed, until, log)
+        system = System(*whole, self.averaging, self.compensation, self.response)
         # The observer first: agents that are compiled take over a part of its work before anything begins.
         observer = Observer(system, self.recording)
         self._populate(system, observer)

@@ -5,10 +5,11 @@ from collections.abc import Callable
 import numpy as np
 
 from aimd_des.channel import Channel
-from aimd_des.dynamics.averaging import Averaging, folded_at, keep_parts
+from aimd_des.dynamics.averaging import Averaging, age_at, folded_at, keep_parts
 from aimd_des.dynamics.clocks import Clocks
 from aimd_des.dynamics.loss_compensation import Compensation
 from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
+from aimd_des.dynamics.responses import Response
 from aimd_des.dynamics.state import agent_parameters, start
 from aimd_des.engine.conditions import Conditions
 from aimd_des.engine.delivery import Agent, Carrier, Collective, ResponseDraws, Signal
@@ -46,6 +47,8 @@ class System(Readings):
         How agents average their demand; over all of their past unless given.
     compensation : Compensation, optional
         What they do about losses; nothing unless given.
+    response : Response, optional
+        How they answer signals; by the paper's rule unless given.
 
     Attributes
     ----------
@@ -74,6 +77,7 @@ class System(Readings):
         log: EventLog | None = None,
         averaging: Averaging | None = None,
         compensation: Compensation | None = None,
+        response: Response | None = None,
     ) -> None:
         n, m = problem.n_agents, problem.n_resources
         # A key for each purpose: what one of them draws moves no number of another.
@@ -82,16 +86,17 @@ class System(Readings):
         returned_values.having(returned_values.said_by(channel, "open"), self.link, ["transmit"])
         tick_weight = CONTINUOUS if clocks is None else DISCRETE
         # Arrays of this run: interventions write them, so nothing of the problem's may be among them.
-        parameters = agent_parameters(problem, tick_weight, averaging, compensation)
+        parameters = agent_parameters(problem, tick_weight, averaging, compensation, response)
         own = None if clocks is None else clocks.start(n, self.keys[Purpose.CLOCK])
         super().__init__(
             problem,
             OrderedEnvironment(),
             own,
-            start(m, n, tick_weight, parameters.averaging),
+            start(m, n, tick_weight, parameters),
             parameters,
             tick_weight,
         )
+        self.response = response
         self.until = until
         self.log = log
         self.conditions = Conditions.at_start(problem)
@@ -200,7 +205,8 @@ class System(Readings):
         keep_parts(
             averaging, self.state.parts, j, i, *line, anchor[i], rows.origin[j][i], last, self.tick_weight
         )
-        folded[i] = folded_at(averaging, *line, last - anchor[i], self.tick_weight)
+        before = age_at(anchor[i], rows.origin[j][i], self.tick_weight)
+        folded[i] = folded_at(averaging, *line, last - anchor[i], before, self.tick_weight)
         held[i], anchor[i] = demand, last
 
     def tighten(self, resource: int) -> None:

@@ -1,33 +1,12 @@
 """The derivative of one agent's cost in compiled code: of the built-in families, or of the user's own."""
 
-from typing import Any
-
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
-
 from aimd_des.dynamics.totals import average_of
 from aimd_des.fleet.arrays import FleetAgents
 from aimd_des.problem.costs.kernels import gradient_at
+from aimd_des.utils.compiled_call import call_compiled
 from aimd_des.utils.jit import formula
 
 __all__ = ["marginal_cost_at"]
-
-
-@intrinsic  # type: ignore[untyped-decorator]  # numba has no type information
-def _call_gradient(typingctx: Any, address: Any, agent: Any, average: Any, gradient: Any) -> Any:  # noqa: ARG001
-    """Call a compiled gradient: void(int64 agent, double* average, double* gradient)."""
-    # Addresses travel as integers: a function pointer in the record of agents would be part of its type.
-    signature = types.void(types.int64, types.int64, types.int64, types.int64)
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
-        word, pointer = ir.IntType(64), ir.DoubleType().as_pointer()
-        kind = ir.FunctionType(ir.VoidType(), [word, pointer, pointer]).as_pointer()
-        places = [builder.inttoptr(place, pointer) for place in args[2:]]
-        builder.call(builder.inttoptr(args[0], kind), [args[1], *places])
-        return context.get_dummy_value()
-
-    return signature, codegen
 
 
 @formula
@@ -45,6 +24,6 @@ def marginal_cost_at(agents: FleetAgents, agent: int, resource: int, moment: flo
     if agents.gradient != 0:
         # It hands over all m derivatives.
         gradient = agents.buffers.gradient
-        _call_gradient(agents.gradient, agent, averages.ctypes.data, gradient.ctypes.data)
+        call_compiled(agents.gradient, agent, averages.ctypes.data, gradient.ctypes.data)
         return float(gradient[resource])
     return gradient_at(agents.table, averages, resource, agent)

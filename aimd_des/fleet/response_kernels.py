@@ -24,7 +24,15 @@ from aimd_des.dynamics.loss_compensation import (
     estimated_loss,
     read_number,
 )
-from aimd_des.dynamics.response import demand_at, response_probability
+from aimd_des.dynamics.response import demand_at
+from aimd_des.dynamics.responses import (
+    AVERAGE,
+    DRAWN,
+    cut_factor,
+    is_saturated,
+    probability_of,
+    response_probability,
+)
 from aimd_des.fleet.absent_agents import miss, subject
 from aimd_des.fleet.arrays import ALL_ANSWERS, LAST, NO_ANSWERS, FleetAgents
 from aimd_des.fleet.in_flight import BLOCK, DUE, FORGOTTEN, LATER
@@ -190,10 +198,24 @@ def _remember(agents: FleetAgents, chosen: int) -> None:
     for row in range(chosen):
         i, j = agents.copies.agent[buffers.chosen[row]], buffers.resource[row]
         line = (buffers.accumulated[row], buffers.held[row], buffers.increase[row])
-        folded = folded_at(averaging, *line, buffers.since[row], tick_weight)
+        before = age_at(state.anchor[j, i], state.origin[j, i], tick_weight)
+        folded = folded_at(averaging, *line, buffers.since[row], before, tick_weight)
         span = (state.anchor[j, i], state.origin[j, i], buffers.moment[row], tick_weight)
         buffers.folded[row] = folded
         buffers.averages[row] = average_at(averaging, state.parts, j, i, folded, *line, *span)
+
+
+@formula
+def _find_probabilities(agents: FleetAgents, chosen: int) -> None:
+    """Compute response probabilities in whatever way signals are answered."""
+    buffers, parameters, memory = agents.buffers, agents.parameters, agents.state.memory
+    for row in range(chosen):
+        i, j = agents.copies.agent[buffers.chosen[row]], buffers.resource[row]
+        lines = (buffers.present[row], buffers.increase[row], parameters.decrease[j, i], buffers.age[row])
+        found = (buffers.gamma[row], buffers.slope[row], buffers.averages[row], *lines)
+        buffers.probability[row] = probability_of(
+            parameters.response, parameters.averaging, memory, j, i, *found
+        )
 
 
 @formula
@@ -231,21 +253,38 @@ def _weigh(agents: FleetAgents, queue: int, chosen: int) -> None:
     for row in range(chosen):
         buffers.present[row] = demand_at(held[row], increase[row], since[row], tick_weight)
     _find_slopes(agents, queue, chosen)
-    for row in range(chosen):
-        gamma, slope, average = buffers.gamma[row], buffers.slope[row], buffers.averages[row]
-        buffers.probability[row] = response_probability(gamma, slope, average)
+    if agents.parameters.response.divisor == AVERAGE:
+        for row in range(chosen):
+            gamma, slope, average = buffers.gamma[row], buffers.slope[row], buffers.averages[row]
+            buffers.probability[row] = response_probability(gamma, slope, average)
+    else:
+        _find_probabilities(agents, chosen)
     if agents.parameters.compensation.rule != NOTHING:
         _compensate(agents, chosen)
+
+
+@formula
+def _factor_of(agents: FleetAgents, place: int, row: int) -> float:
+    """Return what an agent's demand is multiplied by."""
+    parameters, buffers, memory = agents.parameters, agents.buffers, agents.state.memory
+    i, j = agents.copies.agent[place], buffers.resource[row]
+    cut = (buffers.probability[row], agents.copies.uniform[place], buffers.present[row])
+    decrease = parameters.decrease[j, i]
+    return cut_factor(parameters.response, parameters.averaging, memory, j, i, *cut, decrease)
 
 
 @formula
 def _answer(agents: FleetAgents, chosen: int) -> None:
     """Let agents respond, or hold: Algorithm 2, the branch S = 1."""
     copies, state, parameters, buffers = agents.copies, agents.state, agents.parameters, agents.buffers
-    ticking, averaging = agents.tick_weight > 0.0, parameters.averaging
+    ticking, averaging, response = agents.tick_weight > 0.0, parameters.averaging, parameters.response
+    drawn, factor = response.cut == DRAWN, 1.0
     for row in range(chosen):
         place = buffers.chosen[row]
         responds = copies.uniform[place] < buffers.probability[row]
+        if not drawn:
+            factor = _factor_of(agents, place, row)
+            responds = factor < 1.0
         # A tick that holds is a tick without growth; a continuous agent just grows on.
         if responds or ticking:
             i, j = copies.agent[place], buffers.resource[row]
@@ -255,12 +294,15 @@ def _answer(agents: FleetAgents, chosen: int) -> None:
                 line = (buffers.accumulated[row], buffers.held[row], buffers.increase[row])
                 span = (state.anchor[j, i], state.origin[j, i], buffers.moment[row], agents.tick_weight)
                 keep_parts(averaging, state.parts, j, i, *line, *span)
-            kept = present * parameters.decrease[j, i] if responds else present
+            if drawn:
+                factor = parameters.decrease[j, i] if responds else 1.0
+            kept = present * factor
             state.demand[j, i], state.accumulated[j, i] = kept, buffers.folded[row]
             state.anchor[j, i] = buffers.moment[row]
             state.responses[j, i] += responds
             # Only responses are counted: every draw is below 1, so above 1 nobody holds.
-            state.saturated[j, i] += buffers.probability[row] > 1.0
+            decrease = parameters.decrease[j, i]
+            state.saturated[j, i] += is_saturated(response, buffers.probability[row], decrease)
             if agents.reported != NO_ANSWERS and responds:
                 _report(agents, place, j, kept - present)
         if agents.reported == ALL_ANSWERS and not responds:

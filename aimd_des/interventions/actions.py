@@ -76,6 +76,7 @@ def join(system: System, agent: str | int, *, anew: bool = False) -> None:
     moment, last = system.moment(i), system.moment(i) - system.tick_weight
     if anew:
         state.origin[:, i], state.accumulated[:, i], state.answered[:, i] = moment, 0.0, 0
+        state.memory[:, i] = 0.0
     else:
         state.origin[:, i] += last - state.pause[:, i]
     # Numbers that were sent while it was away are not lost signals.

@@ -51,12 +51,14 @@ if TYPE_CHECKING:
     ControlUnitTable = KindTable
     AveragingTable = KindTable
     CompensationTable = KindTable
+    ResponseTable = KindTable
     CostsTable = KindTable
     InterventionTable = KindTable
 else:
     ControlUnitTable = one_of("control_unit")
     AveragingTable = one_of("averaging")
     CompensationTable = one_of("compensation")
+    ResponseTable = one_of("response")
     InterventionTable = one_of("intervention")
     CostsTable = one_of("costs")
 
@@ -95,6 +97,8 @@ class Scenario(Table, InSentences):
         When discrete agents act: at every whole unit of time unless given.
     averaging : table
         How agents average their demand: over all of their past unless given.
+    response : table, optional
+        How agents answer signals: by the paper's rule unless given.
     compensation : table, optional
         What agents do about signals that they lose; nothing unless given.
     interventions : list of tables
@@ -120,6 +124,7 @@ class Scenario(Table, InSentences):
     channel: ChannelSettings = Field(default_factory=ChannelSettings)
     clocks: ClocksSettings = Field(default_factory=ClocksSettings)
     averaging: AveragingTable = Field(default_factory=lambda: kind_table("averaging", "cumulative"))
+    response: ResponseTable | None = None
     compensation: CompensationTable | None = None
     interventions: list[InterventionTable] = Field(default_factory=list)
     recording: RecordingSettings = Field(default_factory=RecordingSettings)
@@ -300,6 +305,7 @@ class Scenario(Table, InSentences):
             If the problem is refused, or a length does not fit the number of agents.
         """
         (problem, interventions), recording = self.built(), self.recording.build()
+        response = None if self.response is None else self.response.build()
         if self.dynamics == "synchronous":
             if processes:
                 allowed = "'discrete' or 'continuous' for processes such as one that watches the run"
@@ -310,6 +316,7 @@ class Scenario(Table, InSentences):
                 seed=self.seed,
                 lag=self.lag,
                 averaging=self.averaging.build(),
+                response=response,
                 recording=recording,
             )
         simulation = Simulation(
@@ -320,6 +327,7 @@ class Scenario(Table, InSentences):
             agents=Fleet if self.agents == "fleet" else AgentProcess,
             clocks=self.clocks.build() if self.dynamics == "discrete" else None,
             averaging=self.averaging.build(),
+            response=response,
             compensation=None if self.compensation is None else self.compensation.build(),
             interventions=interventions,
             seed=self.seed,

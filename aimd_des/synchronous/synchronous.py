@@ -8,6 +8,7 @@ import numpy as np
 
 from aimd_des.dynamics.averaging import Averaging
 from aimd_des.dynamics.response import DISCRETE
+from aimd_des.dynamics.responses import Response
 from aimd_des.dynamics.state import State, agent_parameters, start
 from aimd_des.problem.costs import cost_table
 from aimd_des.problem.problem import Problem
@@ -41,6 +42,7 @@ def run_synchronous(
     seed: int,
     lag: int = 1,
     averaging: Averaging | None = None,
+    response: Response | None = None,
     recording: Recording | None = None,
 ) -> Result:
     """Run the synchronous algorithm of the paper (Algorithms 1 and 2) from x(0) = 0.
@@ -58,6 +60,8 @@ def run_synchronous(
         printed; 0: in the same step.
     averaging : Averaging, optional
         How agents average their demand: over all of their past unless given.
+    response : Response, optional
+        How agents answer signals: by the paper's rule unless given.
     recording : Recording, optional
         What to keep besides signals and end; totals at a thousand steps unless given.
 
@@ -86,14 +90,17 @@ def run_synchronous(
         validation.instance(
             "averaging", averaging, Averaging, "an averaging, such as averaging.Window(100.0)"
         )
+    if response is not None:
+        validation.instance("response", response, Response, "a response, such as responses.Derandomised()")
     recording = Recording() if recording is None else recording
     validation.instance("recording", recording, Recording, "a Recording, such as Recording(demand='end')")
     # Refused, not ignored: who asks for a log and gets none would look for it in the result.
     if recording.events:
         raise InputError.of("recording.events", True, "False: the synchronous algorithm has no events")
     n, m = problem.n_agents, problem.n_resources
-    parameters, table = agent_parameters(problem, DISCRETE, averaging), cost_table(problem.costs)
-    state = start(m, n, DISCRETE, parameters.averaging)
+    parameters = agent_parameters(problem, DISCRETE, averaging, response=response)
+    table = cost_table(problem.costs)
+    state = start(m, n, DISCRETE, parameters)
     control = StepControl(
         moment=np.zeros(1),
         total=np.zeros(m),

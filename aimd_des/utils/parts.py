@@ -37,6 +37,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "loss": ("start",),
     "network": (),
     "averaging": ("parameters",),
+    "response": ("parameters",),
     "compensation": ("parameters",),
     "intervention": ("check", "process"),
     "costs": ("value", "gradient", "hessian"),
@@ -83,8 +84,8 @@ def part(group: str) -> Callable[[_Make], _Make]:
     Parameters
     ----------
     group : str
-        What it is: "latency", "loss", "control_unit", "network", "averaging", "compensation",
-        "intervention" or "costs".
+        What it is: "latency", "loss", "control_unit", "network", "averaging", "response",
+        "compensation", "intervention" or "costs".
 
     Returns
     -------

@@ -30,6 +30,7 @@ from aimd_des import (
     compensation,
     latency,
     loss,
+    responses,
     topology,
 )
 from aimd_des.control_units import EarlyDetection
@@ -186,14 +187,28 @@ def clocks(n: int) -> st.SearchStrategy[Clocks]:
     )
 
 
-def averagings() -> Strategy:
-    """Averages of all kinds."""
+def plain_averagings() -> Strategy:
+    """Averages that the reference simulator knows."""
     windows = [averaging.Window(*window) for window in ((4.0, 4), (10.0, 2), (6.0, 3), (12.0, 4))]
     return one_kind(
         st.sampled_from([None, averaging.Cumulative()]),
         st.sampled_from(windows),
         st.builds(averaging.Forgetting, st.sampled_from([5.0, 8.0]) | st.floats(2.0, 10.0)),
     )
+
+
+def averagings() -> Strategy:
+    """Averages of all kinds."""
+    gains = st.sampled_from([1.5, 2.0]) | st.floats(1.0, 20.0)
+    return one_kind(plain_averagings(), plain_averagings(), st.builds(averaging.Polynomial, gains))
+
+
+def answers() -> Strategy:
+    """Responses of all kinds, and the default."""
+    derandomised = st.builds(
+        responses.Derandomised, st.sampled_from(["average", "events"]), full=st.booleans()
+    )
+    return one_kind(st.none(), st.just(responses.EventNormalised()), derandomised)
 
 
 def compensations(n: int) -> Strategy:
@@ -340,6 +355,7 @@ PARTS: dict[str, PartOf] = {
         one_kind(st.none(), clocks(problem.n_agents)) if dynamics == "discrete" else st.none()
     ),
     "averaging": lambda problem, dynamics, until: averagings(),
+    "response": lambda problem, dynamics, until: answers(),
     "compensation": lambda problem, dynamics, until: compensations(problem.n_agents),
     "interventions": lambda problem, dynamics, until: one_kind(st.just([]), interventions(problem, until)),
     "processes": lambda problem, dynamics, until: one_kind(st.just([]), set_demands(problem, until)),
