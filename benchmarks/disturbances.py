@@ -1,8 +1,10 @@
-"""What networks, averages, compensation and interventions cost: fleets with them beside a plain one."""
+"""What networks, averages, responses, compensation and interventions cost, beside a plain fleet."""
 
 import argparse
 from collections.abc import Callable
 from typing import Any
+
+import numba
 
 from aimd_des import (
     BroadcastChannel,
@@ -16,6 +18,7 @@ from aimd_des import (
     compensation,
     latency,
     loss,
+    responses,
     topology,
 )
 from aimd_des.control_units import EarlyDetection
@@ -45,6 +48,12 @@ LEGEND = (
 )
 
 
+@numba.njit
+def _papers(normalization: float, slope: float, average: float) -> float:
+    """The paper's rule, as a function of the user's."""
+    return normalization * slope / average
+
+
 def _networks(n: int) -> dict[str, Any]:
     """A grid with about a camera at each node, as a tree and flooded, with exponential latencies."""
     graph = topology.grid(6, n // 6 + 1, latency=0.05, loss=0.02)
@@ -71,6 +80,10 @@ def _ways(problem: Problem, until: float) -> dict[str, dict[str, Any]]:
         PLAIN: {},
         "window of 1,000": {"averaging": averaging.Window(1000.0)},
         "forgetting over 500": {"averaging": averaging.Forgetting(500.0)},
+        "averages with gain 2": {"averaging": averaging.Polynomial(2.0)},
+        "event normalised": {"response": responses.EventNormalised()},
+        "derandomised": {"response": responses.Derandomised("events")},
+        "a response of one's own": {"response": responses.CustomResponse(_papers)},
         "known loss": {"compensation": compensation.KnownLoss(0.1)},
         "estimated loss": {"compensation": compensation.EstimatedLoss()},
         "adaptive hold-off": {"control_unit": Crossing(0.25, longest_hold_off=1.25)},

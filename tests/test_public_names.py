@@ -78,7 +78,7 @@ FACES = {
         check_page report_run report_study write_page
     """,
     "responses": """
-        Derandomised EventNormalised Randomised Response
+        CustomResponse Derandomised EventNormalised Randomised Response
     """,
     "scenario": """
         Place Scenario StoredRun check_folder load_run load_scenario new_folder parse_setting

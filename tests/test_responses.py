@@ -1,15 +1,20 @@
 """Responses and averages beyond the paper's: by their definitions, by theory, and in every way of running."""
 
+import math
+import re
 from fractions import Fraction
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
 from aimd_des import (
+    AgentProcess,
     Crossing,
     Fleet,
+    InputError,
     PolynomialCosts,
     Problem,
     Recording,
@@ -27,7 +32,7 @@ from aimd_des.dynamics.averaging import folded_at
 from aimd_des.dynamics.responses import Response
 from aimd_des.engine.environment import EventKind
 from models import smart_cameras
-from tests.conftest import quietly
+from tests.conftest import quietly, random_problem
 
 EVENTS = Recording(events=True)
 MEMORIES = [responses.EventNormalised(), responses.Derandomised("events", full=True)]
@@ -293,3 +298,92 @@ def test_every_way_of_averaging_gives_processes_and_a_fleet_one_log(response: Re
         for more in ({}, {"agents": Fleet})
     }
     assert len(digests) == len(ways)
+
+
+# -- a response of one's own -----------------------------------------------------------------------------
+
+
+@numba.njit
+def papers(normalization: float, slope: float, average: float) -> float:
+    return normalization * slope / average
+
+
+@numba.njit
+def counting(
+    slope: float, average: float, demand: float, normalization: float, age: float, memory: Any
+) -> float:
+    """Divides by the average demand found, and answers less at the beginning."""
+    memory[0] += 1.0
+    memory[1] += demand
+    return normalization * slope / (memory[1] / memory[0]) * (1.0 - 1.0 / (age + 2.0)) + 0.0 * average
+
+
+def plain_counting(
+    slope: float, average: float, demand: float, normalization: float, age: float, memory: Any
+) -> float:
+    return counting.py_func(slope, average, demand, normalization, age, memory)  # type: ignore[no-any-return]
+
+
+def test_the_papers_rule_as_ones_own_is_the_papers_rule() -> None:
+    problem, own = smart_cameras(2), responses.CustomResponse(papers)
+    expected = run_synchronous(problem, steps=500, seed=1, lag=0).digest
+    assert run_synchronous(problem, steps=500, seed=1, lag=0, response=own).digest == expected
+    for agents in ({}, {"agents": Fleet}):
+        assert Simulation(problem, seed=1, response=own, **agents).run(500.0).digest == expected
+
+
+@pytest.mark.parametrize("cut", ["drawn", "fractional", "full"])
+@pytest.mark.parametrize("dynamics", ["discrete", "continuous"])
+def test_a_response_of_ones_own_gives_one_log_in_every_way(cut: Any, dynamics: Any) -> None:
+    channel = BroadcastChannel(latency.Exponential(0.5), loss=0.1)
+    parts: dict[str, Any] = {"dynamics": dynamics, "channel": channel, "recording": EVENTS, "seed": 3}
+    parts["interventions"] = [interventions.Crash([1], 40.0, 60.0), interventions.Absence([2], 40.0, 60.0)]
+    ways = [(counting, Fleet), (counting, AgentProcess), (plain_counting, AgentProcess)]
+    digests = {
+        quietly(
+            Simulation(
+                random_problem(3, 8, 2, "coupled"),
+                agents=agents,
+                response=responses.CustomResponse(function, cut, memory=2),
+                **parts,
+            ).run,
+            150.0,
+        ).digest
+        for function, agents in ways
+    }
+    assert len(digests) == 1
+
+
+def test_synchronous_runs_call_it_too() -> None:
+    problem, own = smart_cameras(2), responses.CustomResponse(counting, "fractional", memory=2)
+    at_once = Simulation(problem, agents=Fleet, seed=1, response=own).run(300.0)
+    assert run_synchronous(problem, steps=300, seed=1, lag=0, response=own).digest == at_once.digest
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: responses.CustomResponse(3.0), "CustomResponse.probability = 3.0: must be a function"),
+        (lambda: responses.CustomResponse(lambda mean: mean), "probability = 'mean': must be names of"),
+        (lambda: responses.CustomResponse(lambda memory, age: age, memory=1), "with 'memory' last"),
+        (lambda: responses.CustomResponse(lambda memory: 0.0), "with 'memory' last"),
+        (lambda: responses.CustomResponse(papers, "half"), "CustomResponse.cut = 'half'"),
+        (lambda: responses.CustomResponse(papers, memory=-1), "CustomResponse.memory = -1"),
+        (lambda: responses.CustomResponse(lambda age: None), "CustomResponse.probability() = None: must be"),
+        (lambda: responses.CustomResponse(lambda age: -age), "CustomResponse.probability() = -1.0: must be"),
+        (lambda: responses.CustomResponse(lambda age: math.nan), "CustomResponse.probability() = nan"),
+    ],
+)
+def test_a_broken_response_is_refused_by_name(make: Any, words: str) -> None:
+    with pytest.raises(InputError, match=re.escape(words)):
+        make()
+
+
+def test_compiled_code_needs_a_compiled_function() -> None:
+    own = responses.CustomResponse(plain_counting, memory=2)
+    for run in (
+        lambda: Simulation(smart_cameras(0), agents=Fleet, seed=1, response=own).run(2.0),
+        lambda: run_synchronous(smart_cameras(0), steps=2, seed=1, response=own),
+    ):
+        with pytest.raises(InputError, match=r"CustomResponse\.probability = .*compiled by numba\.njit"):
+            run()

@@ -40,6 +40,7 @@ __all__ = [
     "FULL",
     "INPUTS",
     "OWN",
+    "OWN_COLUMNS",
     "Derandomised",
     "EventNormalised",
     "Randomised",
@@ -73,9 +74,11 @@ INPUTS = (
 )
 
 # Columns of an agent's memory: the sum of lambda; average and number of demands found; with a window, their
-# sum, and from `_PARTS` on the sum at the boundaries of parts.  Numbers of the user's follow the first.
+# sum, and from `_PARTS` on the sum at the boundaries of parts.
 _LAMBDA, _MEAN, _COUNT, _SUM, _PARTS = 0, 1, 2, 3, 4
-_OWN_COLUMNS = 1
+
+#: Where the numbers begin that a function of the user's keeps.
+OWN_COLUMNS = 1
 
 
 class ResponseParameters(NamedTuple):
@@ -115,7 +118,7 @@ def response_parameters(cut: int, divisor: int, columns: int = 0, order: object 
 def memory_columns(response: ResponseParameters, averaging: AveragingParameters) -> int:
     """Count the numbers that are kept for each agent and resource."""
     if response.divisor == OWN:
-        return _OWN_COLUMNS + response.columns
+        return OWN_COLUMNS + response.columns
     if response.divisor != AVERAGE:
         return _PARTS + averaging.parts if averaging.kind == WINDOW else _SUM
     return _MEAN if response.cut == FULL else 0
@@ -194,12 +197,15 @@ def probability_of(
     """Return lambda of an answer, not cut off, and note the demand that the signal has found."""
     j, i = resource, agent
     if response.divisor == OWN:
+        if not average > 0.0:
+            return 0.0
         values = (normalization, slope, average, demand, increase, decrease, age, float(i), float(j))
         for p in range(response.order.shape[0]):
             response.inputs[p] = values[response.order[p]]
-        own = memory[j, i, _OWN_COLUMNS:]
+        own = memory[j, i, OWN_COLUMNS:]
         call_compiled(response.address, i, response.inputs.ctypes.data, own.ctypes.data)
-        return float(response.inputs[0])
+        returned = response.inputs[0]
+        return float(returned) if returned > 0.0 else 0.0  # not a number is 0, too
     divisor = average
     if response.divisor == AT_SIGNALS:
         _note_demand(averaging, memory, j, i, demand)

@@ -165,6 +165,8 @@ def _response_parameters(response: Response, tick_weight: float) -> ResponsePara
     validation.integer(f"{field}.cut", given.cut, low=DRAWN, high=FULL)
     validation.integer(f"{field}.divisor", given.divisor, low=AVERAGE, high=OWN)
     validation.integer(f"{field}.columns", given.columns, low=0)
+    if given.divisor == OWN:
+        returned_values.having(type(response).__name__, response, ["probability"])
     return given
 
 

@@ -12,6 +12,7 @@ from aimd_des.dynamics.averaging import (
     keep_parts,
     time_average,
 )
+from aimd_des.dynamics.custom_response import called_plainly
 from aimd_des.dynamics.loss_compensation import (
     ESTIMATED,
     KNOWN,
@@ -24,6 +25,8 @@ from aimd_des.dynamics.response import demand_at
 from aimd_des.dynamics.responses import (
     AVERAGE,
     DRAWN,
+    OWN,
+    OWN_COLUMNS,
     cut_factor,
     is_saturated,
     probability_of,
@@ -87,7 +90,9 @@ class AgentProcess:
         self._averaging, self._compensation = parameters.averaging, parameters.compensation
         self._cumulative = parameters.averaging.kind == CUMULATIVE
         self._response, self._memory = parameters.response, system.state.memory
-        self._drawn, self._divides = self._response.cut == DRAWN, self._response.divisor == AVERAGE
+        self._papers = self._response.cut == DRAWN and self._response.divisor == AVERAGE
+        given, owned = system.response, self._response.divisor == OWN
+        self._own = called_plainly(given, self._response) if owned and given is not None else None
         self._compensates = parameters.compensation.rule != NOTHING
         self._env, self._tick_weight, self._log = system.env, system.tick_weight, system.log
         self._on_response = system.on_response
@@ -162,7 +167,7 @@ class AgentProcess:
         """
         if not self.separable:
             self._take_averages(moment)
-        i, tick_weight, averages = self.agent, self._tick_weight, self._averages
+        i, tick_weight, averages, papers = self.agent, self._tick_weight, self._averages, self._papers
         for signal in signals:
             j = signal.resource
             demand, accumulated, anchor, origin, increase, decrease, normalization = self._rows[j]
@@ -178,20 +183,21 @@ class AgentProcess:
             present, slope = demand_at(held, increase, since, tick_weight), self.marginal_cost(averages, j)
             probability = (
                 response_probability(normalization, slope, average)
-                if self._divides
+                if papers
                 else self._probability(j, slope, average, present, moment)
             )
             if self._compensates:
                 probability *= self._factor(signal, moment)
             uniform = self.system.response_draws(signal)[i]
             drawn = decrease if uniform < probability else 1.0
-            factor = drawn if self._drawn else self._cut(j, probability, uniform, present)
+            factor = drawn if papers else self._cut(j, probability, uniform, present)
             if factor < 1.0:
                 kept = present * factor
                 self._break_line(j, kept, folded, moment)
                 self._responses[j][i] += 1
                 # Draws are below 1, so that whoever has more than 1 responds, and is counted.
-                self._saturated[j][i] += is_saturated(self._response, probability, decrease)
+                if probability > 1.0:
+                    self._saturated[j][i] += is_saturated(self._response, probability, decrease)
                 # Listeners are told when the new line has begun, so what they read is what is so now.
                 for tell in self._on_response:
                     tell(self._env.now, j, kept - present)
@@ -212,6 +218,9 @@ class AgentProcess:
         i, j, row, response, memory = self.agent, resource, self._rows[resource], self._response, self._memory
         age = age_at(moment, row[3][i], self._tick_weight)
         found = (row[6], slope, average, demand, row[4], row[5], age)
+        if self._own is not None:
+            own = memory[j, i, OWN_COLUMNS:]
+            return self._own((*found, float(i), float(j)), own) if average > 0.0 else 0.0
         return float(probability_of(response, self._averaging, memory, j, i, *found))
 
     def _cut(self, resource: int, probability: float, uniform: float, demand: float) -> float:

@@ -10,6 +10,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.dynamics.custom_response import with_address
 from aimd_des.dynamics.loss_compensation import ESTIMATED
 from aimd_des.engine.delivery import Signal
 from aimd_des.engine.environment import EventKind
@@ -82,7 +83,9 @@ class CompiledAgents:
         # and only when it settles; whoever else reads or writes them settles first.
         self.agents = FleetAgents(
             state=system.state,
-            parameters=system.parameters,
+            parameters=system.parameters._replace(
+                response=with_address(system.response, system.parameters.response)
+            ),
             members=self.members,
             table=cost_table(problem.costs),
             gradient=_address(self._gradient),

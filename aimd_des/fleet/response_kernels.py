@@ -39,7 +39,7 @@ from aimd_des.fleet.in_flight import BLOCK, DUE, FORGOTTEN, LATER
 from aimd_des.fleet.marginal_cost import marginal_cost_at
 from aimd_des.fleet.radix_heap import move, places, raise_due, release, time_of
 from aimd_des.problem.costs.kernels import add_terms, horner_step
-from aimd_des.utils.jit import formula, kernel
+from aimd_des.utils.jit import formula, kernel, routine
 
 __all__ = ["settle"]
 
@@ -205,9 +205,10 @@ def _remember(agents: FleetAgents, chosen: int) -> None:
         buffers.averages[row] = average_at(averaging, state.parts, j, i, folded, *line, *span)
 
 
-@formula
+# Apart, so that the loops of the paper's rule stay as short as they are without the others.
+@routine
 def _find_probabilities(agents: FleetAgents, chosen: int) -> None:
-    """Compute response probabilities in whatever way signals are answered."""
+    """Compute response probabilities where lambda divides by another than the average over time."""
     buffers, parameters, memory = agents.buffers, agents.parameters, agents.state.memory
     for row in range(chosen):
         i, j = agents.copies.agent[buffers.chosen[row]], buffers.resource[row]
@@ -215,6 +216,24 @@ def _find_probabilities(agents: FleetAgents, chosen: int) -> None:
         found = (buffers.gamma[row], buffers.slope[row], buffers.averages[row], *lines)
         buffers.probability[row] = probability_of(
             parameters.response, parameters.averaging, memory, j, i, *found
+        )
+
+
+@routine
+def _cut(agents: FleetAgents, chosen: int) -> None:
+    """Compute what demands are multiplied by where no draw decides; they take the place of the slopes."""
+    buffers, parameters, memory, copies = (
+        agents.buffers,
+        agents.parameters,
+        agents.state.memory,
+        agents.copies,
+    )
+    for row in range(chosen):
+        place = buffers.chosen[row]
+        i, j = copies.agent[place], buffers.resource[row]
+        found = (buffers.probability[row], copies.uniform[place], buffers.present[row])
+        buffers.slope[row] = cut_factor(
+            parameters.response, parameters.averaging, memory, j, i, *found, parameters.decrease[j, i]
         )
 
 
@@ -261,16 +280,8 @@ def _weigh(agents: FleetAgents, queue: int, chosen: int) -> None:
         _find_probabilities(agents, chosen)
     if agents.parameters.compensation.rule != NOTHING:
         _compensate(agents, chosen)
-
-
-@formula
-def _factor_of(agents: FleetAgents, place: int, row: int) -> float:
-    """Return what an agent's demand is multiplied by."""
-    parameters, buffers, memory = agents.parameters, agents.buffers, agents.state.memory
-    i, j = agents.copies.agent[place], buffers.resource[row]
-    cut = (buffers.probability[row], agents.copies.uniform[place], buffers.present[row])
-    decrease = parameters.decrease[j, i]
-    return cut_factor(parameters.response, parameters.averaging, memory, j, i, *cut, decrease)
+    if agents.parameters.response.cut != DRAWN:
+        _cut(agents, chosen)
 
 
 @formula
@@ -278,13 +289,10 @@ def _answer(agents: FleetAgents, chosen: int) -> None:
     """Let agents respond, or hold: Algorithm 2, the branch S = 1."""
     copies, state, parameters, buffers = agents.copies, agents.state, agents.parameters, agents.buffers
     ticking, averaging, response = agents.tick_weight > 0.0, parameters.averaging, parameters.response
-    drawn, factor = response.cut == DRAWN, 1.0
+    drawn = response.cut == DRAWN
     for row in range(chosen):
         place = buffers.chosen[row]
-        responds = copies.uniform[place] < buffers.probability[row]
-        if not drawn:
-            factor = _factor_of(agents, place, row)
-            responds = factor < 1.0
+        responds = copies.uniform[place] < buffers.probability[row] if drawn else buffers.slope[row] < 1.0
         # A tick that holds is a tick without growth; a continuous agent just grows on.
         if responds or ticking:
             i, j = copies.agent[place], buffers.resource[row]
@@ -294,15 +302,16 @@ def _answer(agents: FleetAgents, chosen: int) -> None:
                 line = (buffers.accumulated[row], buffers.held[row], buffers.increase[row])
                 span = (state.anchor[j, i], state.origin[j, i], buffers.moment[row], agents.tick_weight)
                 keep_parts(averaging, state.parts, j, i, *line, *span)
-            if drawn:
-                factor = parameters.decrease[j, i] if responds else 1.0
-            kept = present * factor
+            kept = present
+            if responds:
+                kept *= parameters.decrease[j, i] if drawn else buffers.slope[row]
             state.demand[j, i], state.accumulated[j, i] = kept, buffers.folded[row]
             state.anchor[j, i] = buffers.moment[row]
             state.responses[j, i] += responds
             # Only responses are counted: every draw is below 1, so above 1 nobody holds.
-            decrease = parameters.decrease[j, i]
-            state.saturated[j, i] += is_saturated(response, buffers.probability[row], decrease)
+            if buffers.probability[row] > 1.0:
+                decrease = parameters.decrease[j, i]
+                state.saturated[j, i] += is_saturated(response, buffers.probability[row], decrease)
             if agents.reported != NO_ANSWERS and responds:
                 _report(agents, place, j, kept - present)
         if agents.reported == ALL_ANSWERS and not responds:

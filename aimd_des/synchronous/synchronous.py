@@ -7,9 +7,10 @@ and sets S(k+1).  With ``lag=0`` the signal set from x(k) is used at k itself.
 import numpy as np
 
 from aimd_des.dynamics.averaging import Averaging
+from aimd_des.dynamics.custom_response import with_address
 from aimd_des.dynamics.response import DISCRETE
 from aimd_des.dynamics.responses import Response
-from aimd_des.dynamics.state import State, agent_parameters, start
+from aimd_des.dynamics.state import AgentParameters, State, agent_parameters, start
 from aimd_des.problem.costs import cost_table
 from aimd_des.problem.problem import Problem
 from aimd_des.results.metrics import Stretch, overshoot_of
@@ -86,20 +87,13 @@ def run_synchronous(
     steps = check_steps("steps", steps, problem)
     lag = validation.integer("lag", lag, low=0, high=1)
     key = rng.key(seed, Purpose.RESPONSE)
-    if averaging is not None:
-        validation.instance(
-            "averaging", averaging, Averaging, "an averaging, such as averaging.Window(100.0)"
-        )
-    if response is not None:
-        validation.instance("response", response, Response, "a response, such as responses.Derandomised()")
     recording = Recording() if recording is None else recording
     validation.instance("recording", recording, Recording, "a Recording, such as Recording(demand='end')")
     # Refused, not ignored: who asks for a log and gets none would look for it in the result.
     if recording.events:
         raise InputError.of("recording.events", True, "False: the synchronous algorithm has no events")
     n, m = problem.n_agents, problem.n_resources
-    parameters = agent_parameters(problem, DISCRETE, averaging, response=response)
-    table = cost_table(problem.costs)
+    parameters, table = _parameters(problem, averaging, response), cost_table(problem.costs)
     state = start(m, n, DISCRETE, parameters)
     control = StepControl(
         moment=np.zeros(1),
@@ -139,6 +133,17 @@ def check_steps(field: str, steps: object, problem: Problem) -> int:
     clean = validation.integer(field, steps, low=1)
     limits.memory(field, clean, clean * problem.n_resources, "a byte for each step and resource")
     return clean
+
+
+def _parameters(problem: Problem, averaging: Averaging | None, response: Response | None) -> AgentParameters:
+    """Lay out the parameters of the agents, with the address of a response of the user's own."""
+    if averaging is not None:
+        allowed = "an averaging, such as averaging.Window(100.0)"
+        validation.instance("averaging", averaging, Averaging, allowed)
+    if response is not None:
+        validation.instance("response", response, Response, "a response, such as responses.Derandomised()")
+    given = agent_parameters(problem, DISCRETE, averaging, response=response)
+    return given._replace(response=with_address(response, given.response))
 
 
 def _open_records(recording: Recording, steps: int, n: int, m: int) -> RecordBuffers:

@@ -1,0 +1,178 @@
+"""A response of the user's own: a function that gives the probability, plain for processes or compiled."""
+
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+from typing import Any, Literal, get_args
+
+import numba
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+from numba.np.unsafe.ndarray import to_fixed_tuple
+
+from aimd_des.dynamics.responses import INPUTS, OWN, Response, ResponseParameters, response_parameters
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
+
+__all__ = ["CustomResponse", "called_plainly", "with_address"]
+
+_MEMORY = "memory"
+_MOST_MEMORY = 100
+
+# Compiled and plain code may differ in the last bits; where there is compiled code, processes call it, too.
+_TOLERANCE = 1e-9
+
+Cut = Literal["drawn", "fractional", "full"]
+
+
+@dataclass(frozen=True, eq=False)
+class CustomResponse:
+    """The response probability is what a function of your own returns.
+
+    Parameters
+    ----------
+    probability : callable
+        Returns lambda, at least 0 and finite, from what its parameters name: ``normalization`` (Gamma),
+        ``slope`` (derivative of the private cost at the averages), ``average``, ``demand`` (what the signal
+        has found), ``increase``, ``decrease``, ``age`` (for how long the agent has been active), ``agent``
+        and ``resource`` (indices, as floats); last of all ``memory``, where numbers are kept.  Plain
+        Python serves agents that are processes; `Fleet` and `run_synchronous` need it compiled by
+        ``numba.njit``.  It is not called while the average is 0: lambda is 0 then.
+    cut : {"drawn", "fractional", "full"}
+        What becomes of demand: it is multiplied by beta with probability lambda; by 1 - (1 - beta) lambda; or
+        by beta when the sum of lambda passes a whole number.
+    memory : int
+        How many numbers the function keeps for each agent and resource, 0 to 100: it gets an array of them,
+        which begins with zeros and which it may write.
+
+    Raises
+    ------
+    InputError
+        If the function has other parameters, returns what is no finite number of at least 0, or returns
+        another number when it is compiled: it is called at a few points.
+
+    Examples
+    --------
+    >>> def halved(normalization, slope, average):
+    ...     return 0.5 * normalization * slope / average
+    >>> CustomResponse(halved).cut
+    'drawn'
+    """
+
+    probability: Callable[..., float]
+    cut: Cut = "drawn"
+    memory: int = 0
+
+    def __post_init__(self) -> None:
+        name = type(self).__name__
+        if not callable(self.probability):
+            raise InputError.of(f"{name}.probability", self.probability, "a function that returns lambda")
+        validation.choice(f"{name}.cut", self.cut, get_args(Cut))
+        count = validation.integer(f"{name}.memory", self.memory, low=0, high=_MOST_MEMORY)
+        object.__setattr__(self, "memory", count)
+        _check(self)
+
+    def parameters(self, tick_weight: float) -> ResponseParameters:
+        """Return what the formulas need.
+
+        Parameters
+        ----------
+        tick_weight : float
+            1 where agents tick, 0 in continuous time.
+
+        Returns
+        -------
+        ResponseParameters
+            With what the function reads; its address follows where it is compiled.
+        """
+        del tick_weight
+        order = [INPUTS.index(name) for name in _parameters_of(self) if name != _MEMORY]
+        return response_parameters(get_args(Cut).index(self.cut), OWN, self.memory, order)
+
+
+def _parameters_of(response: CustomResponse) -> list[str]:
+    return list(inspect.signature(_plain(response.probability)).parameters)
+
+
+def _plain(function: Callable[..., float]) -> Callable[..., float]:
+    return getattr(function, "py_func", function)
+
+
+def _check(response: CustomResponse) -> None:
+    """Hold a function against what it must be, on samples."""
+    field, names = f"parameters of {type(response).__name__}.probability", _parameters_of(response)
+    for name in names:
+        if name not in (*INPUTS, _MEMORY):
+            allowed = f"names of {', '.join(INPUTS)} or {_MEMORY}"
+            raise InputError.of(field, name, allowed)
+    if (_MEMORY in names) != (response.memory > 0) or _MEMORY in names[:-1]:
+        raise InputError.of(
+            field, tuple(names), "with 'memory' last where memory is above 0, and without it else"
+        )
+    parameters = response.parameters(0.0)
+    compiled = called_plainly(response, parameters)
+    plain = compiled
+    if isinstance(response.probability, Dispatcher):
+        plain = called_plainly(response, parameters, _plain(response.probability))
+    for slope, average, demand, age in product((0.3, 2.0), (0.5, 4.0), (0.6, 5.0), (1.0, 1000.0)):
+        values = (0.1, slope, average, demand, 0.01, 0.7, age, 0.0, 0.0)
+        one, other = (call(values, np.zeros(response.memory)) for call in (compiled, plain))
+        if abs(one - other) > _TOLERANCE * max(one, other):
+            raise InputError.of(
+                f"{type(response).__name__}.probability() compiled", one, f"{other!r}, as it returns plainly"
+            )
+
+
+#: Called with the values of all of `INPUTS` and the agent's own memory.
+Caller = Callable[[Sequence[float], FloatArray], float]
+
+
+def called_plainly(
+    response: Response, parameters: ResponseParameters, function: Callable[..., float] | None = None
+) -> Caller:
+    """Return the user's function as processes call it."""
+    own: Any = response
+    chosen, order = function or own.probability, parameters.order.tolist()
+    field = f"{type(response).__name__}.probability()"
+
+    def call(values: Sequence[float], memory: FloatArray) -> float:
+        given = [values[place] for place in order]
+        returned = chosen(*given, memory) if parameters.columns else chosen(*given)
+        # For every answer, since it costs little: compiled code takes what is no such number for 0.
+        return validation.number(field, returned, low=0.0)
+
+    return call
+
+
+def with_address(response: Response | None, parameters: ResponseParameters) -> ResponseParameters:
+    """Let kernels call the user's function, if there is one."""
+    if parameters.divisor != OWN:
+        return parameters
+    own: Any = response
+    if not isinstance(own.probability, Dispatcher):
+        raise InputError.of(
+            f"{type(response).__name__}.probability",
+            own.probability,
+            "compiled by numba.njit for Fleet and run_synchronous",
+            "decorate it with numba.njit, or choose agents=AgentProcess",
+        )
+    called = _callback(own.probability, len(parameters.order), parameters.columns)
+    return parameters._replace(address=called.address)
+
+
+@lru_cache(maxsize=16)
+def _callback(function: Callable[..., Any], count: int, columns: int) -> Any:
+    # As for gradients of costs: kernels get the address alone, and the cache keeps the callback alive.
+    @numba.cfunc("void(int64, CPointer(float64), CPointer(float64))")  # type: ignore[untyped-decorator]
+    def call(_agent: int, inputs: Any, memory: Any) -> None:
+        values = to_fixed_tuple(numba.carray(inputs, (count,)), count)
+        if columns > 0:
+            returned = function(*values, numba.carray(memory, (columns,)))
+        else:
+            returned = function(*values)
+        inputs[0] = returned
+
+    return call
