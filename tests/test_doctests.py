@@ -9,6 +9,7 @@ import importlib
 import io
 import pkgutil
 import re
+from collections.abc import Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
 from typing import NamedTuple
@@ -19,6 +20,7 @@ import pytest
 
 import aimd_des
 import models
+from aimd_des.utils.parts import REGISTERED
 
 ROOT = Path(__file__).resolve().parents[1]
 MODULES = sorted(
@@ -88,9 +90,11 @@ def run_page(page: str, name: str) -> int:
 
 
 @pytest.fixture(autouse=True)
-def _in_an_empty_folder_without_a_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _in_an_empty_folder_without_a_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.chdir(tmp_path)
     mpl.use("Agg")
+    yield
+    REGISTERED.pop("__page__", None)  # no other test finds what a page has registered
 
 
 def test_examples_in_docstrings() -> None:

@@ -30,6 +30,7 @@ from aimd_des.channel import Copies
 from aimd_des.engine.delivery import ProcessGenerator, Signal
 from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
+from aimd_des.utils.parts import REGISTERED
 from tests.conftest import assert_same_run, random_problem
 from tests.test_doctests import ROOT, python_blocks
 
@@ -43,13 +44,14 @@ class Names(dict[str, Any]):
 
 
 @pytest.fixture(scope="module")
-def page() -> Names:
-    """The page, played once."""
+def page() -> Iterator[Names]:
+    """The page, played once; what it registers is forgotten again."""
     names = Names(__name__="__page__")
     with contextlib.redirect_stdout(io.StringIO()):
         for line, source, _ in python_blocks(PAGE):
             exec(compile("\n" * (line - 1) + source, "docs/extending.md", "exec"), names)
-    return names
+    yield names
+    REGISTERED.pop("__page__", None)
 
 
 def times_of(result: Result, kind: str, **which: Any) -> list[float]:
