@@ -309,7 +309,7 @@ VAST = "[channel.network]" + EXAMPLES["network random_geometric"].partition("[ch
             '[control_unit]\nkind = "crossing"',
             "control_unit.kind = 'crossing': must be 'sampled' with discrete dynamics",
         ),
-        ("[control_unit]\nkind = 3", "control_unit.kind = 3: must be one of sampled, crossing"),
+        ("[control_unit]\nkind = 3", "control_unit.kind = 3: must be one of crossing, sampled"),
         (
             '[channel]\nlatency = "long"',
             "channel.latency = 'long': must be a number, a list with one for each agent, or a table whose k",
