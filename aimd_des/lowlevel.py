@@ -4,6 +4,7 @@ These names are promised like those of `aimd_des` itself. Nothing else inside th
 """
 
 from aimd_des.channel import Broadcast, Channel, Copies, DrawnLink, Draws, Link
+from aimd_des.channel.latency.base import quantile_table
 from aimd_des.dynamics.responses import response_probability
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, SampledTable, SampledUnit
 from aimd_des.engine.delivery import Agent, ProcessGenerator, Signal
@@ -44,6 +45,7 @@ __all__ = [
     "log1p",
     "logs",
     "part",
+    "quantile_table",
     "response_probability",
     "standard_normal",
     "uniforms",

@@ -1,21 +1,61 @@
 """The compiled channel is held against the same models drawn one by one from Python, to the last bit."""
 
+from dataclasses import dataclass
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 
-from aimd_des import BroadcastChannel, SimulationError, latency, loss
+from aimd_des import (
+    AgentProcess,
+    BroadcastChannel,
+    Fleet,
+    InputError,
+    Recording,
+    Simulation,
+    SimulationError,
+    latency,
+    loss,
+    topology,
+)
 from aimd_des.channel import Broadcast, CompiledLink, Draws, Link
 from aimd_des.channel.transmit_kernel import transmit
+from aimd_des.lowlevel import exp, exps, log, logs, quantile_table
 from aimd_des.utils import rng
 from aimd_des.utils.rng import Purpose
 from aimd_des.utils.validation import FloatArray
+from tests.conftest import assert_same_run, random_problem
 
 N = 7
 KEYS = {purpose: rng.key(3, purpose) for purpose in Purpose}
 EACH = np.linspace(0.0, 0.9, N)
 RECORD = np.arange(3 * N).reshape(3, N) % 2
+
+
+@numba.njit
+def weibull(u: float, scale: float, power: float) -> float:
+    """A quantile of a user's."""
+    return scale * exp(log(0.0 - log(1.0 - u)) * power)
+
+
+@dataclass(frozen=True, eq=False)
+class Weibull:
+    """A latency of a user's that is written down twice."""
+
+    scale: Any
+    power: float = 0.5
+    quantile: Any = weibull
+
+    def check(self, n_agents: int) -> None: ...
+
+    def draw(self, draws: Draws) -> FloatArray:
+        u = draws.uniforms(Purpose.LATENCY)
+        return np.asarray(self.scale * exps(logs(0.0 - logs(1.0 - u)) * self.power))
+
+    def table(self, n_agents: int) -> Any:
+        return quantile_table(self.quantile, n_agents, self.scale, self.power)
+
 
 LATENCIES: dict[str, Any] = {
     "constant": latency.Constant(0.5),
@@ -27,6 +67,7 @@ LATENCIES: dict[str, Any] = {
     "empirical": latency.Empirical([0.1, 0.5, 0.3], EACH),
     "gamma": latency.ShiftedGamma(2.5, 0.3, EACH),
     "gamma with shapes below 1": latency.ShiftedGamma(2.0 * EACH + 0.01, 0.3),
+    "own": Weibull(EACH),
 }
 LOSSES: dict[str, Any] = {
     "none": loss.Bernoulli(0.0),
@@ -119,6 +160,70 @@ def test_what_a_user_derives_from_a_model_is_asked_itself() -> None:
     assert not hasattr(slower, "table")
     signal = Broadcast(0, 0, 0.0)
     assert np.array_equal(slower.transmit(signal, 0.0).arrival, 2.0 * plain.transmit(signal, 0.0).arrival)
+
+
+class _Later(Weibull):
+    def draw(self, draws: Draws) -> FloatArray:
+        return 1.0 + super().draw(draws)
+
+
+def test_the_table_of_a_class_serves_those_that_draw_as_it_does() -> None:
+    class Renamed(Weibull): ...
+
+    assert isinstance(opened(latency=Renamed(1.0)), CompiledLink)
+    assert not isinstance(opened(latency=_Later(1.0)), CompiledLink)
+    network = topology.tree(topology.star(N, latency=0.1), latency=Weibull)
+    assert isinstance(network.open(N, KEYS), CompiledLink)
+
+
+def test_a_fleet_and_processes_hear_an_own_latency_alike() -> None:
+    channel = BroadcastChannel(latency=Weibull(0.4), loss=0.1, duplication=0.1)
+    problem = random_problem(5, 7, 2)
+    settings: dict[str, Any] = {"dynamics": "continuous", "channel": channel, "seed": 3}
+    recording = Recording(events=True)
+    runs = [
+        Simulation(problem, agents=agents, recording=recording, **settings).run(60.0)
+        for agents in (AgentProcess, Fleet)
+    ]
+    assert_same_run(*runs)
+
+
+@numba.njit
+def _negative(u: float, scale: float, power: float) -> float:
+    return scale * (u - 0.5) * power
+
+
+@numba.njit
+def _other(u: float, scale: float, power: float) -> float:
+    return scale + u * power
+
+
+@numba.njit
+def _of_one(u: float) -> float:
+    return u
+
+
+@pytest.mark.parametrize(
+    ("model", "said"),
+    [
+        (Weibull(1.0, 0.5, _negative), r"^Weibull.table\(\) at u = 0\[0\] = -0.25: must be .* at least 0"),
+        (
+            Weibull(1.0, 0.5, _other),
+            r"^Weibull.table\(\)\[0\] = 1.\d+: must be .* as Weibull.draw\(\) has",
+        ),
+        (Weibull(1.0, 0.5, _of_one), r"^_of_one\(u, first, second\) of numbers cannot be compiled \("),
+        (Weibull(1.0, 0.5, abs), r"^quantile abs = .*: must be a function decorated with numba.njit$"),
+        (Weibull([1.0, 2.0]), r"^shape of parameter 0 = \(2,\): must be \(7,\)"),
+    ],
+)
+def test_a_compiled_latency_that_cannot_serve_is_named(model: Weibull, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        opened(latency=model)
+
+
+def test_a_table_has_three_parameters_at_most() -> None:
+    with pytest.raises(InputError, match=r"^parameters of weibull = 4: must be at most 3$"):
+        quantile_table(weibull, N, 1.0, 1.0, 1.0, 1.0)
 
 
 def test_all_channels_are_of_one_compiled_type() -> None:

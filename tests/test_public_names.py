@@ -63,7 +63,8 @@ FACES = {
     "lowlevel": """
         Agent Broadcast Channel ControlUnit Copies CrossingTable DrawnLink Draws EventKind FloatArray Link
         OrderedEnvironment ProcessGenerator Purpose SampledTable SampledUnit Signal System agent_indices
-        exp expm1 exps generator key log log1p logs part response_probability standard_normal uniforms
+        exp expm1 exps generator key log log1p logs part quantile_table response_probability
+        standard_normal uniforms
     """,
     "metrics": """
         consensus_spread cost_ratio relative_error utilisation

@@ -7,17 +7,8 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.channel.latency import (
-    Constant,
-    Empirical,
-    Exponential,
-    Latency,
-    LogNormal,
-    Pareto,
-    ShiftedGamma,
-    Uniform,
-)
-from aimd_des.channel.latency.base import Parametrised, draw_latency
+from aimd_des.channel.latency import Constant, Latency
+from aimd_des.channel.latency.base import compiled_latency, draw_latency
 from aimd_des.channel.latency.kernels import LatencyTable
 from aimd_des.channel.loss import Bernoulli, Loss, LossProcess
 from aimd_des.channel.loss.base import draw_loss, start_loss
@@ -29,18 +20,15 @@ from aimd_des.utils import returned_values, validation
 from aimd_des.utils.rng import Key, Purpose
 from aimd_des.utils.validation import FloatArray
 
-# What there are formulas for in compiled code; not what users derive from these.
-_COMPILED = {Constant, Empirical, Exponential, LogNormal, Pareto, ShiftedGamma, Uniform}
-
 
 def compiled_models(
-    latency: Latency, loss: LossProcess, n_links: int
+    latency: Latency, loss: LossProcess, n_links: int, keys: Mapping[Purpose, Key]
 ) -> tuple[LatencyTable, LossTable] | None:
     """Lay out the models of a channel for compiled code, if there are formulas for both."""
-    if type(loss) is not TabledLoss or type(latency) not in _COMPILED:
+    if type(loss) is not TabledLoss:
         return None
-    assert isinstance(latency, Parametrised)  # noqa: S101 - all of these are
-    return latency.table(n_links), loss.table
+    table = compiled_latency(latency, n_links, keys)
+    return None if table is None else (table, loss.table)
 
 
 class Broadcast(NamedTuple):
@@ -195,7 +183,7 @@ class BroadcastChannel:
         returned_values.check(self.latency, n_agents)
         validation.fits("duplication", self.duplication, n_agents)
         duplication, loss = np.asarray(self.duplication, dtype=np.float64), start_loss(self.loss, n_agents)
-        if tables := compiled_models(self.latency, loss, n_agents):
+        if tables := compiled_models(self.latency, loss, n_agents, keys):
             return CompiledLink(channel_table(*tables, duplication, self.fifo, keys))
         latest = np.zeros(n_agents) if self.fifo else None
         return _OpenChannel(self.latency, loss, duplication, latest, n_agents, keys)

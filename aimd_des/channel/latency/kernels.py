@@ -8,6 +8,7 @@ With u the uniform number of the copy and z the normal number that it stands for
     lognormal    median * exp(sigma * z)
     Pareto       minimum * (1 - u)**(-1 / shape)
     empirical    scale * (value number floor(u * n_values))
+    own          quantile(u, ...), a function of the user's
 
 and a gamma number by rejection (G. Marsaglia and W. W. Tsang, "A simple method for generating gamma
 variables", ACM Transactions on Mathematical Software 26, 2000): with d = shape - 1/3, z normal and
@@ -23,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.channel.latency.own_quantile import call_quantile
 from aimd_des.utils.jit import formula, kernel, routine
 from aimd_des.utils.portable_math import exp, log, log_normal, standard_normal
 from aimd_des.utils.rng import Key, uniform_at, uniforms_row
@@ -42,10 +44,11 @@ class Distribution(IntEnum):
     PARETO = 4
     EMPIRICAL = 5
     GAMMA = 6
+    OWN = 7
 
 
 # Plain numbers, as kernels take them.
-_CONSTANT, _UNIFORM, _EXPONENTIAL, _LOGNORMAL, _PARETO, _EMPIRICAL, _GAMMA = (
+_CONSTANT, _UNIFORM, _EXPONENTIAL, _LOGNORMAL, _PARETO, _EMPIRICAL, _GAMMA, _OWN = (
     int(distribution) for distribution in Distribution
 )
 
@@ -60,17 +63,23 @@ class LatencyTable(NamedTuple):
     second: FloatArray
     third: FloatArray
     values: FloatArray  # (v,): measured latencies, ascending; empty for other distributions
+    quantile: int  # address of the user's own function, compiled for rows; 0 for other distributions
 
 
 def latency_table(
-    distribution: Distribution, n_agents: int, *parameters: npt.ArrayLike, values: npt.ArrayLike = ()
+    distribution: Distribution,
+    n_agents: int,
+    *parameters: npt.ArrayLike,
+    values: npt.ArrayLike = (),
+    quantile: int = 0,
 ) -> LatencyTable:
     """Lay out a model for compiled code."""
     rows = np.zeros((3, n_agents))
     for row, parameter in zip(rows, parameters, strict=False):
         row[:] = parameter
     first, second, third = (row.copy() for row in rows)
-    return LatencyTable(int(distribution), first, second, third, np.array(values, dtype=np.float64))
+    measured = np.array(values, dtype=np.float64)
+    return LatencyTable(int(distribution), first, second, third, measured, quantile)
 
 
 @kernel
@@ -86,6 +95,9 @@ def quantile_row(table: LatencyTable, out: FloatArray) -> None:
     distribution, first, second = table.distribution, table.first, table.second
     if distribution == _EXPONENTIAL:
         _exponential_row(first, out)
+    elif distribution == _OWN:
+        rows = out.ctypes.data, first.ctypes.data, second.ctypes.data, table.third.ctypes.data
+        call_quantile(table.quantile, out.shape[0], *rows)
     else:
         count = table.values.shape[0]
         for i in range(out.shape[0]):

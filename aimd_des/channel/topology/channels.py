@@ -44,7 +44,7 @@ class _NetworkChannel:
             raise InputError.of("agents of the network", len(self.routes.agents), f"{n_agents}", remedy)
         n_arcs, network = len(self.routes.head), self.routes.table()
         loss = start_loss(self.loss, n_arcs)
-        if tables := compiled_models(self.latency, loss, n_arcs):
+        if tables := compiled_models(self.latency, loss, n_arcs, keys):
             return CompiledLink(channel_table(*tables, 0.0, False, keys, network))
         return _OpenNetwork(self.latency, loss, network, keys)
 
