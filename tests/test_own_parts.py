@@ -18,6 +18,7 @@ from aimd_des.scenario.schema import scenario_schema
 from aimd_des.utils.parts import REGISTERED
 from tests.command_line import digest, invoke, refusal, run, said, write
 from tests.conftest import INLINE
+from tests.test_cli_completion import completed
 
 HEAD = '''"""Parts of one's own."""
 
@@ -429,3 +430,116 @@ def test_a_part_that_cannot_be_made_is_named(name: str) -> None:
     assert refusal("run", "own.toml", "--out", "out").startswith(
         f"own.toml:{line}: channel.latency: {sentence}"
     )
+
+
+RAISING = (
+    HEAD
+    + '''@part("loss")
+class Start:
+    """Raises where a run begins."""
+
+    def start(self, n_agents):
+        raise KeyError(n_agents)
+
+
+@part("loss")
+class Draw:
+    """Raises at a broadcast."""
+
+    def start(self, n_agents):
+        return self
+
+    def draw(self, draws):
+        return 1 / 0
+
+
+@part("latency")
+class Late:
+    """Raises at a broadcast."""
+
+    def check(self, n_agents):
+        pass
+
+    def draw(self, draws):
+        return 1 / 0
+
+
+@part("control_unit")
+class Look:
+    """Raises at a look."""
+
+    def process(self, system):
+        yield system.env.at(1.0, EventKind.SENSE)
+        {}["nothing"]
+
+
+@part("intervention")
+class Change:
+    """Raises at its time."""
+
+    def check(self, problem):
+        pass
+
+    def process(self, system):
+        yield system.env.at(1.0, EventKind.INTERVENE)
+        raise RuntimeError("no such device")
+'''
+)
+RAISED = {
+    "Start": ('[channel.loss]\nkind = "raising_parts.Start"\n', "Start.start() raises KeyError: 5"),
+    "Draw": (
+        '[channel.loss]\nkind = "raising_parts.Draw"\n',
+        "Draw.draw() raises ZeroDivisionError: division by zero",
+    ),
+    "Late": (
+        '[channel.latency]\nkind = "raising_parts.Late"\n',
+        "Late.draw() raises ZeroDivisionError: division by zero",
+    ),
+    "Look": ('[control_unit]\nkind = "raising_parts.Look"\n', "Look.process() raises KeyError: 'nothing'"),
+    "Change": (
+        '[[interventions]]\nkind = "raising_parts.Change"\n',
+        "Change.process() raises RuntimeError: no such device",
+    ),
+}
+
+
+@pytest.mark.usefixtures("own_folder")
+@pytest.mark.parametrize("name", RAISED)
+def test_what_a_part_raises_in_a_run_is_told_with_class_and_method(name: str) -> None:
+    table, sentence = RAISED[name]
+    write(RAISING, "raising_parts.py")
+    write(INLINE + table, "own.toml")
+    outcome = run("own.toml", "--out", "out")
+    assert isinstance(outcome.exception, SystemExit), outcome.exception
+    assert (outcome.exit_code, outcome.stderr.splitlines()[-1]) == (1, f"Error: own.toml: {sentence}")
+    assert not Path("out").exists()
+    # In Python it is the user's own exception, with a note.
+    kind = sentence.split(" raises ")[1].partition(":")[0]
+    with pytest.raises((KeyError, ZeroDivisionError, RuntimeError)) as caught:
+        load_scenario("own.toml").run()
+    assert type(caught.value).__name__ == kind
+    assert caught.value.__notes__ == [f"raised in {sentence.partition(' raises ')[0]}"]
+
+
+@pytest.mark.usefixtures("own_folder")
+def test_a_run_of_a_study_that_a_part_has_ended_says_so() -> None:
+    write(RAISING, "raising_parts.py")
+    write(INLINE + RAISED["Draw"][0], "own.toml")
+    write('base = "own.toml"\n', "study.toml")
+    invoke("sweep", "study.toml", "--out", "study", "--workers", "1")
+    assert load_study("study").failed["message"].tolist() == [RAISED["Draw"][1]]
+
+
+@pytest.mark.usefixtures("own_folder")
+@pytest.mark.parametrize("body", ["1 / 0\n", "raise SystemExit(3)\n", "def f(:\n", "import no_such_module\n"])
+def test_a_broken_module_around_disturbs_no_command(body: str) -> None:
+    number = sum(map(ord, body))
+    write(
+        f"from aimd_des.lowlevel import part\n\n@part('loss')\nclass Own: ...\n\n{body}", f"torn_{number}.py"
+    )
+    write()
+    for command in (["list", "loss"], ["schema"], ["schema", "study"], ["validate", "five.toml"]):
+        outcome = invoke(*command)
+        assert "Traceback" not in outcome.output
+        assert outcome.exception is None or isinstance(outcome.exception, SystemExit), outcome.exception
+    assert completed("aimd-des run five.toml --set unt") in ([], ["until="])

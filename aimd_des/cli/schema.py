@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from aimd_des.cli.errors import writing
+from aimd_des.cli.errors import refusing, writing
 from aimd_des.cli.printing import say
 
 _EPILOG = """\b
@@ -26,7 +26,9 @@ def command(kind: str, out: Path | None) -> None:
 
     An editor that knows it completes keys, shows what they mean, and marks mistakes.
     """
-    text = json.dumps(schema_of(kind), indent=2, ensure_ascii=False) + "\n"
+    with refusing():
+        schema = schema_of(kind)
+    text = json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
     if out is None:
         say(text, end=False)
         return

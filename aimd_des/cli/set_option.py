@@ -59,7 +59,10 @@ def _complete(context: click.Context, _: click.Parameter, incomplete: str) -> "l
 
     # The first argument is the file, and called by what it holds.
     kind = next(str(part.name) for part in context.command.params if isinstance(part, click.Argument))
-    schema = schema_of(kind)
+    try:
+        schema = schema_of(kind)
+    except InputError:  # a module around is broken, which other commands say
+        return []
     found: dict[str, str] = {}
     # The option that is being typed lacks its value: click then gives arguments as they are.
     path = context.params.get(kind) or next(iter(context.args), None)

@@ -82,8 +82,10 @@ class System(Readings):
         n, m = problem.n_agents, problem.n_resources
         # A key for each purpose: what one of them draws moves no number of another.
         self.keys = {purpose: rng.key(seed, purpose) for purpose in Purpose}
-        self.link = channel.open(n, self.keys)
-        returned_values.having(returned_values.said_by(channel, "open"), self.link, ["transmit"])
+        said = returned_values.said_by(channel, "open")
+        with returned_values.calling(said):
+            self.link = channel.open(n, self.keys)
+        returned_values.having(said, self.link, ["transmit"])
         tick_weight = CONTINUOUS if clocks is None else DISCRETE
         # Arrays of this run: interventions write them, so nothing of the problem's may be among them.
         parameters = agent_parameters(problem, tick_weight, averaging, compensation, response)

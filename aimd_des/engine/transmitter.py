@@ -135,7 +135,9 @@ class Transmitter:
         if isinstance(link, DrawnLink):
             return link.draw(signal, departure)
         field = returned_values.said_by(link, "transmit")
-        copies = returned_values.instance(field, link.transmit(signal, departure), Copies, "Copies")
+        with returned_values.calling(field):
+            copies = link.transmit(signal, departure)
+        copies = returned_values.instance(field, copies, Copies, "Copies")
         arrival = self._times(f"{field}.arrival", copies.arrival, departure)
         second = copies.second
         return Copies(arrival, None if second is None else self._times(f"{field}.second", second, departure))

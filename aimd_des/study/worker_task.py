@@ -23,6 +23,7 @@ from aimd_des.study.points import Job
 from aimd_des.study.run_tables import frame_table, run_table, summary_of
 from aimd_des.study.store import Store, parquet
 from aimd_des.utils.errors import OverloadWarning
+from aimd_des.utils.returned_values import raised_in
 
 _LOGGER = logging.getLogger("aimd_des")
 
@@ -67,7 +68,7 @@ def perform(task: Task, job: Job) -> Outcome:
         rows = run_table(task.schema, labels, summary, tomli_w.dumps(job.scenario), _versions(), away)
         frames = {name: frame_table(job.key, result, name) for name in task.keep}
     except Exception as error:  # noqa: BLE001 - whatever goes wrong in one run must not stop the others
-        message = f"{type(error).__name__}: {error}"
+        message = raised_in(error) or f"{type(error).__name__}: {error}"
         return _written(
             lambda: failure(store, job, message, traceback.format_exc()), Outcome("failed", message)
         )

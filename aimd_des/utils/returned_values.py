@@ -3,14 +3,15 @@
 What is built in is trusted: these stand where the framework calls what may be anybody's.
 """
 
-from collections.abc import Sequence
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from aimd_des.utils import validation
-from aimd_des.utils.errors import InputError
+from aimd_des.utils.errors import InputError, SimulationError
 from aimd_des.utils.validation import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
@@ -34,6 +35,37 @@ def check(part: Any, *against: object) -> None:
     except Exception as error:
         cause = f"{type(error).__name__}: {error}".rstrip(": ")
         raise InputError(f"{said_by(part, 'check')} refuses ({cause})") from error
+
+
+# How a note on an exception of a part begins.
+_RAISED_IN = "raised in "
+
+
+@contextmanager
+def calling(method: str) -> Iterator[None]:
+    """Note on what a part raises which method it was; our own exceptions name their cause themselves."""
+    try:
+        yield
+    except (InputError, SimulationError):
+        raise
+    except Exception as error:
+        if raised_in(error) is None:
+            error.add_note(f"{_RAISED_IN}{method}")
+        raise
+
+
+def raised_in(error: BaseException) -> str | None:
+    """Say in one sentence which part has raised an exception, and what; None if it was no part."""
+    notes = getattr(error, "__notes__", ())
+    method = next((note[len(_RAISED_IN) :] for note in notes if note.startswith(_RAISED_IN)), None)
+    cause = f"{type(error).__name__}: {error}".rstrip(": ")
+    return None if method is None else f"{method} raises {cause}"
+
+
+def named(method: str, process: Generator[Any, Any, Any]) -> Generator[Any, Any, Any]:
+    """Run a process of a part, and note on what it raises which method it was."""
+    with calling(method):
+        return (yield from process)
 
 
 def flags(field: str, value: object, shape: tuple[int], of: str) -> BoolArray:

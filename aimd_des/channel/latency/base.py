@@ -77,9 +77,10 @@ class Parametrised:
 
 def draw_latency(latency: Latency, draws: Draws, of: str = "agent") -> FloatArray:
     """Ask a model of latency that may be the user's own."""
-    return returned_values.numbers(
-        returned_values.said_by(latency, "draw"), latency.draw(draws), (draws.n_agents,), of, 0.0
-    )
+    said = returned_values.said_by(latency, "draw")
+    with returned_values.calling(said):
+        drawn = latency.draw(draws)
+    return returned_values.numbers(said, drawn, (draws.n_agents,), of, 0.0)
 
 
 def quantile_table(quantile: Callable[..., float], n_agents: int, *parameters: npt.ArrayLike) -> LatencyTable:
@@ -125,7 +126,9 @@ def compiled_latency(latency: Latency, n_links: int, keys: Mapping[Purpose, Key]
     model: Any = latency
     said = returned_values.said_by(latency, "table")
     allowed = "what quantile_table() returns"
-    table = returned_values.instance(said, model.table(n_links), LatencyTable, allowed)
+    with returned_values.calling(said):
+        table = model.table(n_links)
+    table = returned_values.instance(said, table, LatencyTable, allowed)
     if table.distribution != Distribution.OWN:
         return table
     return _checked(latency, table, Draws(keys, 0, 0, 0.0, n_links)) if table.quantile else None

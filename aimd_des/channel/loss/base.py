@@ -30,13 +30,16 @@ class Loss(Protocol):
 
 def start_loss(loss: Loss, n_links: int) -> LossProcess:
     """Begin a run with a model of loss that may be the user's own."""
-    process = loss.start(n_links)
-    returned_values.having(returned_values.said_by(loss, "start"), process, ["draw"])
+    said = returned_values.said_by(loss, "start")
+    with returned_values.calling(said):
+        process = loss.start(n_links)
+    returned_values.having(said, process, ["draw"])
     return process
 
 
 def draw_loss(loss: LossProcess, draws: Draws, of: str = "agent") -> BoolArray:
     """Ask a model of loss that may be the user's own."""
-    return returned_values.flags(
-        returned_values.said_by(loss, "draw"), loss.draw(draws), (draws.n_agents,), of
-    )
+    said = returned_values.said_by(loss, "draw")
+    with returned_values.calling(said):
+        lost = loss.draw(draws)
+    return returned_values.flags(said, lost, (draws.n_agents,), of)
