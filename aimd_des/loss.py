@@ -1,5 +1,4 @@
 """Which copies of a signal never arrive: the models that `BroadcastChannel` takes."""
 
-from aimd_des.channel.loss import Bernoulli, Combined, CommonMode, GilbertElliott, Loss, LossProcess, Trace
-
-__all__ = ["Bernoulli", "Combined", "CommonMode", "GilbertElliott", "Loss", "LossProcess", "Trace"]
+from aimd_des.channel.loss import *  # noqa: F403 - the package says what it hands out
+from aimd_des.channel.loss import __all__  # noqa: F401

@@ -12,11 +12,11 @@ from functools import cache, cached_property
 from typing import Any
 
 import aimd_des.channel.topology
+import aimd_des.control_units
 import aimd_des.costs
 import aimd_des.dynamics.averaging
 import aimd_des.dynamics.loss_compensation
 import aimd_des.dynamics.responses
-import aimd_des.engine.control_unit
 import aimd_des.interventions
 import aimd_des.scenario.prices  # noqa: F401 - like those above, it registers its parts
 from aimd_des.scenario.named import MODELS, PARTS, modules_around
