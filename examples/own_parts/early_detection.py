@@ -10,7 +10,7 @@ from itertools import count
 import numpy as np
 
 from aimd_des import InputError, checks
-from aimd_des.lowlevel import EventKind, ProcessGenerator, System, part
+from aimd_des.lowlevel import EventKind, ProcessGenerator, Purpose, System, part, uniforms
 
 
 @part("control_unit")
@@ -26,15 +26,12 @@ class SmoothedDetection:
         Of the newest load in the smoothed one, greater than 0 and at most 1.
     period : float
         Between two looks, greater than 0, in units of time.
-    seed : int
-        Of its random numbers.
     """
 
     low: float = 0.8
     high: float = 1.1
     weight: float = 0.5
     period: float = 1.0
-    seed: int = 0
 
     def __post_init__(self) -> None:
         checks.number("SmoothedDetection.low", self.low, low=0.0)
@@ -45,8 +42,8 @@ class SmoothedDetection:
 
     def process(self, system: System) -> ProcessGenerator:
         """Look, and signal or not."""
-        # Made where a run begins, so that every run has the same numbers.
-        rng = np.random.default_rng(self.seed)
+        # A draw has an address, the resource and the look, so it is the same whatever happened before.
+        key = system.keys[Purpose.SENSING]
         smoothed = np.zeros(system.problem.n_resources)
         for look in count():
             yield system.env.at(look * self.period, EventKind.SENSE)
@@ -55,5 +52,6 @@ class SmoothedDetection:
             load = system.totals() / system.parameters.limit
             smoothed += self.weight * (load - smoothed)
             chance = (smoothed - self.low) / (self.high - self.low)
-            for resource in np.flatnonzero(rng.random(len(load)) < chance):
-                system.broadcast(int(resource))
+            for resource in range(len(load)):
+                if uniforms(key, resource, look, 1)[0] < chance[resource]:
+                    system.broadcast(resource)
