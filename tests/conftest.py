@@ -21,6 +21,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 
 from aimd_des import CoupledCosts, CustomCosts, InputError, PolynomialCosts, Problem, Resource, Result
+from aimd_des.costs import ExponentialCosts, PowerCosts, TermCosts, TrackingCosts, UtilityCosts
 from aimd_des.problem.costs import Costs
 from aimd_des.utils.jit import _PackageCache
 
@@ -173,6 +174,8 @@ def random_costs(rng: np.random.Generator, family: str, share: Any, n: int) -> C
         return own
     if family == "custom":
         return as_custom(own)
+    if family in TERMS:
+        return _random_terms(rng, family, share, n)
     factors = rng.uniform(size=(n, m, m)) / share[:, None]
     coupled = CoupledCosts(
         own,
@@ -182,6 +185,30 @@ def random_costs(rng: np.random.Generator, family: str, share: Any, n: int) -> C
         sum_coefficients=rng.uniform(0.0, 1.0, (n, 2)),
     )
     return coupled if family == "coupled" else as_custom(coupled)
+
+
+def _random_terms(rng: np.random.Generator, family: str, share: Any, n: int) -> Costs:
+    """Costs of a family that derives from `TermCosts`, or of two terms of each kind."""
+    first, second = rng.uniform(0.5, 2.0, (2, n, len(share)))
+    powers, each = np.array([1.5, 2.7]), share[:, None]
+    if family == "exponential":
+        return ExponentialCosts(first, second / share)
+    if family == "power":
+        return PowerCosts(powers, rng.uniform(0.1, 1.0, (*first.shape, 2)) / each**powers)
+    if family == "tracking":
+        pull = (first * second).max(axis=0) / share
+        return TrackingCosts(
+            first * share, second / share**2, price=pull * 1.5 if rng.random() < 0.5 else None
+        )
+    if family == "utility":
+        fairness = 1.0 if rng.random() < 0.3 else rng.uniform(0.5, 2.5)
+        return UtilityCosts(first * share ** (fairness - 1.0), second * share, fairness)
+    # The second exponential and the second power fall, by less than the polynomial grows.
+    slopes = np.stack([first / share, second / share**2], axis=-1)
+    growth = [[[0.5 / s, 1.0 / s], [-0.3 / s, -0.7 / s]] for s in share]
+    more = [[[0.5 / s**1.5, 0.5, 0.0], [0.2 * s**0.5, -1.5, 1.2 * s]] for s in share]
+    spread = (n, len(share), 2)
+    return TermCosts(slopes, np.broadcast_to(growth, (*spread, 2)), np.broadcast_to(more, (*spread, 3)))
 
 
 def random_problem(
@@ -208,8 +235,9 @@ def random_problem(
     return Problem(resources, costs)
 
 
-#: Families of `random_costs`; the first two run in compiled code.
-COMPILED = ("polynomial", "coupled")
+#: Families of `random_costs`: those that derive from `TermCosts`, those that run in compiled code, and all.
+TERMS = ("exponential", "power", "utility", "tracking", "terms")
+COMPILED = ("polynomial", "coupled", *TERMS)
 FAMILIES = (*COMPILED, "custom", "custom coupled")
 
 
@@ -244,6 +272,11 @@ def reference_derivative(costs: Costs, agent: int, x: list[float], j: int) -> fl
         total += sum(q * held for q, held in zip(costs.quadratic[agent, j], x, strict=True))
         terms = zip(costs.sum_exponents, costs.sum_coefficients[agent], strict=True)
         return float(total + sum(p * c * weighted ** (p - 1) for p, c in terms) * weights[j])
+    if isinstance(costs, TermCosts):
+        table = costs.table()
+        slope = sum(c * x[j] ** d for d, c in enumerate(table.slopes[j, :, agent].tolist()))
+        slope += sum(c * math.exp(r * x[j]) for c, r in table.exponentials[j, :, :, agent].tolist())
+        return float(slope + sum(c * (x[j] + s) ** p for c, p, s in table.powers[j, :, :, agent].tolist()))
     assert isinstance(costs, CustomCosts)
     return float(np.asarray(costs.agent_gradient(agent, np.array(x)))[j])
 

@@ -1,5 +1,6 @@
 """Whole random runs are held against a reference simulator that shares no code with the framework."""
 
+import inspect
 import warnings
 from typing import Any
 
@@ -21,6 +22,7 @@ from aimd_des import (
     interventions,
     latency,
     loss,
+    responses,
 )
 from aimd_des.control_units import EarlyDetection
 from aimd_des.problem.costs import Costs
@@ -30,11 +32,12 @@ from tests.support import reference_asynchronous
 from tests.support.configurations import (
     PARTS,
     Configuration,
+    OwnLooks,
     SetDemands,
     compensations,
     configurations,
-    plain_averagings,
     plain_channels,
+    rising,
 )
 from tests.support.reference_asynchronous import Outcome, Setting, simulate
 
@@ -76,8 +79,24 @@ NAMES: dict[type, str] = {
     averaging.Cumulative: "all",
     averaging.Window: "window",
     averaging.Forgetting: "forgetting",
+    averaging.Polynomial: "gain",
     compensation.KnownLoss: "known",
 }
+
+
+def response_of(response: Any) -> tuple[Any, str, int, tuple[str, ...]]:
+    """A response in the words of the reference simulator."""
+    match response:
+        case responses.EventNormalised():
+            return "signals", "drawn", 0, ()
+        case responses.Derandomised():
+            events = "cuts" if response.full else "signals"
+            divisor = "average" if response.divisor == "average" else events
+            return divisor, "full" if response.full else "fractional", 0, ()
+        case responses.CustomResponse():
+            function = response.probability.py_func  # type: ignore[attr-defined]
+            return function, response.cut, response.memory, tuple(inspect.signature(function).parameters)
+    return "average", "drawn", 0, ()
 
 
 def setting_of(configuration: Configuration) -> Setting:
@@ -96,8 +115,9 @@ def setting_of(configuration: Configuration) -> Setting:
             unit.sensing_delay,
         )
     else:
-        shares = (unit.low, unit.high) if isinstance(unit, EarlyDetection) else ()
-        kind = "early" if shares else "sampled"
+        shares: tuple[Any, ...] = (unit.low, unit.high) if isinstance(unit, EarlyDetection) else ()
+        shares = (rising,) if isinstance(unit, OwnLooks) else shares
+        kind = ("sampled", "own", "early")[len(shares)]
         numbers = (kind, unit.period, unit.phase, unit.sensing_delay, *shares)
     if isinstance(answers, compensation.EstimatedLoss):
         answered: Any = ("estimated",)
@@ -115,6 +135,7 @@ def setting_of(configuration: Configuration) -> Setting:
         duplication=channel.duplication,
         fifo=channel.fifo,
         average=named(parts["averaging"] or averaging.Cumulative()),
+        response=response_of(parts["response"]),
         compensation=answered,
         changes=[*(change_of(change, n) for change in parts["interventions"]), *set_later],
         looks=parts["recording"].demand,
@@ -130,8 +151,6 @@ def looks(until: float) -> st.SearchStrategy[Recording]:
 #: What the reference simulator knows: it reads numbers of signals as a whole, and not their last bits.
 KNOWN: dict[str, Any] = {
     "channel": lambda problem, dynamics, until: plain_channels(problem.n_agents),
-    "averaging": lambda problem, dynamics, until: plain_averagings(),
-    "response": lambda problem, dynamics, until: st.none(),
     "compensation": lambda problem, dynamics, until: compensations(problem.n_agents).filter(
         lambda drawn: getattr(drawn, "number_bits", 8) == 8
     ),
@@ -270,6 +289,7 @@ def example(**changes: Any) -> Configuration:
         "control_unit": Sampled(0.5, 0.25),
         "clocks": Clocks(1.0, "random", jitter=0.4),
         "averaging": None,
+        "response": None,
         "compensation": None,
         "interventions": [],
         "processes": [],

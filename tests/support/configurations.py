@@ -2,9 +2,9 @@
 
 A new kind of latency, average, response, ... is one more line in the strategy of its kind; a new argument of
 `Simulation` is a strategy and a line in `PARTS`; a new family of costs is a branch in `conftest.random_costs`
-and a name in `conftest.FAMILIES` and, where it is compiled, in `conftest.COMPILED`. What a strategy here
-gives is run by processes, by a fleet and, as far as `setting_of` in test_reference_asynchronous.py can write
-it in plain numbers, by the reference simulator.
+and a name in `conftest.TERMS`, `conftest.COMPILED` or `conftest.FAMILIES`.  What a strategy here gives is run
+by processes, by a fleet and, as far as `setting_of` in test_reference_asynchronous.py can write it in plain
+numbers, by the reference simulator.
 """
 
 from collections.abc import Callable
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import networkx as nx
+import numba
 import numpy as np
 from hypothesis import strategies as st
 
@@ -50,7 +51,9 @@ from aimd_des.interventions import (
     Prices,
     UnusualActivity,
 )
+from aimd_des.lowlevel import SampledTable, SampledUnit
 from aimd_des.problem.costs import Costs, weighted_costs
+from aimd_des.utils.validation import FloatArray
 from tests.conftest import COMPILED, problems, quietly
 
 Strategy = st.SearchStrategy[Any]
@@ -153,6 +156,26 @@ def networks(draw: st.DrawFn, n: int) -> Any:
 # -- control unit and agents -----------------------------------------------------------------------------
 
 
+@numba.njit  # type: ignore[untyped-decorator]  # numba has no type information
+def rising(total: float, threshold: float, time: float, look: int, resource: int) -> float:
+    """A probability that depends on all that it is given."""
+    above = min(max(total / threshold - 0.7, 0.0) / 0.4, 1.0)
+    return 0.0 if look % 7 == 3 or time < 1.0 else above ** (2 + resource)
+
+
+@dataclass(frozen=True)
+class OwnLooks(SampledUnit):
+    """A control unit of the user's own, with a compiled function in its table."""
+
+    period: float
+    phase: float
+    sensing_delay: float
+
+    def table(self) -> SampledTable:
+        """Say when it looks, and with which probability it signals."""
+        return SampledTable(self.period, self.phase, self.sensing_delay, probability=rising)
+
+
 def samplers() -> Strategy:
     """Control units that look on a clock."""
     looks: dict[str, Strategy] = {
@@ -162,7 +185,7 @@ def samplers() -> Strategy:
     }
     shares = {"low": st.sampled_from([0.5, 0.9]), "high": st.sampled_from([0.95, 1.1])}
     plain = st.builds(Sampled, **looks)
-    return one_kind(plain, plain, st.builds(EarlyDetection, **looks, **shares))
+    return one_kind(plain, plain, st.builds(EarlyDetection, **looks, **shares), st.builds(OwnLooks, **looks))
 
 
 def control_units(dynamics: str) -> Strategy:
@@ -187,20 +210,38 @@ def clocks(n: int) -> st.SearchStrategy[Clocks]:
     )
 
 
-def plain_averagings() -> Strategy:
-    """Averages that the reference simulator knows."""
+def averagings() -> Strategy:
+    """Averages of all kinds."""
     windows = [averaging.Window(*window) for window in ((4.0, 4), (10.0, 2), (6.0, 3), (12.0, 4))]
     return one_kind(
         st.sampled_from([None, averaging.Cumulative()]),
         st.sampled_from(windows),
         st.builds(averaging.Forgetting, st.sampled_from([5.0, 8.0]) | st.floats(2.0, 10.0)),
+        st.builds(averaging.Polynomial, st.sampled_from([1.0, 1.5, 2.0]) | st.floats(1.0, 20.0)),
     )
 
 
-def averagings() -> Strategy:
-    """Averages of all kinds."""
-    gains = st.sampled_from([1.5, 2.0]) | st.floats(1.0, 20.0)
-    return one_kind(plain_averagings(), plain_averagings(), st.builds(averaging.Polynomial, gains))
+@numba.njit  # type: ignore[untyped-decorator]  # numba has no type information
+def damped(normalization: float, slope: float, average: float, demand: float) -> float:
+    """The paper's probability where demand is large, and less elsewhere."""
+    return normalization * slope / average * min(1.0, demand / average)
+
+
+@numba.njit  # type: ignore[untyped-decorator]  # numba has no type information
+def remembering(
+    slope: float,
+    normalization: float,
+    resource: float,
+    agent: float,
+    age: float,
+    increase: float,
+    decrease: float,
+    memory: FloatArray,
+) -> float:
+    """A probability that depends on the answers before, and on what `damped` does not read."""
+    memory[0] += 1.0
+    memory[1] = 0.5 * memory[1] + 0.5 * normalization * slope / (age * increase)
+    return (2.0 - decrease) * memory[1] / (memory[0] + agent + resource)
 
 
 def answers() -> Strategy:
@@ -208,7 +249,10 @@ def answers() -> Strategy:
     derandomised = st.builds(
         responses.Derandomised, st.sampled_from(["average", "events"]), full=st.booleans()
     )
-    return one_kind(st.none(), st.just(responses.EventNormalised()), derandomised)
+    cuts = ("drawn", "fractional", "full")
+    own = [responses.CustomResponse(damped, cut) for cut in cuts]  # type: ignore[arg-type]
+    own += [responses.CustomResponse(remembering, cut, memory=2) for cut in cuts]  # type: ignore[arg-type]
+    return one_kind(st.none(), st.just(responses.EventNormalised()), derandomised, st.sampled_from(own))
 
 
 def compensations(n: int) -> Strategy:

@@ -2,8 +2,8 @@
 
 It is plain and slow: every tick is an event, all demands are brought forward at every event, and a heap of
 (time, kind, order) says what comes next.  With the framework it shares nothing but the numbers of a problem
-and the values and gradients of its costs.  Random numbers are drawn by NumPy, at addresses that are written
-here again.
+and of its costs, and functions of the user's.  Random numbers are drawn by NumPy, at addresses that are
+written here again.
 """
 
 import heapq
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from aimd_des import Problem
-from tests.conftest import reference_draws
+from tests.conftest import reference_derivative, reference_draws
 
 # What is due at one instant happens in this order; what leaves the control unit meets partitions in force.
 INTERVENE, DEPART, DELIVER, SENSE, OBSERVE, ACT = range(6)
@@ -44,8 +44,8 @@ class Setting:
     until: float
     #: (period, phase, drift, jitter), as `tick_times` takes them; None for continuous agents.
     clocks: tuple[Any, Any, Any, Any] | None
-    #: ("sampled", period, phase, delay), ("early", period, phase, delay, low, high) or
-    #: ("crossing", hold-off, longest, delay).
+    #: ("sampled", period, phase, delay), ("early", period, phase, delay, low, high), ("own", period, phase,
+    #: delay, probability) or ("crossing", hold-off, longest, delay).
     unit: tuple[Any, ...]
     #: ("constant", values), ("uniform", low, high) or ("exponential", means).
     latency: tuple[Any, ...] = ("constant", 0.0)
@@ -53,8 +53,11 @@ class Setting:
     loss: tuple[Any, ...] = ("chance", 0.0)
     duplication: Any = 0.0
     fifo: bool = False
-    #: ("all",), ("window", length, parts) or ("forgetting", time constant).
+    #: ("all",), ("window", length, parts), ("forgetting", time constant) or ("gain", a).
     average: tuple[Any, ...] = ("all",)
+    #: What lambda divides by ("average", "signals", "cuts", or a function in its place), and what becomes of
+    #: demand ("drawn", "fractional", "full"); how many numbers the function keeps, and what it reads.
+    response: tuple[Any, str, int, tuple[str, ...]] = ("average", "drawn", 0, ())
     #: None, ("known", losses) or ("estimated",).
     compensation: tuple[Any, ...] | None = None
     #: What changes from outside: names of methods of `_Run` that begin with `begin_`, and their arguments.
@@ -115,6 +118,12 @@ class Average:
             kept = math.exp(-span / constant)
             self.sum = self.sum * kept + demand * grown + slope * constant * (span - grown)
             self.weight = self.weight * kept + grown
+        elif self.kind == "gain":  # the integral of a s^(a-1) times the line
+            (a,) = self.numbers
+            weight = age**a - self.age**a
+            moment = a / (a + 1.0) * (age ** (a + 1.0) - self.age ** (a + 1.0))
+            self.sum += demand * weight + slope * (moment - self.age * weight)
+            self.weight = age**a
         else:
             if self.kind == "window":
                 part = self.numbers[0] / self.numbers[1]
@@ -127,6 +136,11 @@ class Average:
 
     def tick(self, demand: float) -> None:
         """A tick has folded in a demand."""
+        if self.kind == "gain":
+            self.age += 1.0
+            newest = min(1.0, self.numbers[0] / self.age)
+            self.sum, self.weight = (1.0 - newest) * self.sum + newest * demand, 1.0
+            return
         kept = math.exp(-1.0 / self.numbers[0]) if self.kind == "forgetting" else 1.0
         self.sum, self.weight, self.age = self.sum * kept + demand, self.weight * kept + 1.0, self.age + 1.0
         if self.kind == "window" and self.age % (self.numbers[0] / self.numbers[1]) == 0.0:
@@ -146,6 +160,47 @@ class Average:
         following = deepcopy(self)
         following.tick(demand)
         return following.value()
+
+
+class Answer:
+    """How one agent answers signals of one resource: lambda, and what is left of its demand."""
+
+    def __init__(self, setting: Setting) -> None:
+        self.divisor, self.cut, numbers, self.reads = setting.response
+        kind, *parameters = setting.average
+        if kind == "window":  # in parts of whole signals
+            length, parts = parameters
+            parameters = [math.ceil(length / parts) * parts, parts]
+        self.found, self.sum, self.memory = Average((kind, *parameters)), 0.0, np.zeros(numbers)
+
+    def chance(self, **inputs: float) -> float:
+        """What lambda is."""
+        demand, average = inputs["demand"], inputs["average"]
+        if callable(self.divisor):
+            given = [inputs[name] for name in self.reads if name != "memory"]
+            kept = [self.memory] if "memory" in self.reads else []
+            return float(self.divisor(*given, *kept)) if average > 0.0 else 0.0
+        if self.divisor == "signals":
+            self.found.tick(demand)
+            average = self.found.value()
+        elif self.divisor == "cuts" and self.found.age:
+            average = 0.5 * (1.0 + inputs["decrease"]) * self.found.value()
+        return inputs["normalization"] * inputs["slope"] / average if average > 0.0 else 0.0
+
+    def kept(self, demand: float, beta: float, chance: float, draw: float) -> tuple[float, float]:
+        """What demand is multiplied by, and how far the decision was from the other one."""
+        if self.cut == "fractional":
+            return max(0.0, 1.0 - (1.0 - beta) * chance), abs(chance * (1.0 - beta) - 1.0)
+        if self.cut == "drawn":
+            return beta if draw < chance else 1.0, min(abs(draw - chance), abs(chance - 1.0))
+        self.sum += min(1.0, chance)
+        margin = min(abs(self.sum - 1.0), abs(chance - 1.0))
+        if self.sum < 1.0:
+            return 1.0, margin
+        self.sum -= 1.0
+        if self.divisor == "cuts":
+            self.found.tick(demand)
+        return beta, margin
 
 
 def above(begin: float, end: float, capacity: float, span: float) -> tuple[float, float]:
@@ -188,6 +243,7 @@ class _Run:
         # Agents.
         self.demand = [[0.0] * self.m for _ in self.agents]
         self.average = [[Average(setting.average) for _ in self.resources] for _ in self.agents]
+        self.answers = [[Answer(setting) for _ in self.resources] for _ in self.agents]
         self.away, self.left, self.origin = [False] * self.n, [0.0] * self.n, [0.0] * self.n
         self.latch: list[dict[int, tuple[int, int]]] = [{} for _ in self.agents]
         self.late: list[list[tuple[int, int]]] = [[] for _ in self.agents]
@@ -310,20 +366,31 @@ class _Run:
     def answer(self, i: int, j: int, number: int, copy: int) -> None:
         """Respond, or hold; a continuous agent that holds grows on."""
         averages = [self.average[i][k].value() for k in self.resources]
-        everybody = np.zeros((self.n, self.m))
-        everybody[i] = averages
-        gradient = math.prod(self.factors[i]) * float(self.costs.gradient(everybody)[i, j])
-        chance = self.problem.normalization[j] * gradient / averages[j] if averages[j] > 0.0 else 0.0
+        slope = math.prod(self.factors[i]) * reference_derivative(self.costs, i, averages, j)
+        demand, beta = self.demand[i][j], self.beta[i][j]
+        chance = self.answers[i][j].chance(
+            normalization=float(self.problem.normalization[j]),
+            slope=slope,
+            average=averages[j],
+            demand=demand,
+            increase=self.alpha[i][j],
+            decrease=beta,
+            age=self.average[i][j].age,
+            agent=float(i),
+            resource=float(j),
+        )
         chance *= self.factor(i, j, number, copy)
-        fall: float | None = None
         draw = self.draws(RESPONSE, j, number, SECOND_RESPONSE if copy else 0)[i]
-        self.near(chance - draw, chance - 1.0)
-        if draw < chance:
-            fall = self.demand[i][j] - self.demand[i][j] * self.beta[i][j]
-            self.demand[i][j] *= self.beta[i][j]
+        kept, margin = self.answers[i][j].kept(demand, beta, chance, draw)
+        self.near(margin)
+        fall: float | None = None
+        if kept < 1.0:
+            fall = demand - demand * kept
+            self.demand[i][j] = demand * kept
             self.fallen[j] += fall
             self.outcome.responses[j][i] += 1
-            self.outcome.saturated[j][i] += bool(chance > 1.0)
+            most = 1.0 / (1.0 - beta) if self.answers[i][j].cut == "fractional" else 1.0
+            self.outcome.saturated[j][i] += bool(chance > most)
         self.outcome.answers.append((self.now, j, i, number, fall))
 
     def factor(self, i: int, j: int, number: int, copy: int) -> float:
@@ -357,15 +424,22 @@ class _Run:
         """Look on the clock, and again."""
         _, period, phase, _, *shares = self.setting.unit
         self.at(phase + (look + 1) * period, SENSE, (), partial(self.look, look + 1))
+        due = []
         for j in self.resources:
-            # What the load must be above: the threshold, or a level that is drawn between two shares of it.
-            level = 1.0
-            if shares:
+            # The probability of a signal must be above a draw, or total demand above the threshold.
+            load, draw = self.total(j) / self.limit(j), float(self.draws(SENSING, j, look)[0])
+            if not shares:
+                excess = load - 1.0
+            elif callable(shares[0]):
+                excess = shares[0](self.total(j), self.limit(j), self.now, look, j) - draw
+            else:
                 low, high = shares
-                level = low + float(self.draws(SENSING, j, look)[0]) * (high - low)
-            self.near(self.total(j) / self.limit(j) - level)
-            if not self.failed and self.total(j) > level * self.limit(j):
-                self.broadcast(j)
+                excess = load - (low + draw * (high - low))
+            self.near(excess)
+            if not self.failed and excess > 0.0:
+                due.append(j)
+        for j in due:
+            self.broadcast(j)
 
     def crossings(self) -> Iterator[Event]:
         """When thresholds are reached next, if nothing happens before."""
@@ -500,6 +574,7 @@ class _Run:
         if anew:
             self.origin[i], self.answered[i] = self.now, [0] * self.m
             self.average[i] = [Average(self.setting.average) for _ in self.resources]
+            self.answers[i] = [Answer(self.setting) for _ in self.resources]
 
     def begin_activity(self, place: int, i: int, at: float, until: float | None, weight: float) -> None:
         self.change(place, at, partial(self.factors[i].append, weight))
