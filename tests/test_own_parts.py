@@ -118,6 +118,68 @@ def ring(n_agents: int, latency: float = 0.1):
 '''
 )
 
+AGENTS = '''
+import numba
+
+from aimd_des import costs, responses
+
+
+@part("costs")
+class Rising(costs.TermCosts):
+    """Costs that grow exponentially.
+
+    Parameters
+    ----------
+    weights : list of float
+        Of each agent.
+    rate : float
+        How fast they grow.
+    """
+
+    def __init__(self, weights: list[float], rate: float = 1.0) -> None:
+        scale = np.broadcast_to(np.array(weights)[:, None] * rate, (len(weights), 2))
+        terms = np.stack([scale, np.full_like(scale, rate)], axis=-1)[:, :, None]
+        super().__init__(np.zeros((*scale.shape, 1)), exponentials=terms)
+
+
+@numba.njit
+def level(normalization, slope, average, demand, memory):
+    memory[0] += 1.0
+    return normalization * slope * demand / (average * average) * memory[0] / (memory[0] + 1.0)
+
+
+@part("response")
+class Cautious(responses.CustomResponse):
+    """Responds the more often the more it holds, and little at first.
+
+    Parameters
+    ----------
+    cut : str
+        As with `CustomResponse`.
+    """
+
+    def __init__(self, cut: str = "drawn") -> None:
+        super().__init__(level, cut, memory=1)
+'''
+OF_AGENTS = """\
+[response]
+kind = "NAME.Cautious"
+
+[costs]
+kind = "NAME.Rising"
+weights = [1.0, 2.0, 3.0, 1.5, 0.5]
+"""
+STUDY_OF_AGENTS = """
+base = "agents.toml"
+replications = 2
+[[axes]]
+key = "costs.rate"
+values = [0.5, 1.0]
+[[axes]]
+key = "response.cut"
+values = ["drawn", "fractional", "full"]
+"""
+
 CHANNEL = """\
 [channel]
 latency = { kind = "NAME.Twice", late = 0.5 }
@@ -372,6 +434,27 @@ def test_a_study_of_them_is_swept_resumed_and_kept_apart(mine: str, monkeypatch:
         f" is not that of the runs in the folder ({mine}.Twice), since {mine}.Twice has changed; put it back"
         " as it was, or choose another folder, or say --overwrite (overwrite=True)"
     )
+
+
+def test_costs_and_a_response_are_swept_on_two_workers(mine: str) -> None:
+    with Path(f"{mine}.py").open("a", encoding="utf-8") as module:
+        module.write(AGENTS)
+    before, _, rest = INLINE.partition("[costs]")
+    write(before + OF_AGENTS.replace("NAME", mine) + rest[rest.index("[[resources]]") :], "agents.toml")
+    for agents in ("process", "fleet"):
+        outcome = run("agents.toml", "--out", agents, "--agents", agents)
+        assert outcome.exit_code == 0, outcome.output
+    assert digest("process") == digest("fleet")
+    said_of = load_scenario("process/scenario.toml").spoken()["response"]
+    assert said_of == {"kind": f"{mine}.Cautious", "cut": "drawn"}
+    write(STUDY_OF_AGENTS, "study.toml")
+    outcome = invoke("sweep", "study.toml", "--out", "study", "--workers", "2")
+    assert outcome.exit_code == 0, outcome.output
+    runs = load_study("study").runs
+    assert len(runs) == 24
+    # Every value of the two axes makes another run.
+    assert runs[runs["resource"] == "memory"]["utilisation"].nunique() == 12
+    assert invoke("report", "study").exit_code == 0
 
 
 def test_folders_are_shown_and_reported_without_the_parts(mine: str, monkeypatch: pytest.MonkeyPatch) -> None:
