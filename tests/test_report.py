@@ -62,6 +62,13 @@ def test_the_policy_knows_the_one_script() -> None:
     assert f"script-src 'sha256-{digest}' 'unsafe-eval';" in text
 
 
+def test_a_page_says_how_agents_average_and_answer() -> None:
+    text = '[response]\nkind = "derandomised"\n[averaging]\nkind = "polynomial"\ngain = 2.0\n'
+    page = render(report_run(load_run(written(INLINE + text))))
+    assert "kind derandomised, divisor average" in page
+    assert "kind polynomial, gain 2" in page
+
+
 def test_texts_stay_texts() -> None:
     parsed = page_of(written(HOSTILE_SCENARIO))
     assert parsed.texts["h1"] == [HOSTILE]

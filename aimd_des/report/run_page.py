@@ -93,6 +93,10 @@ def _shares(run: StoredRun, allocations: pd.DataFrame, names: list[str], notes: 
     return [share_chart(held, should, names)]
 
 
+# Tables of a scenario that say how agents average and answer.
+_OF_AGENTS = ("averaging", "response", "compensation")
+
+
 def _facts(run: StoredRun, agents: int, names: list[str]) -> list[tuple[str, str]]:
     said = run.scenario
     unit, channel = said.get("control_unit", {}), said.get("channel", {})
@@ -105,6 +109,10 @@ def _facts(run: StoredRun, agents: int, names: list[str]) -> list[tuple[str, str
         ("Seed", str(said.get("seed", ""))),
         ("Control unit", _spoken(unit)),
         ("Channel", _spoken(channel)),
+        *(
+            (key.capitalize(), _spoken(said.get(key, {})))
+            for key in ("averaging", "response", "compensation")
+        ),
         ("Interventions", str(len(said["interventions"])) if said.get("interventions") else ""),
     ]
     return [(name, value) for name, value in facts if value]
