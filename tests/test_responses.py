@@ -31,6 +31,7 @@ from aimd_des.channel import BroadcastChannel
 from aimd_des.dynamics.averaging import folded_at
 from aimd_des.dynamics.responses import Response
 from aimd_des.engine.environment import EventKind
+from aimd_des.utils.returned_values import raised_in
 from models import smart_cameras
 from tests.conftest import quietly, random_problem
 
@@ -377,6 +378,32 @@ def test_synchronous_runs_call_it_too() -> None:
 def test_a_broken_response_is_refused_by_name(make: Any, words: str) -> None:
     with pytest.raises(InputError, match=re.escape(words)):
         make()
+
+
+@numba.njit
+def breaking(age: float, decrease: float) -> float:
+    """Good where it is asked when the response is made, at the ages 1 and 1000 with beta = 0.7."""
+    if decrease == 0.7 or age < 20.0:
+        return 0.1
+    if decrease == 0.0:
+        return 1.0 / (age - age)
+    return -1.0 if decrease == 0.5 else math.inf
+
+
+@pytest.mark.parametrize(("decrease", "said"), [(0.5, "-1.0"), (0.25, "inf"), (0.0, "nan")])
+def test_what_a_compiled_function_returns_is_checked(decrease: float, said: str) -> None:
+    problem, own = alone(0.4, decrease), responses.CustomResponse(breaking)
+    for run in (
+        lambda: Simulation(problem, agents=Fleet, seed=1, response=own).run(90.0),
+        lambda: run_synchronous(problem, steps=90, seed=1, response=own),
+    ):
+        with pytest.raises(InputError, match=rf"^CustomResponse\.probability\(\) = {said}: must be a finite"):
+            run()
+    with pytest.raises(ZeroDivisionError if decrease == 0.0 else InputError) as caught:
+        Simulation(problem, seed=1, response=own).run(90.0)
+    assert raised_in(caught.value) == (
+        "CustomResponse.probability() raises ZeroDivisionError: division by zero" if decrease == 0.0 else None
+    )
 
 
 def test_compiled_code_needs_a_compiled_function() -> None:

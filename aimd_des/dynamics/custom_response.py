@@ -13,11 +13,11 @@ from numba.core.dispatcher import Dispatcher
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from aimd_des.dynamics.responses import INPUTS, OWN, Response, ResponseParameters, response_parameters
-from aimd_des.utils import validation
+from aimd_des.utils import returned_values, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["CustomResponse", "called_plainly", "with_address"]
+__all__ = ["CustomResponse", "called_plainly", "check_returned", "with_address"]
 
 _MEMORY = "memory"
 _MOST_MEMORY = 100
@@ -136,21 +136,24 @@ def called_plainly(
     """Return the user's function as processes call it."""
     own: Any = response
     chosen, order = function or own.probability, parameters.order.tolist()
-    field = f"{type(response).__name__}.probability()"
+    field = _said(response)
 
     def call(values: Sequence[float], memory: FloatArray) -> float:
         given = [values[place] for place in order]
-        returned = chosen(*given, memory) if parameters.columns else chosen(*given)
-        # For every answer, since it costs little: compiled code takes what is no such number for 0.
+        with returned_values.calling(field):
+            returned = chosen(*given, memory) if parameters.columns else chosen(*given)
+        # For every answer, since it costs little: what compiled code gets is checked by `check_returned`.
         return validation.number(field, returned, low=0.0)
 
     return call
 
 
-def with_address(response: Response | None, parameters: ResponseParameters) -> ResponseParameters:
-    """Let kernels call the user's function, if there is one."""
+def with_address(
+    response: Response | None, parameters: ResponseParameters
+) -> tuple[ResponseParameters, object]:
+    """Let kernels call the user's function, if there is one, for as long as what comes second is kept."""
     if parameters.divisor != OWN:
-        return parameters
+        return parameters, None
     own: Any = response
     if not isinstance(own.probability, Dispatcher):
         raise InputError.of(
@@ -160,19 +163,36 @@ def with_address(response: Response | None, parameters: ResponseParameters) -> R
             "decorate it with numba.njit, or choose agents=AgentProcess",
         )
     called = _callback(own.probability, len(parameters.order), parameters.columns)
-    return parameters._replace(address=called.address)
+    return parameters._replace(address=called.address), called
+
+
+def check_returned(response: Response | None, parameters: ResponseParameters) -> None:
+    """Refuse what the user's function has returned to kernels, which cannot refuse it themselves."""
+    if parameters.divisor == OWN:
+        validation.number(_said(response), parameters.inputs[-1], low=0.0)
+
+
+def _said(response: object) -> str:
+    return f"{type(response).__name__}.probability()"
 
 
 @lru_cache(maxsize=16)
 def _callback(function: Callable[..., Any], count: int, columns: int) -> Any:
-    # As for gradients of costs: kernels get the address alone, and the cache keeps the callback alive.
+    # As for gradients of costs: kernels get the address alone.
+    @numba.njit  # type: ignore[untyped-decorator]  # numba has no type information
+    def ask(inputs: FloatArray, memory: FloatArray) -> float:
+        values = to_fixed_tuple(inputs, count)
+        return float(function(*values, memory)) if columns > 0 else float(function(*values))
+
     @numba.cfunc("void(int64, CPointer(float64), CPointer(float64))")  # type: ignore[untyped-decorator]
     def call(_agent: int, inputs: Any, memory: Any) -> None:
-        values = to_fixed_tuple(numba.carray(inputs, (count,)), count)
-        if columns > 0:
-            returned = function(*values, numba.carray(memory, (columns,)))
-        else:
-            returned = function(*values)
+        # Compiled code that calls this cannot take an exception.
+        try:
+            returned = ask(numba.carray(inputs, (count,)), numba.carray(memory, (columns,)))
+        except Exception:  # noqa: BLE001 - the only one that compiled code can catch
+            returned = np.nan
+        if not 0.0 <= returned < np.inf:
+            inputs[max(1, count)] = returned
         inputs[0] = returned
 
     return call

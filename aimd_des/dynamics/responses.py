@@ -97,7 +97,8 @@ class ResponseParameters(NamedTuple):
     order : ndarray of int
         Which of `INPUTS` the function reads.
     inputs : ndarray
-        Working memory: the values of these.
+        Working memory: the values of these, and the last return value of the function that was no
+        probability, 0 if there was none.
     """
 
     cut: int
@@ -112,7 +113,7 @@ def response_parameters(cut: int, divisor: int, columns: int = 0, order: object 
     """Make the parameters of a response."""
     chosen = np.array(order, dtype=np.int64).reshape(-1)
     # One value at least: the function's answer is written there.
-    return ResponseParameters(cut, divisor, columns, 0, chosen, np.zeros(max(1, len(chosen))))
+    return ResponseParameters(cut, divisor, columns, 0, chosen, np.zeros(max(1, len(chosen)) + 1))
 
 
 def memory_columns(response: ResponseParameters, averaging: AveragingParameters) -> int:

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.dynamics.custom_response import with_address
+from aimd_des.dynamics.custom_response import check_returned, with_address
 from aimd_des.dynamics.loss_compensation import ESTIMATED
 from aimd_des.engine.delivery import Signal
 from aimd_des.engine.environment import EventKind
@@ -73,8 +73,9 @@ class CompiledAgents:
         self.system = system
         self.members = np.ones(n, dtype=np.bool_)
         self.members[list(absent)] = False
-        # Kept as long as the run: its address means nothing without it.
+        # Kept as long as the run: addresses mean nothing without them.
         self._gradient = _compiled_gradient(problem.costs)
+        response, self._response = with_address(system.response, system.parameters.response)
         ticking, numbered = system.clocks is not None, system.parameters.compensation.rule == ESTIMATED
         copies = empty_copies(_BROADCASTS * n, m if problem.costs.separable else 1, ticking, numbered)
         account = system.transmitter
@@ -83,9 +84,7 @@ class CompiledAgents:
         # and only when it settles; whoever else reads or writes them settles first.
         self.agents = FleetAgents(
             state=system.state,
-            parameters=system.parameters._replace(
-                response=with_address(system.response, system.parameters.response)
-            ),
+            parameters=system.parameters._replace(response=response),
             members=self.members,
             table=cost_table(problem.costs),
             gradient=_address(self._gradient),
@@ -199,6 +198,8 @@ class CompiledAgents:
                 settle_and_fold(self.agents, self.integrals, time, _limit(kind, order, own))
                 if self.agents.reported != NO_ANSWERS and not self.integrals.lines:
                     self._tell(reached)
+        if self._response is not None:
+            check_returned(self.system.response, self.agents.parameters.response)
 
     def forget(self, agent: int, *, lost: bool) -> None:
         """Drop a member's copies that have arrived by now."""

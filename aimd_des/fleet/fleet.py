@@ -44,7 +44,7 @@ class Fleet:
         Raises
         ------
         InputError
-            If costs are functions that cannot be called by compiled code.
+            If costs or a response are functions that compiled code cannot call.
         """
         agents = CompiledAgents(system, absent, observer.overshoot)
         system.join(agents)

@@ -7,7 +7,7 @@ and sets S(k+1).  With ``lag=0`` the signal set from x(k) is used at k itself.
 import numpy as np
 
 from aimd_des.dynamics.averaging import Averaging
-from aimd_des.dynamics.custom_response import with_address
+from aimd_des.dynamics.custom_response import check_returned, with_address
 from aimd_des.dynamics.response import DISCRETE
 from aimd_des.dynamics.responses import Response
 from aimd_des.dynamics.state import AgentParameters, State, agent_parameters, start
@@ -94,6 +94,8 @@ def run_synchronous(
         raise InputError.of("recording.events", True, "False: the synchronous algorithm has no events")
     n, m = problem.n_agents, problem.n_resources
     parameters, table = _parameters(problem, averaging, response), cost_table(problem.costs)
+    answering, called = with_address(response, parameters.response)
+    parameters = parameters._replace(response=answering)
     state = start(m, n, DISCRETE, parameters)
     control = StepControl(
         moment=np.zeros(1),
@@ -119,6 +121,8 @@ def run_synchronous(
             take_steps(state, parameters, table, first, last, lag, key, control, records, buffers)
     else:
         take_custom_steps(problem.costs, state, parameters, steps, lag, key, control, records, buffers)
+    if called is not None:
+        check_returned(response, answering)
     close_books(state, parameters, steps, control, records)
     signals, observations, account = _outcome(problem, steps, state, control, records)
     # The looks at K / 2 or later, as the load that they are held against is that of the second half.
@@ -136,14 +140,13 @@ def check_steps(field: str, steps: object, problem: Problem) -> int:
 
 
 def _parameters(problem: Problem, averaging: Averaging | None, response: Response | None) -> AgentParameters:
-    """Lay out the parameters of the agents, with the address of a response of the user's own."""
+    """Lay out the parameters of the agents."""
     if averaging is not None:
         allowed = "an averaging, such as averaging.Window(100.0)"
         validation.instance("averaging", averaging, Averaging, allowed)
     if response is not None:
         validation.instance("response", response, Response, "a response, such as responses.Derandomised()")
-    given = agent_parameters(problem, DISCRETE, averaging, response=response)
-    return given._replace(response=with_address(response, given.response))
+    return agent_parameters(problem, DISCRETE, averaging, response=response)
 
 
 def _open_records(recording: Recording, steps: int, n: int, m: int) -> RecordBuffers:
