@@ -170,7 +170,7 @@ def test_saturated_responses_are_counted_and_warned_about_once() -> None:
     assert 0 < result.account.responses[0, 0] < acted
     total = result.account.responses.sum()
     assert str(caught[0].message) == (
-        f"{acted} of {total} responses had a probability above 1 and were certain: "
+        f"{acted} of {total} responses had a probability above 1, which was cut off: "
         "the normalization factor is too large for these costs"
     )
 

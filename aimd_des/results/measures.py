@@ -146,7 +146,7 @@ _TABLE = (
         "integer",
         "Saturated",
         "responses",
-        "Responses whose probability was above 1, and which were therefore certain.",
+        "Responses whose probability was cut off: at 1, or of a fractional cut at 1 / (1 - beta).",
         lambda run: run.account.saturated.sum(axis=1),
     ),
     Measure(

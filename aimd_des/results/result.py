@@ -109,8 +109,8 @@ class Result:
         saturated = int(account.saturated.sum())
         if saturated:
             warnings.warn(
-                f"{saturated} of {int(account.responses.sum())} responses had a probability above 1 and were "
-                "certain: the normalization factor is too large for these costs",
+                f"{saturated} of {int(account.responses.sum())} responses had a probability above 1, which "
+                "was cut off: the normalization factor is too large for these costs",
                 RuntimeWarning,
                 stacklevel=3,
             )

@@ -36,7 +36,7 @@ class Account:
     lost: IntArray
     in_flight: IntArray
     duplicated: IntArray  # (m, n): duplicates that arrived besides
-    # (m, n): decreases of each agent, and those of them that had a response probability above 1.
+    # (m, n): decreases of each agent, and those of them whose response probability was cut off.
     responses: IntArray
     saturated: IntArray
 
