@@ -20,22 +20,23 @@ from aimd_des import (
     Simulation,
     averaging,
     loss,
+    responses,
     run_synchronous,
     solve_optimum,
     theory,
 )
 from aimd_des.theory.mean_dynamics import Memory
-from aimd_des.theory.response_rule import Rule
 from aimd_des.theory.second_moments import remaining
 from aimd_des.utils.validation import FloatArray
 from models import random_convex, smart_cameras
 from tests.conftest import resource
 from tests.support.responses_on_the_clock import EVENTS, FULL, PART, Way, run_response
 
-CURED = Rule(at_signals=True)
-PARTS = Rule(certain=True)
-BOTH = Rule(at_signals=True, certain=True)
-WHOLE = Rule(full=True)
+CURED = responses.EventNormalised()
+PARTS = responses.Derandomised()
+BOTH = responses.Derandomised("events")
+WHOLE = responses.Derandomised(full=True)
+OWN_CUTS = responses.Derandomised("events", full=True)
 
 
 def misallocation(problem: Problem, averages: FloatArray) -> FloatArray:
@@ -77,6 +78,11 @@ def slow_costs(elasticities: tuple[float, float], n: int = 60) -> Problem:
     coefficients = np.stack([1.0 - steep, 0.5 * steep / optimum], axis=1)[:, None, :]
     changes = {"capacity": optimum.sum(), "increase": 0.025, "decrease": 0.7, "normalization": 0.2}
     return Problem([resource(**changes)], PolynomialCosts([1, 2], coefficients))
+
+
+def one_third(average: float) -> float:
+    """Return a response probability that no cost has a part in."""
+    return 1.0 / 3.0
 
 
 class TestThePapersRule:
@@ -155,21 +161,23 @@ class TestThePapersRule:
 
 class TestOtherResponses:
     @pytest.mark.parametrize(
-        ("rule", "way", "rough"),
+        ("response", "way", "rough"),
         [(PARTS, Way(cut=PART), 0.05), (BOTH, Way(EVENTS, PART), 0.25), (WHOLE, Way(cut=FULL), 1.2)],
     )
-    def test_without_draws_the_mean_is_the_run(self, rule: Rule, way: Way, rough: float) -> None:
+    def test_without_draws_the_mean_is_the_run(
+        self, response: responses.Response, way: Way, rough: float
+    ) -> None:
         # `rough`: how regular cuts fall in with the saw of the total is neglected.
         problem, at = smart_cameras(seed=0), [1000, 10_000]
         measured = misallocation(problem, run_response(problem, at, way))
-        predicted = theory.convergence(problem, response=rule).misallocation(at)
+        predicted = theory.convergence(problem, response=response).misallocation(at)
         assert np.array_equal(predicted.low, predicted.mean)
         assert (abs(measured / predicted.mean - 1.0) < rough).all()
 
     def test_what_signals_find_as_the_divisor_leaves_no_bias(self) -> None:
         problem = smart_cameras(seed=0)
-        for rule in (CURED, BOTH, WHOLE):
-            expected = theory.convergence(problem, response=rule)
+        for response in (CURED, BOTH, WHOLE, OWN_CUTS):
+            expected = theory.convergence(problem, response=response)
             assert (abs(expected.bias).sum(axis=0) < 1e-7 * problem.capacity).all()
         averages = np.stack([run_response(problem, [10_000], Way(EVENTS), seed=seed)[0] for seed in range(3)])
         measured = misallocation(problem, averages).mean(axis=0)
@@ -195,6 +203,18 @@ class TestAverages:
         assert (abs(measured / predicted - 1.0) < 0.1).all()
         slopes = [np.polyfit(np.log(at), np.log(values), 1)[0] for values in (measured, predicted)]
         assert slopes[0] == pytest.approx(slopes[1], abs=0.03)
+
+    def test_a_gain_damps_slow_costs_and_adds_noise(self) -> None:
+        problem, at = slow_costs((0.3, 0.6)), [3000, 10_000]
+        runs = [run_response(problem, at, Way(EVENTS, gain=5.0), seed=seed) for seed in range(4)]
+        measured = misallocation(problem, np.stack(runs))[:, :, 0]
+        options: dict[str, Any] = {"response": CURED, "averaging": averaging.Polynomial(5.0)}
+        expected = theory.convergence(problem, **options)
+        off = measured.mean(axis=0) / expected.misallocation(at).mean[:, 0] - 1.0
+        error = measured.std(axis=0, ddof=1) / measured.mean(axis=0) / 2.0
+        assert (abs(off) < 4 * error + 0.1).all()
+        noise = theory.convergence(problem, response=CURED)
+        assert np.trace(expected.covariance(1e4)[0]) > np.trace(noise.covariance(1e4)[0])
 
     @pytest.mark.parametrize("averages", [averaging.Window(1000.0), averaging.Forgetting(500.0)])
     def test_a_finite_memory_keeps_noise(self, averages: averaging.Averaging) -> None:
@@ -253,6 +273,7 @@ class TestTheInterface:
             ({"exact": True, "dynamics": "continuous", "period": 1.0}, "exact"),
             ({"exact": True, "response": WHOLE}, "exact"),
             ({"response": "paper"}, "response"),
+            ({"response": responses.CustomResponse(one_third)}, "theory cannot look into"),
             ({"averaging": object()}, "averaging"),
             ({"loss": 1.0}, "loss"),
         ],

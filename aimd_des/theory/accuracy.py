@@ -14,13 +14,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import erf
 
-from aimd_des.dynamics.averaging import Averaging, Cumulative, Forgetting, Window
+from aimd_des.dynamics.averaging import Averaging, Cumulative, Forgetting, Polynomial, Window
+from aimd_des.dynamics.responses import Response
 from aimd_des.problem.optimum import solve_optimum
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.arguments import Dynamics
 from aimd_des.theory.mean_dynamics import Memory, Path, first_signals
 from aimd_des.theory.prediction import Steady, check_enough, settle, steady_state
-from aimd_des.theory.response_rule import PAPER, Rule, probability
+from aimd_des.theory.response_rule import largest, probability
 from aimd_des.theory.second_moments import Modes, modes_of
 from aimd_des.theory.setting import Setting, check_setting
 from aimd_des.theory.sways import follow_sway
@@ -304,7 +305,7 @@ def convergence(
     hold_off: float | None = None,
     loss: npt.ArrayLike = 0.0,
     averaging: Averaging | None = None,
-    response: Rule | None = None,
+    response: Response | None = None,
     exact: bool | None = None,
 ) -> Convergence:
     """Predict how near averages come to the optimum, and how fast.
@@ -327,8 +328,8 @@ def convergence(
         Probability that a signal is lost on an agent, independent of all else.
     averaging : Averaging, optional
         How agents average their demand: over all of their past unless given.
-    response : Rule, optional
-        How a signal is answered: by the paper's rule unless given.
+    response : Response, optional
+        How agents answer signals: `responses.Randomised`, the paper's rule, unless given.
     exact : bool, optional
         Whether averages come from the exact moments of what signals find, which there are for crossings and
         for the clock.  They are used with up to 200 agents unless said otherwise; else the order 1 / n is
@@ -360,9 +361,8 @@ def convergence(
     """
     if lag is not None:
         latency = _lag(lag, dynamics, latency)
-    rule = validation.instance("response", PAPER if response is None else response, Rule, "a Rule")
     setting = check_setting(
-        problem, dynamics, latency=latency, period=period, loss=loss, hold_off=hold_off, rule=rule
+        problem, dynamics, latency=latency, period=period, loss=loss, hold_off=hold_off, response=response
     )
     if exact and not setting.has_moments:
         known = "exact moments are known on the clock, for crossings, and up to 200 agents; not for full cuts"
@@ -409,6 +409,8 @@ def _memory(averaging: Averaging | None) -> Memory:
     """Say what an averaging is to theory."""
     if averaging is None or isinstance(averaging, Cumulative):
         return Memory()
+    if isinstance(averaging, Polynomial):
+        return Memory(gain=averaging.gain)
     if isinstance(averaging, Window):
         return Memory(window=averaging.length)
     if isinstance(averaging, Forgetting):
@@ -420,8 +422,8 @@ def _memory(averaging: Averaging | None) -> Memory:
 def _check_not_cut_off(setting: Setting, steady: Steady) -> None:
     """Refuse what is cut off: what averages settle on then does not depend on the costs."""
     problem = setting.problem
-    wanted = probability(problem, setting.rule, steady.average, steady.found - steady.average)
-    most = 1.0 / (1.0 - problem.decrease) if setting.rule.certain else np.ones_like(wanted)
+    wanted = probability(problem, setting.response, steady.average, steady.found - steady.average)
+    most = largest(problem, setting.response)
     if (wanted > most).any():
         agent, resource = (int(index) for index in np.argwhere(wanted > most)[0])
         raise InputError.of(

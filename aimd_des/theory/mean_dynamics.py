@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from aimd_des.dynamics.responses import AT_CUTS, AT_SIGNALS
 from aimd_des.theory.prediction import Steady, found_by_signals
 from aimd_des.theory.response_rule import chance, cuts_of
 from aimd_des.theory.setting import Setting
@@ -163,10 +164,12 @@ class Path:
 
     def _kappa(self, average: FloatArray, divisor: FloatArray) -> FloatArray:
         """Compute what part of the demand that it finds a signal takes in the mean."""
-        setting, found = self.setting, self.steady.found
-        tooth = divisor - average if setting.rule.at_signals else found - self.steady.average
-        part = chance(setting.problem, setting.rule, average, tooth)
-        keep, hit = cuts_of(setting.problem, setting.rule, part, setting.loss)
+        setting, tooth = self.setting, self.steady.found - self.steady.average
+        below = divisor - average if setting.response.divisor == AT_SIGNALS else tooth
+        part = chance(setting.problem, setting.response, average, below)
+        if setting.response.divisor == AT_CUTS:
+            part = part * average / (divisor - tooth)
+        keep, hit = cuts_of(setting.problem, setting.response, part, setting.loss)
         return keep * hit
 
     def _fast(self, time: float, state: FloatArray) -> FloatArray:

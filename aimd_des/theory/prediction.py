@@ -227,7 +227,7 @@ def settle(setting: Setting, start: FloatArray | None = None) -> Steady:
     tooth = np.zeros_like(average)
     for _ in range(_MAX_ROUNDS):
         gradient = problem.costs.gradient(average)
-        balance = _balance(setting, chance(problem, setting.rule, average, tooth))
+        balance = _balance(setting, chance(problem, setting.response, average, tooth))
         wanted = balance.average
         if (np.abs(wanted - average) <= _TOLERANCE * average).all():
             return balance
@@ -259,7 +259,7 @@ def found_by_signals(setting: Setting, kappa: FloatArray) -> tuple[FloatArray, F
 def _balance(setting: Setting, part: FloatArray) -> Steady:
     """Compute the steady state for signals that always take the same part."""
     problem = setting.problem
-    keep, hit = cuts_of(problem, setting.rule, part, setting.loss)
+    keep, hit = cuts_of(problem, setting.response, part, setting.loss)
     signals, found = found_by_signals(setting, keep * hit)
     if setting.exact:
         return Steady(signals, *_exact(setting, signals, found, keep, hit), found, part, keep, hit)

@@ -24,6 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from aimd_des.dynamics.responses import FULL
 from aimd_des.theory.mean_dynamics import Memory, first_signals
 from aimd_des.theory.prediction import Steady, lost_steps
 from aimd_des.theory.setting import Setting
@@ -177,7 +178,7 @@ def _noise(setting: Setting, steady: Steady, together: bool) -> FloatArray:
     """Compute the strength of the noise: (m, n, n), or (n, m) where agents are taken one by one."""
     keep, hit, loss = steady.keep, steady.hit, setting.loss
     kappa = keep * hit
-    if setting.rule.full:  # cuts come at regular numbers of the signals that are received
+    if setting.response.cut == FULL:  # cuts come at regular numbers of the signals that are received
         hit = np.broadcast_to(1.0 - loss, kappa.shape)
         keep = kappa / hit
     kicks = keep**2 * hit * (1.0 - hit) * steady.square + lost_steps(setting, kappa, steady.found)

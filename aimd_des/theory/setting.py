@@ -6,9 +6,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.dynamics.responses import FULL, Response, ResponseParameters
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.arguments import Dynamics, check_dynamics
-from aimd_des.theory.response_rule import PAPER, Rule
+from aimd_des.theory.response_rule import check_response
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
@@ -40,7 +41,7 @@ class Setting(NamedTuple):
         where nearly every look has a signal.
     mean : ndarray, shape (m,), optional
         The same in the mean over time; none where signals do not come late.
-    rule : Rule
+    response : ResponseParameters
         How a signal is answered.
     exact : bool
         Whether averages come from exact moments.
@@ -56,7 +57,7 @@ class Setting(NamedTuple):
     hold_off: float | None
     found: FloatArray
     mean: FloatArray | None
-    rule: Rule
+    response: ResponseParameters
     exact: bool
     sway: FloatArray | None = None
 
@@ -69,7 +70,9 @@ class Setting(NamedTuple):
     def has_moments(self) -> bool:
         """Whether exact moments are known, and do not take long."""
         # Full cuts at regular numbers of signals are not drawn anew at each of them, as the moments have it.
-        return (self.discrete or self.crossing) and self.problem.n_agents <= _FEW and not self.rule.full
+        return (
+            (self.discrete or self.crossing) and self.problem.n_agents <= _FEW and self.response.cut != FULL
+        )
 
 
 def check_setting(
@@ -80,10 +83,11 @@ def check_setting(
     period: float,
     loss: npt.ArrayLike,
     hold_off: float | None,
-    rule: Rule = PAPER,
+    response: Response | None = None,
 ) -> Setting:
     """Check the arguments of `predict`."""
     validation.instance("problem", problem, Problem, "a Problem")
+    how = check_response(response)
     check_dynamics(dynamics)
     delay = validation.number("latency", latency, low=0.0)
     look = validation.number("period", period, low=0.0)
@@ -102,7 +106,7 @@ def check_setting(
     discrete = dynamics == "discrete"
     start = np.full(problem.n_resources, _offset(discrete, delay, look))
     setting = Setting(
-        problem, discrete, delay, look, np.asarray(column), hold_off, start, start, rule, exact=False
+        problem, discrete, delay, look, np.asarray(column), hold_off, start, start, how, exact=False
     )
     if not setting.crossing:
         return setting
