@@ -1,7 +1,7 @@
 """What theory says of the accuracy of averages, against runs of the package and a plain loop beside it.
 
-Predicted and measured means are held to within 4 standard errors of the runs, and what a formula neglects is
-named where it is added.
+Predicted and measured means are held to within 4 standard errors of the runs.  What formulas neglect comes
+to that: the next order in 1 / n, or in kappa, the part of a demand that a signal takes.
 """
 
 from typing import Any
@@ -71,6 +71,24 @@ def spread_ratio(expected: theory.Convergence, averages: FloatArray, at: float) 
     return np.sqrt(averages.var(axis=0, ddof=1).sum(axis=0) / predicted)
 
 
+def kappa(expected: theory.Convergence) -> FloatArray:
+    """Return the largest part of a demand that a signal takes in the mean, (m,): the next order."""
+    return (expected.steady.keep * expected.steady.hit).max(axis=0)
+
+
+def deviations(problems: list[Problem], at: int, way: Way, response: responses.Response) -> FloatArray:
+    """Compare runs without draws with their predictions, as logarithms, and problems one with another."""
+    return np.array(
+        [
+            np.log(
+                misallocation(problem, run_response(problem, [at], way))[0]
+                / theory.convergence(problem, response=response).misallocation(float(at)).mean
+            )
+            for problem in problems
+        ]
+    ).ravel()
+
+
 def slow_costs(elasticities: tuple[float, float], n: int = 60) -> Problem:
     """Costs with derivatives 1 - e + e x / x* by turns, which are 1 at a known optimum x*."""
     optimum = np.random.default_rng(0).uniform(0.5, 1.5, n)
@@ -90,19 +108,19 @@ class TestThePapersRule:
         problem, at = smart_cameras(seed=0), [1000.0, 10_000.0, 100_000.0]
         expected = theory.convergence(problem)
         averages = synchronous(problem, at, 12)
-        # 12 runs of 60 agents, of which some 30 count, and 2 % for the formulas.
+        # 12 runs of 60 agents, of which some 30 count.
         for q, time in enumerate(at):
-            assert (abs(spread_ratio(expected, averages[:, q], time) - 1.0) < 4 / np.sqrt(720) + 0.02).all()
+            assert (abs(spread_ratio(expected, averages[:, q], time) - 1.0) < 4 / np.sqrt(720) + 1 / 60).all()
         part, error = biased(expected, averages[:, -1])
-        assert (abs(part - 1.0) < 4 * error + 0.03).all()
+        assert (abs(part - 1.0) < 4 * error + 1 / 60).all()
         measured, predicted = misallocation(problem, averages), expected.misallocation(at)
         off = measured.mean(axis=0) - predicted.mean
-        assert (abs(off) < 4 * measured.std(axis=0, ddof=1) / np.sqrt(12) + 0.02 * predicted.mean).all()
+        assert (abs(off) < 4 * measured.std(axis=0, ddof=1) / np.sqrt(12) + predicted.mean / 60).all()
         inside = (measured >= predicted.low) & (measured <= predicted.high)
-        assert inside.mean() > 0.88
-        # To first order the bias is 5 to 17 % too large: with half as many cameras once more as much.
-        rough = abs(theory.convergence(problem, exact=False).bias).sum(axis=0)
-        assert (rough > 1.03 * abs(expected.bias).sum(axis=0)).all()
+        # Of the 108 cases the 36 runs are independent.
+        assert inside.mean() > 0.95 - 4 * np.sqrt(0.95 * 0.05 / 36)
+        first_order = abs(theory.convergence(problem, exact=False).bias).sum(axis=0)
+        assert (first_order > abs(expected.bias).sum(axis=0)).all()
 
     @pytest.mark.parametrize("lost", [0.0, 0.4])
     def test_continuous_agents_and_loss(self, lost: float) -> None:
@@ -122,9 +140,11 @@ class TestThePapersRule:
         averages = synchronous(problem, [20_000.0], 60)[:, 0]
         expected, rough = theory.convergence(problem), theory.convergence(problem, exact=False)
         part, error = biased(expected, averages)
-        assert (error < 0.2).all()
-        assert (abs(part - 1.0) < 4 * error + 0.03).all()
-        assert (biased(rough, averages)[0] < -0.5).all()  # the order 1 / n is larger than the first
+        assert (abs(part - 1.0) < 4 * error + 1 / 25).all()
+        wrong, its_error = biased(rough, averages)
+        assert (
+            wrong < -4 * its_error
+        ).all()  # the order 1 / n is larger than the first, and has the other sign
         assert (abs(spread_ratio(expected, averages, 20_000.0) - 1.0) < 4 / np.sqrt(2 * 60 * 3)).all()
 
     def test_coupled_costs(self) -> None:
@@ -136,7 +156,7 @@ class TestThePapersRule:
         averages = synchronous(problem, at, 12)
         measured, predicted = misallocation(problem, averages), expected.misallocation(at)
         off = measured.mean(axis=0) - predicted.mean
-        assert (abs(off) < 4 * measured.std(axis=0, ddof=1) / np.sqrt(12) + 0.03 * predicted.mean).all()
+        assert (abs(off) < 4 * measured.std(axis=0, ddof=1) / np.sqrt(12) + predicted.mean / 20).all()
 
     def test_a_lag_turns_the_bias_round(self) -> None:
         problem = smart_cameras(seed=0)
@@ -145,9 +165,9 @@ class TestThePapersRule:
         off = average - solve_optimum(problem, capacity=average.sum(axis=0)).allocation
         part = (off * much.bias).sum(axis=0) / (much.bias**2).sum(axis=0)
         noise = np.einsum("ij,jik,kj->j", much.bias, much.covariance(15_000), much.bias)
-        assert (abs(part - 1.0) < 4 * np.sqrt(noise) / (much.bias**2).sum(axis=0) + 0.15).all()
+        assert (abs(part - 1.0) < 4 * np.sqrt(noise) / (much.bias**2).sum(axis=0) + kappa(much)).all()
         assert ((none.bias * much.bias).sum(axis=0) < 0.0).all()
-        assert (abs(some.bias).sum(axis=0) < 0.6 * abs(none.bias).sum(axis=0)).all()
+        assert (abs(some.bias).sum(axis=0) < abs(none.bias).sum(axis=0)).all()
 
     def test_losses_that_differ_on_the_clock(self) -> None:
         problem = smart_cameras(seed=0)
@@ -155,24 +175,43 @@ class TestThePapersRule:
         expected = theory.convergence(problem, loss=lost)
         averages = np.concatenate([run_response(problem, [10_000], seed=s, loss=lost) for s in range(3)])
         part, error = biased(expected, averages)
-        assert (abs(part - 1.0) < 4 * error + 0.01).all()
+        assert (abs(part - 1.0) < 4 * error + 1 / 60).all()
         assert (abs(expected.bias).sum(axis=0) > 0.1 * expected.steady.average.sum(axis=0)).all()
 
 
 class TestOtherResponses:
-    @pytest.mark.parametrize(
-        ("response", "way", "rough"),
-        [(PARTS, Way(cut=PART), 0.05), (BOTH, Way(EVENTS, PART), 0.25), (WHOLE, Way(cut=FULL), 1.2)],
-    )
-    def test_without_draws_the_mean_is_the_run(
-        self, response: responses.Response, way: Way, rough: float
-    ) -> None:
-        # `rough`: how regular cuts fall in with the saw of the total is neglected.
+    def test_a_part_for_certain_leaves_the_bias_of_the_paper(self) -> None:
         problem, at = smart_cameras(seed=0), [1000, 10_000]
-        measured = misallocation(problem, run_response(problem, at, way))
-        predicted = theory.convergence(problem, response=response).misallocation(at)
+        measured = misallocation(problem, run_response(problem, at, Way(cut=PART)))
+        expected = theory.convergence(problem, response=PARTS)
+        predicted = expected.misallocation(at)
         assert np.array_equal(predicted.low, predicted.mean)
-        assert (abs(measured / predicted.mean - 1.0) < rough).all()
+        assert (abs(measured / predicted.mean - 1.0) < kappa(expected)).all()
+
+    @pytest.mark.parametrize(
+        ("response", "way"), [(BOTH, Way(EVENTS, PART)), (OWN_CUTS, Way(EVENTS, FULL))], ids=["part", "full"]
+    )
+    def test_without_draws_and_bias_errors_are_right_in_the_mean_of_problems(
+        self, response: responses.Response, way: Way
+    ) -> None:
+        # How regular cuts fall in with the saw of the total is neglected, and is another in each problem.
+        problems = [smart_cameras(seed=seed) for seed in range(4)]
+        found = deviations(problems, 1000, way, response)
+        error = found.std(ddof=1) / np.sqrt(len(found))
+        assert abs(found.mean()) < 4 * error
+        assert abs(deviations(problems[:1], 1000, way, PARTS).mean()) > 4 * error
+
+    def test_full_cuts_at_regular_numbers_of_signals(self) -> None:
+        problem, at = smart_cameras(seed=0), [1000, 10_000]
+        measured = misallocation(problem, run_response(problem, at, Way(cut=FULL)))
+        expected = theory.convergence(problem, response=WHOLE)
+        # Between two cuts are as many signals as the whole number below 1 / lambda or that above.  Their
+        # variance, at most 1 / 4, adds at most c lambda / 8 to an average, with c = alpha / rho.
+        growth = (1.0 - expected.signals) / expected.signals * problem.increase
+        neglected = (growth * expected.steady.part / 8.0).sum(axis=0) / expected.steady.average.sum(axis=0)
+        assert (abs(measured - expected.misallocation(at).mean) < neglected).all()
+        wrong = theory.convergence(problem).misallocation(1000.0).mean
+        assert (abs(measured[0] - wrong) > neglected).all()
 
     def test_what_signals_find_as_the_divisor_leaves_no_bias(self) -> None:
         problem = smart_cameras(seed=0)
@@ -185,11 +224,9 @@ class TestOtherResponses:
         assert ((measured > predicted.low) & (measured < predicted.high)).all()
 
     def test_coupled_costs_are_cured(self) -> None:
-        problem = random_convex(seed=7, n_agents=20, n_resources=3)
-        measured = misallocation(problem, run_response(problem, [10_000], Way(EVENTS, PART)))[0]
-        predicted = theory.convergence(problem, response=BOTH).misallocation(10_000.0).mean
-        assert (measured < 0.01).all()
-        assert (abs(measured / predicted - 1.0) < 0.5).all()  # the cuts fall in with the saw of the total
+        problems = [random_convex(seed=seed, n_agents=20, n_resources=3) for seed in range(4)]
+        found = deviations(problems, 2000, Way(EVENTS, PART), BOTH)
+        assert abs(found.mean()) < 4 * found.std(ddof=1) / np.sqrt(len(found))
 
 
 class TestAverages:
@@ -200,7 +237,7 @@ class TestAverages:
         assert expected.slowest == pytest.approx(min(elasticities), abs=0.01)
         measured = misallocation(problem, run_response(problem, at, Way(EVENTS, PART)))[:, 0]
         predicted = expected.misallocation(at).mean[:, 0]
-        assert (abs(measured / predicted - 1.0) < 0.1).all()
+        assert (abs(measured / predicted - 1.0) < kappa(expected)).all()
         slopes = [np.polyfit(np.log(at), np.log(values), 1)[0] for values in (measured, predicted)]
         assert slopes[0] == pytest.approx(slopes[1], abs=0.03)
 
@@ -212,7 +249,7 @@ class TestAverages:
         expected = theory.convergence(problem, **options)
         off = measured.mean(axis=0) / expected.misallocation(at).mean[:, 0] - 1.0
         error = measured.std(axis=0, ddof=1) / measured.mean(axis=0) / 2.0
-        assert (abs(off) < 4 * error + 0.1).all()
+        assert (abs(off) < 4 * error + kappa(expected)).all()
         noise = theory.convergence(problem, response=CURED)
         assert np.trace(expected.covariance(1e4)[0]) > np.trace(noise.covariance(1e4)[0])
 
@@ -222,8 +259,12 @@ class TestAverages:
         expected = theory.convergence(problem, averaging=averages)
         at = list(np.arange(5000.0, 30_001.0, 2500.0))
         measured = synchronous(problem, at, 4, averaging=averages).reshape(-1, 60, 3)
-        # 44 averages, of memories that do not overlap; 5 % for what short memories do to second order.
-        assert (abs(spread_ratio(expected, measured, 30_000.0) - 1.0) < 4 / np.sqrt(2 * 44 * 30) + 0.05).all()
+        # 44 averages, of memories that do not overlap.  The next order is the time in which agents find new
+        # shares, over that of the memory.
+        later = np.array([block.settling for block in expected.blocks]) / 500.0
+        assert (
+            abs(spread_ratio(expected, measured, 30_000.0) - 1.0) < 4 / np.sqrt(2 * 44 * 30) + later
+        ).all()
         assert np.isinf(expected.needed(0.001).length).all()
 
     def test_long_memories_of_both_kinds_are_all_of_the_past(self) -> None:
