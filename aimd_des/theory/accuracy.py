@@ -256,7 +256,9 @@ class Convergence:
         for k, time in enumerate(flat.tolist()):
             for j, covariance in enumerate(self.covariance(time)):
                 values, vectors = np.linalg.eigh(covariance)
-                deviations = bias[k, :, j] + draws @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+                # The symmetric root: it is the same whatever signs the eigenvectors have.
+                root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+                deviations = bias[k, :, j] + draws @ root
                 measure = np.abs(deviations).sum(axis=1) / totals[k, j]
                 bounds[:, k, j] = np.percentile(measure, _INTERVAL)
         rows = (self._mean(flat, average, used), *bounds)
