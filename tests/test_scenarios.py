@@ -38,6 +38,7 @@ NAMES = [
     "city",
     "clocks",
     "continuous_vs_discrete",
+    "convergence",
     "delay",
     "delay_loss",
     "ev_day",
@@ -51,6 +52,7 @@ NAMES = [
 
 # What stands beside the tables of those that do not write one figure with their name.
 FIGURES = {
+    "convergence": {"convergence.md", "convergence.png"},
     "delay_loss": {f"delay_loss_{resource}.png" for resource in ("memory", "disk", "bandwidth")},
     "theory_table": {"theory_table.md", "theory_table.png"},
 }
