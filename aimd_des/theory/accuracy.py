@@ -179,7 +179,7 @@ class Convergence:
         Returns
         -------
         Expected
-            ``sum_i |average - optimum|`` over the total of each resource, shape (m,) or (k, m); a pure number.
+            ``sum_i |average - optimum|`` over the total of each resource, (m,) or (k, m); a pure number.
         """
         return self._expected(at, used=True)
 
@@ -194,7 +194,7 @@ class Convergence:
         Returns
         -------
         Expected
-            ``sum_i |average - optimum|`` over the capacity of each resource, shape (m,) or (k, m); a pure number.
+            ``sum_i |average - optimum|`` over the capacity of each resource, (m,) or (k, m); a pure number.
             The totals of averages, which hardly differ between runs, are those of the mean.
         """
         return self._expected(at, used=False)
