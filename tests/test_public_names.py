@@ -255,6 +255,7 @@ def test_an_old_name_is_the_new_object_with_a_warning_at_the_line_that_asks(old:
     assert new in dir(aimd_des)
 
 
+@pytest.mark.filterwarnings("ignore:.* has moved:DeprecationWarning")
 def test_an_old_name_at_an_old_path() -> None:
     with pytest.warns(DeprecationWarning, match=r"aimd_des\.run_discrete is called run_synchronous"):
         from aimd_des.discrete import run_discrete  # type: ignore[import-not-found]
