@@ -12,7 +12,7 @@ from typing import Any
 
 import tomli_w
 
-from aimd_des.results.measures import MEASURES
+from aimd_des.results.measures import MEASURED
 from aimd_des.scenario import Scenario
 from aimd_des.study import Study, run_study
 from aimd_des.study.points import Run, expand, run_of
@@ -33,7 +33,7 @@ from benchmarks.harness import (
 __all__ = ["main"]
 
 ALONE = "the runs alone"
-CHEAP = [name for name in MEASURES if name != "misallocation"]
+CHEAP = [name for name in MEASURED if name != "misallocation"]
 COLUMNS = ("program", "CPU ms\nper run", "over the\nruns alone")
 LEGEND = (
     "The least of all repeats.  'The runs alone' are `Scenario.run` of scenarios that are there already;\n"
@@ -118,7 +118,7 @@ def _parts(options: argparse.Namespace, folder: Path) -> dict[str, float]:
     rows = [
         (
             {**run.labels, "digest": result.digest},
-            summary_of(run.scenario, result, list(MEASURES)),
+            summary_of(run.scenario, result, MEASURED),
             tomli_w.dumps(run.job().scenario),
         )
         for run, result in done

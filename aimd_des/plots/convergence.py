@@ -10,9 +10,10 @@ from aimd_des.plots import selection, style
 from aimd_des.plots.allocations import NOT_RECORDED
 from aimd_des.plots.in_force import NEVER, NOBODY, Observation, measured
 from aimd_des.plots.panel import panel
-from aimd_des.problem.optimum import Optimum, solve_optimum
+from aimd_des.problem.optimum import Optimum
 from aimd_des.results import metrics
 from aimd_des.results.result import Result
+from aimd_des.results.tracking import misallocation
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
@@ -178,10 +179,7 @@ def error_decay(
 
 
 def _misallocation(look: Observation) -> FloatArray:
-    used = look.average.sum(axis=0)
-    if (used <= 0.0).any():
-        return np.full(len(used), np.nan)
-    return metrics.relative_error(look.average, solve_optimum(look.problem, capacity=used).allocation)
+    return misallocation(look.problem, look.average)
 
 
 def _relative_error(look: Observation) -> FloatArray:

@@ -12,11 +12,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.problem.optimum import Optimum, solve_optimum
+from aimd_des.problem.optimum import Optimum
 from aimd_des.problem.problem import Problem
 from aimd_des.results import metrics
 from aimd_des.results.run_data import Account, Piece
-from aimd_des.results.tracking import piece_problem
+from aimd_des.results.tracking import misallocation, piece_problem
 from aimd_des.utils.validation import FloatArray
 
 
@@ -33,6 +33,7 @@ class Measured:
     overshoot: metrics.Overshoot  # over the whole run
     # Gives the optimum that the averages are held against, None where nobody is here.
     optimum: Callable[[], Optimum | None]
+    recovery: Callable[[], FloatArray]  # gives the recovery times of the last change, (m,)
 
     @cached_property
     def average(self) -> FloatArray:
@@ -50,13 +51,6 @@ class Measured:
         found = self.optimum()
         assert found is not None  # noqa: S101 - asked for where somebody is here
         return found.allocation
-
-    def misallocation(self) -> FloatArray:
-        """Compare with the optimum for what is used; that optimum is solved here."""
-        used = self.average.sum(axis=0)
-        if not (used > 0).all():
-            return np.full(len(used), np.nan)
-        return metrics.relative_error(self.average, solve_optimum(self.in_force, capacity=used).allocation)
 
     def cost_ratio(self) -> FloatArray:
         """Compare the cost of all resources together, and say it of each."""
@@ -76,6 +70,7 @@ class Measure(NamedTuple):
     # Whether it is taken of the agents that are here at the end, and so is NaN where nobody is.
     of_those_here: bool = False
     needs_optimum: bool = False  # whether it holds the averages against the optimum of the problem in force
+    always: bool = True  # whether it is measured unless others are asked for
 
     def of(self, run: Measured) -> npt.NDArray[Any]:
         """Measure a run, shape (m,)."""
@@ -175,7 +170,7 @@ _TABLE = (
         "share of what is used",
         "How far the averages are from the optimum for what is used: the sum of the absolute differences over"
         " the sum of that optimum.",
-        lambda run: run.misallocation(),
+        lambda run: misallocation(run.in_force, run.average),
         of_those_here=True,
     ),
     Measure(
@@ -223,9 +218,21 @@ _TABLE = (
         "The time average of what exceeds the capacity, over the capacity, integrated and not sampled.",
         lambda run: run.overshoot.mean,
     ),
+    Measure(
+        "recovery_time",
+        "number",
+        "Recovery time",
+        "time",
+        "Time from the last change of the problem until the sum of the averages stays within 5 % of the"
+        " capacity; measured where it is asked for.",
+        lambda run: run.recovery(),
+        always=False,
+    ),
 )
 
 #: The columns of `Result.summary`, in their order.
+MEASURED = tuple(measure.name for measure in _TABLE if measure.always)
+#: And what is put beside them.
 MEASURES = {measure.name: measure for measure in _TABLE}
 
 #: What is shown where there is no room for all, the most telling first.

@@ -10,7 +10,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from functools import cached_property
 from hashlib import sha256
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -20,10 +20,10 @@ from aimd_des.problem.optimum import Optimum
 from aimd_des.problem.problem import Problem
 from aimd_des.results.event_log import EventLog
 from aimd_des.results.frames import categorical
-from aimd_des.results.measures import MEASURES, Measured
+from aimd_des.results.measures import MEASURED, MEASURES, Measured
 from aimd_des.results.overload import Opportunities, overload_words, run_away
 from aimd_des.results.run_data import Account, Observations, Piece, Signals
-from aimd_des.results.tracking import PieceOptima, pieces_frame, tracking_frame
+from aimd_des.results.tracking import Distance, PieceOptima, pieces_frame, recovery_frame, tracking_frame
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError, OverloadWarning
 from aimd_des.utils.validation import FloatArray
@@ -255,6 +255,55 @@ class Result:
         """
         return tracking_frame(self.problem, self.history, self._optima, self.observations)
 
+    def recovery(
+        self,
+        measure: Distance = "level",
+        within: float = 0.05,
+        of: Literal["level", "change"] = "level",
+    ) -> pd.DataFrame:
+        """Measure how long averages took to recover from each change of the problem.
+
+        Parameters
+        ----------
+        measure : {"level", "relative_error", "misallocation"}
+            What has to be small, of those who are here: the distance of the sum of the averages from the
+            capacity, over the capacity; the relative error against the optimum in force; or that against the
+            optimum for what is used, which is solved for at every recorded time.
+        within : float
+            How small, between 0 and 1.
+        of : {"level", "change"}
+            Whether `within` is the limit itself, a share of what averages should be, or a share of what the
+            measure was when the problem changed.
+
+        Returns
+        -------
+        DataFrame
+            Columns: start and end (of what is in force), resource, recovery_time (since the start, in units
+            of time), with rows for all problems but the first.  The time is 0 where averages were always
+            within the limit, inf where they do not stay within until the end, and NaN where nobody is here or
+            nothing was recorded.
+
+        Notes
+        -----
+        Allocations must be recorded, such as with ``Recording(allocations=1.0)``.  Between two recorded times
+        the distance is taken for a line.
+
+        See Also
+        --------
+        aimd_des.theory.recovery_time : What to expect.
+        """
+        measures, parts = get_args(Distance), ("level", "change")
+        validation.known("measure", measure, measures)
+        validation.known("of", of, parts)
+        near = validation.number("within", within, low=0.0, low_open=True, high=1.0, high_open=True)
+        seen = self.observations
+        return recovery_frame(self.problem, self.history, self._optima, self.until, seen, measure, near, of)
+
+    def _last_recovery(self) -> FloatArray:
+        if len(self.history) == 1:
+            return np.full(self.problem.n_resources, np.nan)
+        return self.recovery()["recovery_time"].to_numpy()[-self.problem.n_resources :]
+
     @cached_property
     def digest(self) -> str:
         """SHA-256 over signals, responses, demands and averages at the end, and the log if it was kept.
@@ -310,7 +359,7 @@ class Result:
         optimum : Optimum, optional
             As for `summary`.
         names : sequence of str, optional
-            Which of its columns; all unless given.  Those that are left out cost nothing.
+            Which measures; the columns of `summary` unless given.  Those that are left out cost nothing.
 
         Returns
         -------
@@ -334,5 +383,6 @@ class Result:
             account=self.account,
             overshoot=self.observations.overshoot,
             optimum=lambda: self.optimum_of(last, optimum),
+            recovery=self._last_recovery,
         )
-        return {name: MEASURES[name].of(run) for name in (MEASURES if names is None else names)}
+        return {name: MEASURES[name].of(run) for name in (MEASURED if names is None else names)}

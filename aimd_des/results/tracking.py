@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -13,6 +14,9 @@ from aimd_des.results import metrics
 from aimd_des.results.frames import categorical
 from aimd_des.results.run_data import Observations, Piece
 from aimd_des.utils.validation import FloatArray
+
+#: By what a run has recovered from a change.
+Distance = Literal["level", "relative_error", "misallocation"]
 
 
 def is_unchanged(problem: Problem, piece: Piece) -> bool:
@@ -36,6 +40,14 @@ def piece_problem(problem: Problem, piece: Piece) -> Problem:
 
 def _resource(resource: Resource, capacity: float, increase: FloatArray, decrease: FloatArray) -> Resource:
     return replace(resource, capacity=capacity, increase=increase, decrease=decrease)
+
+
+def misallocation(problem: Problem, average: FloatArray) -> FloatArray:
+    """Hold averages against the optimum for what they use, solved here, (m,): NaN where that is nothing."""
+    used = average.sum(axis=0)
+    if not (used > 0.0).all():
+        return np.full(len(used), np.nan)
+    return metrics.relative_error(average, solve_optimum(problem, capacity=used).allocation)
 
 
 class PieceOptima:
@@ -125,3 +137,69 @@ def tracking_frame(
             "relative_error": error.ravel(),
         }
     )
+
+
+def recovery_frame(
+    problem: Problem,
+    pieces: Sequence[Piece],
+    optima: PieceOptima,
+    until: float,
+    observations: Observations,
+    measure: Distance,
+    within: float,
+    of: Literal["level", "change"],
+) -> pd.DataFrame:
+    """Tell how long it took after each change until averages were where they should be, and stayed there."""
+    times = observations.allocation_times
+    away = _distances(problem, pieces, optima, observations, measure)
+    rows = []
+    for place, piece in enumerate(pieces[1:], start=1):
+        end = until if piece is pieces[-1] else pieces[place + 1].start
+        looks = (times >= piece.start) & ((times < end) | (piece is pieces[-1]))
+        for j, distance in enumerate(away[looks].T):
+            limit = within * (1.0 if of == "level" or not len(distance) else float(distance[0]))
+            found = _time_within(times[looks] - piece.start, distance, limit)
+            rows.append({"start": piece.start, "end": end, "resource": j, "recovery_time": found})
+    frame = pd.DataFrame(rows, columns=["start", "end", "resource", "recovery_time"]).astype(
+        {"start": np.float64, "end": np.float64, "recovery_time": np.float64}
+    )
+    frame["resource"] = categorical(frame["resource"].to_numpy(dtype=np.int64), problem.resource_names)
+    return frame
+
+
+def _distances(
+    problem: Problem,
+    pieces: Sequence[Piece],
+    optima: PieceOptima,
+    observations: Observations,
+    measure: Distance,
+) -> FloatArray:
+    """Measure at every recorded time how far averages are from where they should be, (r, m)."""
+    times, m = observations.allocation_times, problem.n_resources
+    if measure == "misallocation":
+        starts = np.array([piece.start for piece in pieces])
+        result = np.full((len(times), m), np.nan)
+        # What was before the first change is not asked for.
+        for row in np.flatnonzero(times >= starts[min(1, len(starts) - 1)]).tolist():
+            piece = pieces[int(np.searchsorted(starts, times[row], side="right")) - 1]
+            if piece.present.any():
+                average = observations.average[row].T[piece.present]
+                result[row] = misallocation(piece_problem(problem, piece), average)
+        return result
+    frame = tracking_frame(problem, pieces, optima, observations)
+    off = frame["level"] - 1.0 if measure == "level" else frame["relative_error"]
+    return np.asarray(np.abs(off.to_numpy()).reshape(len(times), m))
+
+
+def _time_within(times: FloatArray, distance: FloatArray, limit: float) -> float:
+    """Compute from when on a distance stays within a limit: a line between two looks."""
+    if not len(times) or np.isnan(distance).any():
+        return np.nan
+    outside = np.flatnonzero(distance > limit)
+    if not len(outside):
+        return 0.0
+    last = int(outside[-1])
+    if last == len(times) - 1:
+        return np.inf
+    share = (distance[last] - limit) / (distance[last] - distance[last + 1])
+    return float(times[last] + share * (times[last + 1] - times[last]))

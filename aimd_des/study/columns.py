@@ -11,7 +11,7 @@ FRAMES = ("signals", "demand", "allocations", "events", "pieces", "tracking")
 
 
 def known_measure(field: str, name: str) -> None:
-    """Refuse what is no column of the summary."""
+    """Refuse what is no measure."""
     validation.known(field, name, MEASURES)
 
 

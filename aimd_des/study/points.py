@@ -89,7 +89,7 @@ def _point(
     problems: dict[str, dict[str, str]],
 ) -> Point:
     where = place_of(labels)
-    data = _lean(with_settings(study.scenario, settings), study.keep)
+    data = _lean(with_settings(study.scenario, settings), [*study.keep, *study.columns()])
     scenario = validate_scenario(data, where)
     try:
         problem = _check_problem(study, scenario.model_copy(update={"seed": 0}).resolved(), problems)
@@ -126,7 +126,7 @@ def _lean(data: dict[str, Any], keep: Sequence[str]) -> dict[str, Any]:
     recording: dict[str, Any] = {}
     if not wanted & {"demand"}:
         recording["demand"] = "end"
-    if not wanted & {"allocations", "tracking"}:
+    if not wanted & {"allocations", "tracking", "recovery_time"}:
         recording["allocations"] = "end"
     if len(recording) == 2:
         recording["tail"] = 0

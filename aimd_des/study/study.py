@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from aimd_des.results.measures import MEASURES
+from aimd_des.results.measures import MEASURED, MEASURES
 from aimd_des.scenario import validate_scenario
 from aimd_des.scenario.messages import checked
 from aimd_des.scenario.old_keys import with_new_keys
@@ -41,7 +41,7 @@ class Precision(StudyTable):
     Attributes
     ----------
     measure : str
-        A column of the summary.
+        One of those that are kept.
     resource : str
         Of which resource; "all" for each of them.
     half_width : float
@@ -81,7 +81,7 @@ class Study(StudyTable):
     paired : bool
         Whether replication r has the same seed at every point, so that differences between points are paired.
     measures : list of str, optional
-        The columns of the summary to keep; all unless given.
+        The measures to keep; the columns of the summary unless given.
     keep : list of str
         Frames of the results to keep besides.
     where : str, optional
@@ -213,9 +213,10 @@ class Study(StudyTable):
         Returns
         -------
         tuple of str
-            Columns of the summary, in its order.
+            Those of the summary first, in its order.
         """
-        return tuple(name for name in MEASURES if self.measures is None or name in self.measures)
+        wanted = MEASURED if self.measures is None else self.measures
+        return tuple(name for name in MEASURES if name in wanted)
 
     def spoken(self) -> dict[str, Any]:
         """Spell out everything, for TOML and JSON.
