@@ -70,12 +70,12 @@ def averaged_step(
         means = (sums[ends] - sums[starts]) / (ends - starts)
     else:
         rate = 1.0 / memory.get("time_constant", math.inf)
-        weights = np.exp(rate * (middles - age - end))
+        weights = np.exp(rate * (middles - age - end)) * (middles / age) ** (memory.get("gain", 1.0) - 1.0)
         means = np.cumsum(weights * values) / np.cumsum(weights)
     return middles + width / 2 - age, means
 
 
-MEMORIES: list[dict[str, float]] = [{}, {"window": 80.0}, {"time_constant": 60.0}]
+MEMORIES: list[dict[str, float]] = [{}, {"window": 80.0}, {"time_constant": 60.0}, {"gain": 5.0}]
 
 
 @pytest.mark.parametrize("age", [30.0, 200.0])
@@ -117,6 +117,13 @@ def test_recovery_time_by_hand() -> None:
     # What remembers for ever is the average over all of the run.
     assert theory.recovery_time(2.0, 1.0, 100.0, time_constant=1e12) == pytest.approx(1900.0)
     assert theory.recovery_time(2.0, 1.0, 100.0, window=1e12) == pytest.approx(1900.0)
+    # A gain forgets like a power of the age, and sees a ramp as a step at a power mean of its ages.
+    assert theory.recovery_time(2.0, 1.0, 100.0, gain=2.0) == pytest.approx(100.0 * (math.sqrt(20.0) - 1.0))
+    mean = math.sqrt((125.0**2 + 150.0**2) / 2.0)
+    ramp = theory.recovery_time(2.0, 1.0, 100.0, gain=2.0, ramp=50.0, steps=2)
+    assert ramp == pytest.approx(mean * math.sqrt(20.0) - 100.0)
+    with pytest.raises(InputError, match="memories"):
+        theory.recovery_time(2.0, 1.0, 100.0, gain=2.0, window=10.0)
 
 
 # ---- shares that answer to their own averages

@@ -1,9 +1,9 @@
-r"""Averages with a finite memory: how fast they follow a change, and what the shorter memory costs in noise.
+r"""How fast averages follow a change, and what a shorter memory costs in noise.
 
-An average over all of a run, over a window of the last W, or with weights exp(-age / tau) keeps of a step of
-what it averages, s after the step at run age t0,
+An average with gain a (1 over all of a run), over a window of the last W, or with weights exp(-age / tau)
+keeps of a step of what it averages, s after the step at run age t0,
 
-    t0 / (t0 + s),        1 - s / W,        exp(-s / tau)        (the last two once the run is older)
+    (t0 / (t0 + s))**a,   1 - s / W,   exp(-s / tau)        (the last two once the run is older)
 
 and smooths demand whose autocovariance decays like exp(-kappa s), kappa = alpha / x, so that of its variance
 remain
@@ -35,6 +35,7 @@ def recovery_time(
     *,
     window: float | None = None,
     time_constant: float | None = None,
+    gain: float = 1.0,
     within: float = 0.05,
     ramp: float = 0.0,
     steps: int | None = None,
@@ -50,8 +51,9 @@ def recovery_time(
     window : float, optional
         W > 0 of averages over a sliding window.
     time_constant : float, optional
-        tau > 0 of averages that forget exponentially; without this and `window` averages are over all of the
-        run.
+        tau > 0 of averages that forget exponentially.
+    gain : float
+        a > 0 of averages in which demand at age s weighs as s**(a - 1): 1 is over all of the run.
     within : float
         How near, as a share of the new level, between 0 and 1.
     ramp : float
@@ -68,18 +70,19 @@ def recovery_time(
     Raises
     ------
     InputError
-        If an argument is outside its range, or both memories are given.
+        If an argument is outside its range, or more than one memory is given.
 
     Notes
     -----
-    With ``w = within C1 / |C0 - C1|``, the part of the step that may be left: t0 (1 / w - 1) over all of the
-    run, W (1 - w) for a window, tau log(1 / w) with forgetting.  A run that is younger than its memory has
+    With ``w = within C1 / |C0 - C1|``, the part of the step that may be left: t0 (w**(-1 / a) - 1) with a
+    gain, W (1 - w) for a window, tau log(1 / w) with forgetting.  A run that is younger than its memory has
     less to forget: a window is then an average over all of the run until it is full, and forgetting,
     normalised by the weights there are, takes tau log((1 - q + w q) / w) with q = exp(-t0 / tau).
 
-    A ramp is a step at its middle M, but for forgetting, which sees the average of an exponential and is
-    tau log(sinh(D / 2 tau) / (D / 2 tau)) later, and for a window that has left the first part of the ramp
-    behind: what remains of the ramp, squared, over 2 D W is what may be left, after W + 2 M - sqrt(4 M W w).
+    A ramp is a step at its middle M, but for a gain, which sees the power mean of its ages, (mean
+    age**a)**(1 / a), for forgetting, which sees the average of an exponential and is tau log(sinh(D / 2 tau)
+    / (D / 2 tau)) later, and for a window that has left the first part of the ramp behind: what remains of the
+    ramp, squared, over 2 D W is what may be left, after W + 2 M - sqrt(4 M W w).
 
     Exact for the total of the averages if total demand follows the capacity at once.  It needs the time
     ``|C0 - C1| / (n alpha)`` to rise and a few signals to fall; agents find their new shares of it with the
@@ -91,14 +94,19 @@ def recovery_time(
     --------
     >>> [round(recovery_time(1.0, 0.5, 1000.0, **memory), 1) for memory in ({}, {"window": 200.0})]
     [19000.0, 190.0]
+    >>> round(recovery_time(1.0, 0.5, 1000.0, gain=5.0), 1)
+    820.6
     """
     old, new = _positive("before", before), _positive("after", after)
     near = validation.number("within", within, low=0.0, low_open=True, high=1.0, high_open=True)
     length = validation.number("ramp", ramp, low=0.0)
     middle = 0.5 * length * (1.0 + (1.0 / validation.integer("steps", steps, low=1) if steps else 0.0))
-    past = _positive("age", age) + middle
-    if window is not None and time_constant is not None:
-        raise InputError.of("window", window, "left out where time_constant is given")
+    power = _positive("gain", gain)
+    begin = _positive("age", age)
+    past = _mean_age(begin, length, steps, power)
+    if (window is not None) + (time_constant is not None) + (power != 1.0) > 1:
+        given = {"window": window, "time_constant": time_constant, "gain": gain}
+        raise InputError.of("memories", given, "one of them")
     if abs(old - new) <= near * new:
         return 0.0
     left = near * new / abs(old - new)
@@ -110,10 +118,21 @@ def recovery_time(
         fresh = -math.expm1(-past / tau)  # 1 - q, also where the run is much younger than the memory
         return late + tau * math.log1p(fresh * (1.0 - left) / left)
     if window is None or past < left * _positive("window", window):  # there before a window is full
-        return middle + past * (1.0 / left - 1.0)
+        return past * float(left ** (-1.0 / power)) - begin
     if length > 2.0 * window * left:
         return window + 2.0 * middle - math.sqrt(4.0 * middle * window * left)
     return middle + window * (1.0 - left)
+
+
+def _mean_age(begin: float, ramp: float, steps: int | None, power: float) -> float:
+    """Compute the power mean of the ages at which parts of a ramp come."""
+    if ramp == 0.0:
+        return begin
+    if steps:
+        ages = begin + ramp * np.arange(1, steps + 1) / steps
+        return float(ages[-1] * np.mean((ages / ages[-1]) ** power) ** (1.0 / power))
+    end, whole = begin + ramp, (begin / (begin + ramp)) ** (power + 1.0)
+    return float(end * ((1.0 - whole) * end / ((power + 1.0) * ramp)) ** (1.0 / power))
 
 
 def elasticity(problem: Problem, allocation: npt.ArrayLike) -> FloatArray:
