@@ -19,6 +19,7 @@ from aimd_des.theory.classics import (
 from aimd_des.theory.fluid import Flow, Spell, flow
 from aimd_des.theory.losses import compensated_probability, critical_loss, loss_weights, runaway_multiplier
 from aimd_des.theory.prediction import Prediction, predict
+from aimd_des.theory.recovery import Recovery, recovery
 from aimd_des.theory.signals import (
     clock_offset,
     peak_lift,
@@ -38,6 +39,7 @@ __all__ = [
     "Flow",
     "Needed",
     "Prediction",
+    "Recovery",
     "Spell",
     "SteadyTotal",
     "allocation_at",
@@ -61,6 +63,7 @@ __all__ = [
     "poisson_moment",
     "predict",
     "price_in_bits",
+    "recovery",
     "recovery_time",
     "reweighted_optimum",
     "runaway_multiplier",

@@ -81,8 +81,8 @@ def recovery_time(
 
     A ramp is a step at its middle M, but for a gain, which sees the power mean of its ages, (mean
     age**a)**(1 / a), for forgetting, which sees the average of an exponential and is tau log(sinh(D / 2 tau)
-    / (D / 2 tau)) later, and for a window that has left the first part of the ramp behind: what remains of the
-    ramp, squared, over 2 D W is what may be left, after W + 2 M - sqrt(4 M W w).
+    / (D / 2 tau)) later, and for a window that has left the first part of the ramp behind: what remains of
+    the ramp, squared, over 2 D W is what may be left, after W + 2 M - sqrt(4 M W w).
 
     Exact for the total of the averages if total demand follows the capacity at once.  It needs the time
     ``|C0 - C1| / (n alpha)`` to rise and a few signals to fall; agents find their new shares of it with the

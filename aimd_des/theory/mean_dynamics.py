@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from aimd_des.dynamics.responses import AT_CUTS, AT_SIGNALS
 from aimd_des.theory.prediction import Steady, found_by_signals
@@ -28,7 +29,7 @@ from aimd_des.theory.response_rule import chance, cuts_of
 from aimd_des.theory.setting import Setting
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Memory", "Path", "first_signals"]
+__all__ = ["Memory", "Origin", "Path", "first_signals"]
 
 # In multiples of the time until all capacities are reached.
 _SETTLED = 20.0
@@ -56,13 +57,14 @@ class Memory(NamedTuple):
     time_constant: float | None = None
     window: float | None = None
 
-    def rate(self, age: float) -> float:
-        """Return at what rate an average of this age follows demand."""
+    def rate(self, age: FloatArray | float) -> FloatArray:
+        """Return at what rate averages of this age follow demand."""
+        past = np.asarray(age)
         if self.time_constant is not None:
-            return float(-1.0 / (np.expm1(-age / self.time_constant) * self.time_constant))
-        if self.window is not None and age > self.window:
-            return 2.0 / self.window  # as fast in the mean
-        return self.gain / age
+            return np.asarray(-1.0 / (np.expm1(-past / self.time_constant) * self.time_constant))
+        if self.window is not None:
+            return np.where(past > self.window, 2.0 / self.window, 1.0 / past)  # as fast in the mean
+        return np.asarray(self.gain / past)
 
     def turns(self, age: FloatArray | float) -> FloatArray:
         """Integrate the rate: how often an average of this age has been renewed, but for a constant."""
@@ -89,9 +91,17 @@ def first_signals(setting: Setting, steady: Steady) -> FloatArray:
     return np.asarray(steady.found.sum(axis=0) / setting.problem.increase.sum(axis=0))
 
 
+class Origin(NamedTuple):
+    """Where a path begins, if not from nothing."""
+
+    time: float
+    state: FloatArray  # (3, n, m): averages, what signals find, and the average of that
+    joined: FloatArray  # (n, 1): since when there are agents
+
+
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Averages over time in the mean, from demand 0 on.
+    """Averages over time in the mean, from demand 0 or another origin on.
 
     Attributes
     ----------
@@ -101,27 +111,42 @@ class Path:
         Where averages settle.
     memory : Memory
         How agents average.
+    origin : Origin, optional
+        What is known of all agents at a time.
     """
 
     setting: Setting
     steady: Steady
     memory: Memory
+    origin: Origin | None = None
+
+    @cached_property
+    def joined(self) -> FloatArray:
+        """Since when there are agents, shape (n, 1)."""
+        return np.zeros((self.setting.problem.n_agents, 1)) if self.origin is None else self.origin.joined
 
     @cached_property
     def starts(self) -> FloatArray:
-        """When each total is reached for the first time, shape (m,)."""
-        return first_signals(self.setting, self.steady)
+        """When each total is reached for the first time from the origin on, shape (m,)."""
+        if self.origin is None:
+            return first_signals(self.setting, self.steady)
+        missing = self.steady.found.sum(axis=0) - self.origin.state[1].sum(axis=0)
+        growing = self.setting.problem.increase.sum(axis=0)
+        return np.asarray(self.origin.time + np.maximum(missing, 0.0) / growing)
 
     def at(self, times: FloatArray) -> FloatArray:
         """Compute the averages at ascending times, (k,) -> (k, n, m)."""
-        problem, starts = self.setting.problem, self.starts
-        begin = float(starts.min())
-        change = _SETTLED * starts.max()
-        first = problem.increase * begin
-        average = self._ramp(begin) * problem.increase
+        problem = self.setting.problem
+        if self.origin is None:
+            begin, change = float(self.starts.min()), _SETTLED * float(self.starts.max())
+            first = problem.increase * begin
+            start = np.stack([self._ramp(begin) * problem.increase, first, first])
+        else:
+            begin, start = self.origin.time, self.origin.state
+            change = begin + _SETTLED * float(first_signals(self.setting, self.steady).max())
         early, late = times[times <= change], times[times > change]
         inside = np.clip(early, begin, None)
-        state, seen = self._integrate(self._fast, np.stack([average, first, first]), begin, change, inside)
+        state, seen = self._integrate(self._fast, start, begin, change, inside)
         result = [seen[:, 0]]
         for row in np.flatnonzero(early < begin):
             result[0][row] = self._ramp(float(early[row])) * problem.increase
@@ -129,6 +154,17 @@ class Path:
             slow = np.stack([state[0], state[2]])
             result.append(self._integrate(self._slow, slow, change, late[-1], late)[1][:, 0])
         return np.concatenate(result)
+
+    def fallen(self, state: FloatArray) -> FloatArray:
+        """Take away by signals, all at once, what a state as of an `Origin` has above the level."""
+        average, found, divisor = state
+        limit, kappa, demand = self.steady.found.sum(axis=0), self._kappa(average, divisor), found.copy()
+        for j in np.flatnonzero(found.sum(axis=0) > limit).tolist():
+            cuts, before, level = kappa[:, j], found[:, j], float(limit[j])
+            most = 2.0 * np.log(before.sum() / level) / cuts.min()
+            signals = brentq(_beyond, 0.0, most, (before, cuts, level))
+            demand[:, j] = before * np.exp(-signals * cuts)
+        return np.stack([average, demand, divisor])
 
     def _ramp(self, time: float) -> float:
         """Average the time since the start, as demand that grows from 0 makes it."""
@@ -184,17 +220,25 @@ class Path:
         begun = time >= starts
         moved = np.where(begun, grown - share * cut, increase)
         tooth = np.where(begun, self.steady.found - self.steady.average, 0.0)
-        follows = np.where(begun, self._counting(time) * (found - divisor), increase)
-        return np.stack([self.memory.rate(time) * (found - tooth - average), moved, follows])
+        if self.origin is not None:  # agents that have just come hold less than a tooth
+            tooth *= np.minimum(found / self.steady.found, 1.0)
+        follows = np.where(begun, self._counting(time) * (found - divisor), increase * (self.origin is None))
+        return np.stack([self.memory.rate(time - self.joined) * (found - tooth - average), moved, follows])
 
     def _slow(self, time: float, state: FloatArray) -> FloatArray:
         average, divisor = state
         _, found = found_by_signals(self.setting, self._kappa(average, divisor))
         tooth = self.steady.found - self.steady.average
         follows = self._counting(time) * (found - divisor)
-        return np.stack([self.memory.rate(time) * (found - tooth - average), follows])
+        return np.stack([self.memory.rate(time - self.joined) * (found - tooth - average), follows])
 
     def _counting(self, time: float) -> FloatArray:
-        """Compute at what rates averages over signals follow, (m,): they begin with the first."""
-        ages = np.maximum(time - self.starts, _NOT_YET * self.starts)
-        return np.array([self.memory.rate(age) for age in ages.tolist()])
+        """Compute at what rates averages over signals follow, (m,) or (n, m): they begin with the first."""
+        if self.origin is not None:
+            return self.memory.rate(time - self.joined)
+        return self.memory.rate(np.maximum(time - self.starts, _NOT_YET * self.starts))
+
+
+def _beyond(signals: float, demand: FloatArray, kappa: FloatArray, level: float) -> float:
+    """Compute what is left above a level after so many signals."""
+    return float((demand * np.exp(-signals * kappa)).sum()) - level
