@@ -39,25 +39,6 @@ from aimd_des.utils.parts import built_in
 from aimd_des.utils.portable_math import exp, expm1, log1p
 from aimd_des.utils.validation import FloatArray
 
-__all__ = [
-    "CUMULATIVE",
-    "FORGETTING",
-    "POLYNOMIAL",
-    "WINDOW",
-    "Averaging",
-    "AveragingParameters",
-    "Cumulative",
-    "Forgetting",
-    "Polynomial",
-    "Window",
-    "accumulated_at",
-    "age_at",
-    "average_at",
-    "folded_at",
-    "keep_parts",
-    "time_average",
-]
-
 # A finer window slides no better, and costs memory.
 _MOST_PARTS = 1000
 

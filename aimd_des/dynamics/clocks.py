@@ -15,8 +15,6 @@ from aimd_des.utils.jit import kernel
 from aimd_des.utils.rng import Key, uniform_at
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["AgentClocks", "Clock", "Clocks", "next_tick", "next_ticks", "tick_time"]
-
 # Addresses within the stream of clocks: what stands where a resource stands for signals.
 _TICKS, _PHASES = 0, 1
 

@@ -17,8 +17,6 @@ from aimd_des.utils import returned_values, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["CustomResponse", "called_plainly", "check_returned", "with_address"]
-
 _MEMORY = "memory"
 _MOST_MEMORY = 100
 

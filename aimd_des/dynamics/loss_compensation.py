@@ -26,20 +26,6 @@ from aimd_des.utils.jit import formula
 from aimd_des.utils.parts import built_in
 from aimd_des.utils.validation import FloatArray
 
-__all__ = [
-    "ESTIMATED",
-    "KNOWN",
-    "NOTHING",
-    "Compensation",
-    "CompensationParameters",
-    "EstimatedLoss",
-    "KnownLoss",
-    "compensation_factor",
-    "estimated_loss",
-    "no_compensation",
-    "read_number",
-]
-
 #: What an agent knows of its loss.
 NOTHING, KNOWN, ESTIMATED = 0, 1, 2
 

@@ -36,14 +36,6 @@ from aimd_des.dynamics.state import AgentParameters, State
 from aimd_des.utils.jit import formula, kernel
 from aimd_des.utils.validation import FloatArray
 
-__all__ = [
-    "CONTINUOUS",
-    "DISCRETE",
-    "answer_row",
-    "average_row",
-    "demand_at",
-]
-
 #: The tick weight: what the moment at hand itself counts for in the average.
 DISCRETE, CONTINUOUS = 1.0, 0.0
 

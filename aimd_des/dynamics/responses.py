@@ -31,29 +31,6 @@ from aimd_des.utils.parts import built_in
 from aimd_des.utils.portable_math import expm1
 from aimd_des.utils.validation import FloatArray
 
-__all__ = [
-    "AT_CUTS",
-    "AT_SIGNALS",
-    "AVERAGE",
-    "DRAWN",
-    "FRACTIONAL",
-    "FULL",
-    "INPUTS",
-    "OWN",
-    "OWN_COLUMNS",
-    "Derandomised",
-    "EventNormalised",
-    "Randomised",
-    "Response",
-    "ResponseParameters",
-    "cut_factor",
-    "is_saturated",
-    "memory_columns",
-    "probability_of",
-    "response_parameters",
-    "response_probability",
-]
-
 #: What becomes of demand.
 DRAWN, FRACTIONAL, FULL = 0, 1, 2
 

@@ -38,8 +38,6 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.locked_arrays import locked
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["AgentParameters", "State", "agent_parameters", "start"]
-
 IntArray = npt.NDArray[np.int64]
 
 

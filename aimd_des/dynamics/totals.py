@@ -10,8 +10,6 @@ from aimd_des.dynamics.state import AgentParameters, State
 from aimd_des.utils.jit import formula, kernel
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["average_of", "observe", "observe_totals", "total_of", "totals"]
-
 
 @formula
 def average_of(

@@ -39,8 +39,6 @@ from aimd_des.problem.costs import Costs, marginal_cost
 from aimd_des.results.event_log import Entry
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["AgentProcess"]
-
 # Views of the rows of demand, accumulated, anchor and origin for one resource; alpha, beta and Gamma.
 _Row = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float, float, float]
 

@@ -12,8 +12,6 @@ from aimd_des.results.run_data import Piece
 from aimd_des.utils.locked_arrays import locked
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Conditions", "growth_of"]
-
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 

@@ -14,8 +14,6 @@ from aimd_des.problem.lookup import agent_indices
 from aimd_des.problem.problem import Problem
 from aimd_des.utils.errors import InputError
 
-__all__ = ["Intervention", "check_absences", "check_end"]
-
 
 @runtime_checkable
 class Intervention(Protocol):

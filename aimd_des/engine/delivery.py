@@ -15,8 +15,6 @@ from aimd_des.utils import rng
 from aimd_des.utils.rng import Key
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Agent", "Carrier", "Collective", "ProcessGenerator", "ResponseDraws", "Signal"]
-
 ProcessGenerator = Generator[simpy.Event, Any, Any]
 
 

@@ -24,8 +24,6 @@ import simpy
 
 from aimd_des.utils.errors import InputError
 
-__all__ = ["EventKind", "Mailbox", "OrderedEnvironment"]
-
 Callback = Callable[[Any], None]
 
 # Order numbers below this are indices of agents or resources, and places of interventions that are listed: at

@@ -20,8 +20,6 @@ from aimd_des.results.run_data import Observations
 from aimd_des.utils.jit import kernel
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["ConstantPieces", "LinearPieces", "Observer", "fold_change"]
-
 # Changes of the total kept back before they are integrated in one go: a call of a kernel costs more than one.
 _BUFFERED = 1 << 16
 

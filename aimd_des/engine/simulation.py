@@ -24,8 +24,6 @@ from aimd_des.results.run_data import Account
 from aimd_des.utils import returned_values, validation
 from aimd_des.utils.errors import InputError
 
-__all__ = ["Simulation"]
-
 Dynamics = Literal["discrete", "continuous"]
 Maker = Callable[[int, System], Agent]
 

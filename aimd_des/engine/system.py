@@ -23,8 +23,6 @@ from aimd_des.utils import returned_values, rng, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Purpose
 
-__all__ = ["System"]
-
 
 class System(Readings):
     """What the parts of one run share.

@@ -15,8 +15,6 @@ from aimd_des.problem.lookup import agent_index, resource_index
 from aimd_des.problem.problem import Problem
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Readings"]
-
 
 class Readings:
     """The state of all agents, and where they are in their own time.

@@ -18,8 +18,6 @@ from aimd_des.results.run_data import Signals
 from aimd_des.utils import returned_values
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["SentSignals", "Transmitter"]
-
 IntArray = npt.NDArray[np.int64]
 
 

@@ -9,8 +9,6 @@ from aimd_des.fleet.in_flight import DUPLICATE, FORGOTTEN, CopiesInFlight
 from aimd_des.fleet.radix_heap import places
 from aimd_des.utils.jit import formula, routine
 
-__all__ = ["forget", "miss", "subject"]
-
 
 @formula
 def subject(copies: CopiesInFlight, place: int) -> Any:

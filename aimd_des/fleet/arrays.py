@@ -14,20 +14,6 @@ from aimd_des.utils.jit import routine
 from aimd_des.utils.rng import Key, uniforms_row
 from aimd_des.utils.validation import FloatArray
 
-__all__ = [
-    "ALL_ANSWERS",
-    "LAST",
-    "NO_ANSWERS",
-    "RESPONSES",
-    "Answers",
-    "ClockArrays",
-    "CopyAccount",
-    "FleetAgents",
-    "ResponseBuffers",
-    "accept",
-    "response_buffers",
-]
-
 #: Above every order number, and the bits of every time.
 LAST = (1 << 63) - 1
 

@@ -10,8 +10,6 @@ from aimd_des.fleet.arrays import FleetAgents, accept
 from aimd_des.utils.jit import routine
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["FleetChannel", "broadcast"]
-
 IntArray = npt.NDArray[np.int64]
 
 

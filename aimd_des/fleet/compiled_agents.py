@@ -38,8 +38,6 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Purpose
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["TOLD_AT_ONCE", "CompiledAgents"]
-
 BoolArray = npt.NDArray[np.bool_]
 
 # Broadcasts in flight for which there is space at first; it grows where there are more.

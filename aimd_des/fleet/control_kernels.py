@@ -30,8 +30,6 @@ from aimd_des.fleet.response_kernels import settle
 from aimd_des.results.metrics import fold_overshoot
 from aimd_des.utils.jit import announced, formula, routine
 
-__all__ = ["sample", "sense", "settle_and_fold"]
-
 # Plain numbers, as kernels take them.
 _SENSE, _OBSERVE = int(EventKind.SENSE), int(EventKind.OBSERVE)
 

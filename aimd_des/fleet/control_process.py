@@ -39,8 +39,6 @@ from aimd_des.utils import returned_values
 from aimd_des.utils.errors import SimulationError
 from aimd_des.utils.rng import Purpose
 
-__all__ = ["ControlProcess"]
-
 # How often whoever watches the run is told of how far it has come.
 _REPORTS = 200
 

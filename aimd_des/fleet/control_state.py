@@ -9,21 +9,6 @@ from aimd_des.fleet.arrays import LAST
 from aimd_des.utils.rng import Key
 from aimd_des.utils.validation import FloatArray
 
-__all__ = [
-    "BROADCAST",
-    "IMPROPER",
-    "LOOK",
-    "NO_ROOM",
-    "REACHED",
-    "REFUSED",
-    "ROW",
-    "STANDSTILL",
-    "TICK",
-    "UNSCHEDULED",
-    "FleetControl",
-    "Limits",
-]
-
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 

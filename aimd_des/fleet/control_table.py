@@ -12,8 +12,6 @@ from numba.extending import intrinsic
 
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, SampledTable, table_of
 
-__all__ = ["call_probability", "compiled_probability", "compiled_table"]
-
 
 def compiled_table(control_unit: ControlUnit) -> SampledTable | CrossingTable | None:
     """Return the table by which compiled code serves a control unit; None where its process has to run."""

@@ -10,8 +10,6 @@ from aimd_des.fleet.compiled_agents import CompiledAgents
 from aimd_des.fleet.control_process import ControlProcess
 from aimd_des.fleet.control_table import compiled_table
 
-__all__ = ["Fleet"]
-
 
 class Fleet:
     """The standard agents of a run in compiled code: what an `AgentProcess` each would do, event for event.

@@ -7,18 +7,6 @@ import numpy.typing as npt
 
 from aimd_des.utils.validation import FloatArray
 
-__all__ = [
-    "BLOCK",
-    "DUE",
-    "DUPLICATE",
-    "FORGOTTEN",
-    "LATER",
-    "CopiesInFlight",
-    "empty_copies",
-    "enlarge",
-    "room",
-]
-
 IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.uint32]
 

@@ -6,8 +6,6 @@ from aimd_des.problem.costs.kernels import gradient_at
 from aimd_des.utils.compiled_call import call_compiled
 from aimd_des.utils.jit import formula
 
-__all__ = ["marginal_cost_at"]
-
 
 @formula
 def marginal_cost_at(agents: FleetAgents, agent: int, resource: int, moment: float, average: float) -> float:

@@ -11,8 +11,6 @@ from aimd_des.fleet.radix_heap import time_of
 from aimd_des.utils.jit import formula, kernel, routine
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["FleetOvershoot", "ObservedTotals", "fold_answers"]
-
 IntArray = npt.NDArray[np.int64]
 
 # Runs of this length are sorted by insertion before they are merged, which is faster for so few.

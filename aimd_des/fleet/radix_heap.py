@@ -29,8 +29,6 @@ from numba import types
 from aimd_des.fleet.in_flight import BLOCK, DUE, CopiesInFlight
 from aimd_des.utils.jit import formula, instruction
 
-__all__ = ["bits_of", "move", "places", "put", "raise_due", "release", "time_of"]
-
 
 def _length(word: int) -> int:
     return int(word).bit_length() - 1

@@ -41,8 +41,6 @@ from aimd_des.fleet.radix_heap import move, places, raise_due, release, time_of
 from aimd_des.problem.costs.kernels import add_terms, horner_step
 from aimd_des.utils.jit import formula, kernel, routine
 
-__all__ = ["settle"]
-
 
 @formula
 def _report(agents: FleetAgents, place: int, resource: int, change: float) -> None:

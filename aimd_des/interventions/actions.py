@@ -15,8 +15,6 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.locked_arrays import put
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["cut_off", "fail", "join", "leave", "reconnect", "recover"]
-
 
 def leave(system: System, agent: str | int) -> None:
     """Let an agent go away: what it holds is released in this instant, and it hears nothing.

@@ -18,8 +18,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import built_in
 
-__all__ = ["Absence", "Crash", "Join", "Prices", "UnusualActivity"]
-
 
 def _take_times(intervention: object, later: str) -> None:
     """Check the time at which something begins, and the later one, which may be missing."""

@@ -5,8 +5,6 @@ from aimd_des.results.event_log import Entry
 from aimd_des.results.run_data import Piece
 from aimd_des.utils.locked_arrays import locked
 
-__all__ = ["BeginsAt", "begin_piece", "end_piece", "note"]
-
 
 class BeginsAt:
     """What an intervention that begins at a time tells the run about it."""

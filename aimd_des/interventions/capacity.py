@@ -20,8 +20,6 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import built_in
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["CapacityProfile", "CapacityRamp", "CapacityStep"]
-
 
 @built_in("intervention", "capacity_step")
 @dataclass(frozen=True)

@@ -12,8 +12,6 @@ from aimd_des.problem.problem import Problem
 from aimd_des.utils import validation
 from aimd_des.utils.parts import built_in
 
-__all__ = ["Failover", "Partition"]
-
 
 def _take(fault: "Failover | Partition") -> None:
     name = type(fault).__name__

@@ -15,8 +15,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.docstrings import described_like
 from aimd_des.utils.locked_arrays import put
 
-__all__ = ["set_capacity", "set_decrease", "set_increase", "set_normalization", "set_threshold"]
-
 
 def set_capacity(system: System, resource: str | int, capacity: float) -> None:
     """Change the capacity of a resource, and its threshold in proportion.

@@ -14,8 +14,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.locked_arrays import locked
 
-__all__ = ["checked_costs", "set_costs", "weigh"]
-
 
 def set_costs(system: System, costs: Costs) -> None:
     """Change the private costs of all agents; weights that are in force stay.

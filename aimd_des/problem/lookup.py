@@ -7,8 +7,6 @@ from aimd_des.problem.problem import Problem
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
-__all__ = ["Agents", "agent_index", "agent_indices", "resource_index"]
-
 #: One agent or several, by name or by index.
 Agents = str | int | Sequence[str | int]
 

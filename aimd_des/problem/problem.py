@@ -13,8 +13,6 @@ from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Problem", "Resource"]
-
 
 @dataclass(frozen=True, eq=False)
 class Resource:

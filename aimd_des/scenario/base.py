@@ -9,8 +9,6 @@ from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, model_validat
 from aimd_des.scenario.kinds import describe
 from aimd_des.utils.errors import InputError
 
-__all__ = ["Integer", "Part", "Table", "described"]
-
 #: What TOML promises to hold.
 Integer = Annotated[int, Field(ge=-(2**63), lt=2**63), WithJsonSchema({"type": "integer"})]
 

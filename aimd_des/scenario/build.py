@@ -13,8 +13,6 @@ from aimd_des.scenario.tables import ResourceChange
 from aimd_des.utils import returned_values
 from aimd_des.utils.errors import InputError
 
-__all__ = ["built_by", "changes_of", "under", "with_resources"]
-
 
 @contextmanager
 def under(key: str) -> Iterator[None]:

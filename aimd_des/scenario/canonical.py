@@ -12,8 +12,6 @@ import numpy.typing as npt
 from aimd_des.scenario.old_keys import with_first_keys
 from aimd_des.utils.errors import InputError
 
-__all__ = ["canonical_form", "typed_parameters"]
-
 # They change no result.
 _IMMATERIAL = {"title", "agents"}
 

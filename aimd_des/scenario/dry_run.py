@@ -8,8 +8,6 @@ from aimd_des.utils import rng
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Purpose
 
-__all__ = ["check_to_run"]
-
 
 def check_to_run(scenario: Scenario) -> Problem:
     """Hold a scenario's parts against the number of agents and the end of the run."""

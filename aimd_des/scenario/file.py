@@ -13,8 +13,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.checksums import read_checksums, verified
 from aimd_des.utils.errors import InputError
 
-__all__ = ["load_scenario", "read_tables", "read_toml"]
-
 # Of a line without the spaces around it.  No two parts match the same, or long lines would take for ever.
 _HEADER = re.compile(r"(\[\[?)([^\[\]]+)\]")
 _KEY = re.compile(r"([A-Za-z0-9_.\-\"' ]+)=")

@@ -27,8 +27,6 @@ from aimd_des.scenario.parameters import as_data
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
-__all__ = ["UNKNOWN_KIND", "KindTable", "NetworkSettings", "kind_table", "one_of", "own_parts"]
-
 #: The type of the error where a value is none of the forms, or names no kind.
 UNKNOWN_KIND = "unknown_kind"
 

@@ -25,8 +25,6 @@ from aimd_des.utils import returned_values
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import GROUPS, MODEL, Registered, keys_of, registered
 
-__all__ = ["Kind", "Parameter", "describe", "kind_of", "kinds", "our_kinds", "own_kinds"]
-
 
 @dataclass(frozen=True)
 class Parameter:

@@ -12,8 +12,6 @@ from aimd_des.scenario.kind_tables import UNKNOWN_KIND, KindTable
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.utils.errors import InputError
 
-__all__ = ["InSentences", "Place", "checked", "refused"]
-
 _Form = TypeVar("_Form", bound=BaseModel)
 
 #: A key of the scenario, part by part.

@@ -10,8 +10,6 @@ from aimd_des.scenario.named import MODELS
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import MODEL, Registered, enter
 
-__all__ = ["made_by", "model", "model_parameters", "named_model"]
-
 _Model = TypeVar("_Model", bound=Callable[..., Problem])
 
 

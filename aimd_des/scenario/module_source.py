@@ -8,8 +8,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import get_importer, iter_modules
 
-__all__ = ["decorated", "modules_in", "source_of"]
-
 
 def source_of(name: str) -> str | None:
     """Read the source of a module."""

@@ -11,8 +11,6 @@ from aimd_des.scenario.module_source import decorated, modules_in, source_of
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import MODEL, REGISTERED, Registered
 
-__all__ = ["MODELS", "PARTS", "Names", "declared_modules", "modules_around"]
-
 # An installed package names the modules with its parts under this group of entry points.
 _ENTRY_POINTS = "aimd_des_parts"
 

@@ -13,8 +13,6 @@ from aimd_des.channel.topology.attributes import Graph
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
-__all__ = ["over_network", "refuse_vast"]
-
 # A row of a list of edges has about so many bytes.
 _BYTES_PER_EDGE = 16
 

@@ -7,8 +7,6 @@ from typing import Any
 from aimd_des._deprecated import renamed
 from aimd_des.utils.old_keywords import KEYWORDS, refuse_both
 
-__all__ = ["axis_with_new_keys", "with_first_keys", "with_new_keys"]
-
 _LOGGER = logging.getLogger("aimd_des")
 
 # Where the keys stand that have been renamed: in a scenario, and in a study.

@@ -8,8 +8,6 @@ import pandas as pd
 
 from aimd_des.utils.errors import InputError
 
-__all__ = ["as_data", "refuse_no_data"]
-
 _PLAIN = (str, bool, float, date, datetime, time, type(None))
 
 # Tables and lists in each other; what reads and writes them calls itself for each.

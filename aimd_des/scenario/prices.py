@@ -14,8 +14,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import built_in
 
-__all__ = ["RedrawnPrices", "redraw_seed"]
-
 
 def redraw_seed(seed: int, number: int) -> int:
     """Derive the seed of one redraw.

@@ -39,8 +39,6 @@ from aimd_des.utils.folders import PROVENANCE, Place, TakenError, new_folder
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["StoredRun", "library_versions", "load_run", "write_run"]
-
 Number = int | float
 
 _SCENARIO, _SUMMARY = "scenario.toml", "summary.csv"

@@ -36,8 +36,6 @@ from aimd_des.synchronous.synchronous import run_synchronous
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 
-__all__ = ["Scenario", "validate_scenario"]
-
 # Keys that have no meaning with some dynamics.
 _IDLE = {
     "synchronous": ("agents", "control_unit", "channel", "clocks", "compensation", "interventions"),

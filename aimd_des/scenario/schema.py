@@ -6,8 +6,6 @@ from pydantic import BaseModel
 
 from aimd_des.scenario.scenario import Scenario
 
-__all__ = ["file_schema", "scenario_schema"]
-
 # What editors of TOML understand.
 _DIALECT = "http://json-schema.org/draft-07/schema#"
 

@@ -8,8 +8,6 @@ from typing import Any
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.utils.errors import InputError
 
-__all__ = ["MOST_PARTS", "check_depth", "parse_setting", "split_key", "with_settings"]
-
 #: Parts that a dotted key may have, and how deep tables and lists may be nested.
 MOST_PARTS = 64
 

@@ -11,14 +11,6 @@ from aimd_des.results.recording import Recording
 from aimd_des.scenario.base import Part, Table
 from aimd_des.scenario.kind_tables import KindTable, one_of
 
-__all__ = [
-    "ChannelSettings",
-    "ClocksSettings",
-    "RecordingSettings",
-    "ResourceChange",
-    "ResourceSettings",
-]
-
 Times = Literal["auto", "end"] | float | list[float]
 
 if TYPE_CHECKING:

@@ -15,8 +15,6 @@ from aimd_des.utils.jit import kernel
 from aimd_des.utils.rng import Key, uniforms_row
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["RecordBuffers", "StepBuffers", "StepControl", "close_books", "take_custom_steps", "take_steps"]
-
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 

@@ -30,8 +30,6 @@ from aimd_des.utils import limits, rng, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Purpose
 
-__all__ = ["check_steps", "run_synchronous"]
-
 # Demands that are added up, about, before Python is asked whether Ctrl-C was pressed: a tenth of a second.
 _IN_ONE_GO = 3 * 10**7
 

@@ -29,8 +29,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Convergence", "Expected", "Needed", "convergence"]
-
 # Larger matrices take long, and one agent among so many has hardly a part in the total.
 _TOGETHER = 1000
 _DRAWS = 4000

@@ -13,8 +13,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError, SimulationError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["allocation_at", "reweighted_optimum", "solve_increasing"]
-
 # After the doublings the solution lies in the upper half of its interval, or below the start; so many
 # halvings reach the rounding of that.
 _DOUBLINGS = 1000

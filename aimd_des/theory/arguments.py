@@ -9,8 +9,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Dynamics", "arguments", "check_dynamics"]
-
 #: Which agents a formula is for: those that act at ticks, or those that grow all the time.
 Dynamics = Literal["discrete", "continuous"]
 

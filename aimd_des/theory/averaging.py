@@ -25,8 +25,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["averaging_spread", "elasticity", "recovery_time", "share_rates"]
-
 
 def recovery_time(
     before: float,

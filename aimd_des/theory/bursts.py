@@ -35,8 +35,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["BurstRunaway", "believed_loss", "burst_runaway", "burst_shares"]
-
 _HALVINGS = 40
 _TEETH = 3
 

@@ -13,8 +13,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError, SimulationError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Churn", "churn"]
-
 # Signals between which there is an answer, over those that hold the capacity without churn.
 _FEWEST, _MOST = 1e-4, 5.0
 

@@ -20,14 +20,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = [
-    "event_interval",
-    "event_mean",
-    "poisson_moment",
-    "square_root_law",
-    "synchronised_utilisation",
-]
-
 # Terms of the sum in the square-root law are at most this where it ends.
 _NEGLIGIBLE = 1e-17
 

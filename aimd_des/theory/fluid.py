@@ -20,8 +20,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Flow", "Spell", "flow"]
-
 
 class Flow(NamedTuple):
     """What the fluid does.

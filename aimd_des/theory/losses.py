@@ -18,8 +18,6 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.old_keywords import keywords
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["compensated_probability", "critical_loss", "loss_weights", "runaway_multiplier"]
-
 
 def loss_weights(
     loss: npt.ArrayLike, signal_share: npt.ArrayLike = 0.0, believed: npt.ArrayLike = 0.0

@@ -29,8 +29,6 @@ from aimd_des.theory.response_rule import chance, cuts_of
 from aimd_des.theory.setting import Setting
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Memory", "Origin", "Path", "first_signals"]
-
 # In multiples of the time until all capacities are reached.
 _SETTLED = 20.0
 _ACCURACY = 1e-6

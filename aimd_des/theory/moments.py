@@ -15,8 +15,6 @@ import numpy as np
 
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Moments", "averages_between", "averages_on_the_clock", "moments_at_signals"]
-
 
 class Moments(NamedTuple):
     """Second moments of one resource at the signals that act.

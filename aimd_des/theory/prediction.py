@@ -31,19 +31,6 @@ from aimd_des.utils.errors import InputError, SimulationError
 from aimd_des.utils.old_keywords import keywords
 from aimd_des.utils.validation import FloatArray
 
-__all__ = [
-    "Prediction",
-    "Steady",
-    "check_enough",
-    "follow",
-    "found_by_signals",
-    "lost_steps",
-    "predict",
-    "settle",
-    "steady_state",
-    "walked",
-]
-
 _TOLERANCE = 1e-9
 _MAX_ROUNDS = 500
 # The total alone is followed anew until its mean has settled to this share of the capacity, or so often.

@@ -27,8 +27,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["chance", "check_response", "cuts_of", "largest", "probability"]
-
 
 def check_response(response: Response | None) -> ResponseParameters:
     """Refuse what is no response, or one that theory knows nothing of; the paper's unless given."""

@@ -30,8 +30,6 @@ from aimd_des.theory.prediction import Steady, lost_steps
 from aimd_des.theory.setting import Setting
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Modes", "modes_of", "remaining"]
-
 # Frequencies of a window of length 1, and into how many steps they are cut.
 _BAND, _FINE = 400.0, 8000
 # In time constants: what was averaged before no longer counts.

@@ -14,8 +14,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Setting", "check_setting"]
-
 _MOST_ON_THE_WAY = 100
 # The exact moments of so many agents take tenths of a second; with more the first order misses little.
 _FEW = 200

@@ -17,8 +17,6 @@ from aimd_des.theory.arguments import arguments
 from aimd_des.utils import validation
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["clock_offset", "peak_lift", "price_in_bits", "signal_rate", "signal_share", "utilisation"]
-
 
 def signal_rate(
     increase: npt.ArrayLike,

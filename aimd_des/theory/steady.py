@@ -16,8 +16,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["SteadyTotal", "needed_rate", "steady_total"]
-
 
 class SteadyTotal(NamedTuple):
     """Where total demand of one resource comes to rest.

@@ -17,8 +17,6 @@ from aimd_des.theory.setting import Setting
 from aimd_des.theory.totals import cuts
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Sway", "follow_sway"]
-
 # So many runs side by side, of so many steps besides those on the way to the steady state.
 _RUNS = 12
 _STEPS = 1500

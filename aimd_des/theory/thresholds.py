@@ -21,8 +21,6 @@ from aimd_des.utils.errors import InputError, SimulationError
 from aimd_des.utils.old_keywords import keywords
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["partition_runaway", "safe_threshold"]
-
 # Walks meet long runs of the paper's system to within a fifth of the share of time above a level, the start
 # of a run included, so theory aims lower than it may.
 _AIM = 0.75

@@ -22,8 +22,6 @@ import numpy.typing as npt
 
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["Cuts", "Levels", "cuts", "walk_by_crossings", "walk_by_looks"]
-
 # 200 walks with 300 signals each, besides those on the way to the steady state: the share of time above a
 # level, where it is 1 %, comes out with a standard error of 2 to 3 % of itself.
 _WALKS = 200

@@ -8,8 +8,6 @@ from aimd_des.engine.system import System
 from aimd_des.utils import returned_values, validation
 from aimd_des.utils.errors import InputError
 
-__all__ = ["NEVER", "ControlUnit", "CrossingTable", "Probability", "SampledTable", "table_of"]
-
 #: When something happened that has not yet: no instant of a run, which begins at 0.
 NEVER = -1.0
 

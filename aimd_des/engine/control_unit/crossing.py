@@ -17,8 +17,6 @@ from aimd_des.utils.jit import formula
 from aimd_des.utils.old_keywords import keywords
 from aimd_des.utils.parts import built_in
 
-__all__ = ["MOST_AT_ONE_INSTANT", "Crossing", "Unanswered", "adapted", "soonest_crossing", "standstill"]
-
 # Broadcasts at one instant, one after another without anybody responding, after which time is
 # taken to stand still.  If responses were possible at all, with a chance of 1/100 say, to get here
 # would have a probability of 1e-43.

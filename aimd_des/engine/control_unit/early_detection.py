@@ -8,8 +8,6 @@ from aimd_des.engine.control_unit.sampled import SampledUnit
 from aimd_des.utils import validation
 from aimd_des.utils.parts import built_in
 
-__all__ = ["EarlyDetection"]
-
 
 @built_in("control_unit", "early_detection")
 @dataclass(frozen=True)

@@ -15,8 +15,6 @@ from aimd_des.utils.jit import formula
 from aimd_des.utils.parts import built_in
 from aimd_des.utils.rng import Key, Purpose, uniform_at
 
-__all__ = ["Sampled", "SampledUnit", "asked", "signal_probability", "signals"]
-
 
 @formula
 def signal_probability(low: float, high: float, total: float, limit: float) -> float:

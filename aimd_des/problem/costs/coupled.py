@@ -20,8 +20,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["CoupledCosts"]
-
 
 class CoupledCosts:
     """A separable polynomial plus a quadratic form plus a polynomial of a weighted sum.

@@ -12,8 +12,6 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["CustomCosts"]
-
 
 class CustomCosts:
     """Costs given by functions of (agent, allocation).

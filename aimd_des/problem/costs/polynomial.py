@@ -12,8 +12,6 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import built_in
 from aimd_des.utils.validation import FloatArray
 
-__all__ = ["PolynomialCosts", "checked_powers", "dense_slopes"]
-
 _MAX_EXPONENT = 64
 
 
