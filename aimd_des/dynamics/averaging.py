@@ -291,11 +291,6 @@ class Window:
         a multiple of the number of parts.
     parts : int
         How many sums of its past an agent keeps for each resource, 2 to 1000.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     length: float
@@ -346,11 +341,6 @@ class Forgetting:
     ----------
     time_constant : float
         T > 0: in units of time for continuous agents; in ticks of its own clock for a discrete one.
-
-    Raises
-    ------
-    InputError
-        If the value is outside its range.
     """
 
     time_constant: float
@@ -389,11 +379,6 @@ class Polynomial:
     ----------
     gain : float
         a, 1 to 100; with 1 all of the past counts alike, as with `Cumulative`.
-
-    Raises
-    ------
-    InputError
-        If the value is outside its range.
     """
 
     gain: float

@@ -96,11 +96,6 @@ class Clocks:
         Relative error of the period, greater than -1.
     jitter : float or array_like, shape (n,)
         Largest delay of a tick, at least 0 and less than the period, so that ticks keep their order.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     period: float | FloatArray = 1.0

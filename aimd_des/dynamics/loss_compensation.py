@@ -82,11 +82,6 @@ class KnownLoss:
     ----------
     loss : float or array_like, shape (n,)
         p of all agents or of each, at least 0 and less than 1.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     loss: npt.ArrayLike
@@ -136,11 +131,6 @@ class EstimatedLoss:
     ----------
     number_bits : int
         Width of the field with the running number, 2 to 62: what a signal costs besides its one bit.
-
-    Raises
-    ------
-    InputError
-        If the value is outside its range.
     """
 
     number_bits: int = 8

@@ -34,11 +34,6 @@ class CapacityStep(BeginsAt):
         When, at least 0.
     capacity : float
         C from then on, greater than 0, in units of the resource.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     resource: str | int
@@ -97,11 +92,6 @@ class CapacityRamp:
         C at the end and from then on, greater than 0, in units of the resource.
     steps : int
         How many; the first is one step's time after the start, the last at the end.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     resource: str | int

@@ -36,11 +36,6 @@ class Failover(BeginsAt):
         When it goes down, at least 0.
     duration : float
         For how long nobody senses, greater than 0.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     at: float
@@ -93,11 +88,6 @@ class Partition(BeginsAt):
         How long it lasts, greater than 0.
     agents : str, int or sequence of these, optional
         Who is cut off; all agents unless given.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     at: float

@@ -36,11 +36,6 @@ class Resource:
         ``threshold * capacity``.
     unit : str
         The unit of capacity and demand, for labels.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     name: str

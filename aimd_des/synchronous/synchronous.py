@@ -69,11 +69,6 @@ def run_synchronous(
     Result
         With times in steps.
 
-    Raises
-    ------
-    InputError
-        If an argument is outside its range.
-
     Warns
     -----
     RuntimeWarning

@@ -96,11 +96,6 @@ class Crossing:
         the signal was answered and did not suffice.  Keep it below the mean time between the signals that are
         needed, 1 over `theory.signal_rate`: beyond, too few can be sent whatever the latency.
 
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
-
     Notes
     -----
     The adaptive hold-off saves signals while others are on their way, without being told of latencies, and

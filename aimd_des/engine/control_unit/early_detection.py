@@ -31,11 +31,6 @@ class EarlyDetection(SampledUnit):
         How long after a look its signals leave the control unit, at least 0; a partition, or a fault of the
         control unit, cuts those that leave while it lasts.
 
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
-
     Notes
     -----
     The decision on a resource at look q is drawn at the address (resource, q): it is the same draw whatever

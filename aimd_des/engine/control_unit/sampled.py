@@ -132,11 +132,6 @@ class Sampled(SampledUnit):
     sensing_delay : float
         How long after a look its signals leave the control unit, at least 0; a partition, or a fault of the
         control unit, cuts those that leave while it lasts.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its range.
     """
 
     period: float = 1.0
