@@ -261,18 +261,7 @@ class Cumulative:
     """All of the past counts alike: the paper's average, eq. (average_eqn)."""
 
     def parameters(self, tick_weight: float) -> AveragingParameters:
-        """Return what the formulas need.
-
-        Parameters
-        ----------
-        tick_weight : float
-            1 where agents tick, 0 in continuous time.
-
-        Returns
-        -------
-        AveragingParameters
-            The same for any tick weight.
-        """
+        """Return what the formulas need."""
         del tick_weight
         return AveragingParameters(CUMULATIVE, 0.0, 0.0, 0.0, 0)
 
@@ -304,23 +293,7 @@ class Window:
         )
 
     def parameters(self, tick_weight: float) -> AveragingParameters:
-        """Return what the formulas need.
-
-        Parameters
-        ----------
-        tick_weight : float
-            1 where agents tick, 0 in continuous time.
-
-        Returns
-        -------
-        AveragingParameters
-            Of this window.
-
-        Raises
-        ------
-        InputError
-            If agents tick, and the length is no multiple of the number of parts.
-        """
+        """Return what the formulas need."""
         part = self.length / self.parts
         if tick_weight > 0.0 and part % 1.0:
             raise InputError.of(
@@ -350,18 +323,7 @@ class Forgetting:
         object.__setattr__(self, "time_constant", clean)
 
     def parameters(self, tick_weight: float) -> AveragingParameters:
-        """Return what the formulas need.
-
-        Parameters
-        ----------
-        tick_weight : float
-            1 where agents tick, 0 in continuous time.
-
-        Returns
-        -------
-        AveragingParameters
-            Of this time constant.
-        """
+        """Return what the formulas need."""
         rate = 1.0 / self.time_constant
         span = self.time_constant if tick_weight == 0.0 else -1.0 / expm1(-rate)
         return AveragingParameters(FORGETTING, rate, span, 0.0, 0)
@@ -388,18 +350,7 @@ class Polynomial:
         object.__setattr__(self, "gain", clean)
 
     def parameters(self, tick_weight: float) -> AveragingParameters:
-        """Return what the formulas need.
-
-        Parameters
-        ----------
-        tick_weight : float
-            1 where agents tick, 0 in continuous time.
-
-        Returns
-        -------
-        AveragingParameters
-            The same for any tick weight; with gain 1, those of `Cumulative`.
-        """
+        """Return what the formulas need."""
         if self.gain == 1.0:
             return Cumulative().parameters(tick_weight)
         return AveragingParameters(POLYNOMIAL, 0.0, 0.0, 0.0, 0, self.gain)

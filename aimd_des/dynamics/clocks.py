@@ -118,25 +118,7 @@ class Clocks:
             object.__setattr__(self, name, value)
 
     def start(self, n_agents: int, key: Key) -> "AgentClocks":
-        """Set the clocks of one run.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-        key : tuple of two uint64
-            The run's key for clocks.
-
-        Returns
-        -------
-        AgentClocks
-            A clock for each agent.
-
-        Raises
-        ------
-        InputError
-            If an array has not n values, or a jitter is not less than its period.
-        """
+        """Set the clocks of one run."""
         rows = {}
         for name in ("period", "drift", "jitter"):
             validation.fits(name, getattr(self, name), n_agents)

@@ -74,18 +74,7 @@ class CustomResponse:
         _check(self)
 
     def parameters(self, tick_weight: float) -> ResponseParameters:
-        """Return what the formulas need.
-
-        Parameters
-        ----------
-        tick_weight : float
-            1 where agents tick, 0 in continuous time.
-
-        Returns
-        -------
-        ResponseParameters
-            With what the function reads; its address follows where it is compiled.
-        """
+        """Return what the formulas need."""
         del tick_weight
         order = [INPUTS.index(name) for name in _parameters_of(self) if name != _MEMORY]
         return response_parameters(get_args(Cut).index(self.cut), OWN, self.memory, order)

@@ -99,23 +99,7 @@ class KnownLoss:
         return 0
 
     def parameters(self, n_agents: int) -> CompensationParameters:
-        """Return what the formulas need.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-
-        Returns
-        -------
-        CompensationParameters
-            With the loss of each agent.
-
-        Raises
-        ------
-        InputError
-            If there is a loss for each agent and their number is not n.
-        """
+        """Return what the formulas need."""
         validation.fits("KnownLoss.loss", self.loss, n_agents)
         return CompensationParameters(
             KNOWN, np.array(np.broadcast_to(self.loss, (n_agents,)), dtype=np.float64), 0
@@ -145,18 +129,7 @@ class EstimatedLoss:
         return self.number_bits
 
     def parameters(self, n_agents: int) -> CompensationParameters:
-        """Return what the formulas need.
-
-        Parameters
-        ----------
-        n_agents : int
-            n.
-
-        Returns
-        -------
-        CompensationParameters
-            With nothing known.
-        """
+        """Return what the formulas need."""
         return CompensationParameters(ESTIMATED, np.zeros(n_agents), 1 << self.number_bits)
 
 

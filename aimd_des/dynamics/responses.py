@@ -241,18 +241,7 @@ class Randomised:
     """The paper's rule: demand is multiplied by beta with probability lambda, eq. (prob_x)."""
 
     def parameters(self, tick_weight: float) -> ResponseParameters:
-        """Return what the formulas need.
-
-        Parameters
-        ----------
-        tick_weight : float
-            1 where agents tick, 0 in continuous time.
-
-        Returns
-        -------
-        ResponseParameters
-            Drawn, with the average over time as divisor.
-        """
+        """Return what the formulas need."""
         del tick_weight
         return response_parameters(DRAWN, AVERAGE)
 
@@ -270,18 +259,7 @@ class EventNormalised:
     """
 
     def parameters(self, tick_weight: float) -> ResponseParameters:
-        """Return what the formulas need.
-
-        Parameters
-        ----------
-        tick_weight : float
-            1 where agents tick, 0 in continuous time.
-
-        Returns
-        -------
-        ResponseParameters
-            Drawn, with the average demand found by signals as divisor.
-        """
+        """Return what the formulas need."""
         del tick_weight
         return response_parameters(DRAWN, AT_SIGNALS)
 
@@ -316,18 +294,7 @@ class Derandomised:
         object.__setattr__(self, "full", validation.flag("Derandomised.full", self.full))
 
     def parameters(self, tick_weight: float) -> ResponseParameters:
-        """Return what the formulas need.
-
-        Parameters
-        ----------
-        tick_weight : float
-            1 where agents tick, 0 in continuous time.
-
-        Returns
-        -------
-        ResponseParameters
-            With a fractional or a full cut.
-        """
+        """Return what the formulas need."""
         del tick_weight
         events = AT_CUTS if self.full else AT_SIGNALS
         return response_parameters(

@@ -107,13 +107,7 @@ class AgentProcess:
         self._rows: list[_Row] = list(zip(*lines, *own, strict=True))
 
     def receive(self, signal: Signal) -> None:
-        """Take note of a capacity signal that arrives now; a continuous agent answers it at once.
-
-        Parameters
-        ----------
-        signal : Signal
-            The bit.
-        """
+        """Take note of a capacity signal that arrives now; a continuous agent answers it at once."""
         if not self._discrete:
             self.answer((signal,), self._env.now)
         elif signal.resource in self._latch:
@@ -132,14 +126,7 @@ class AgentProcess:
         self._late.clear()
 
     def process(self) -> ProcessGenerator:
-        """Live: wait for a latch to be set, then for the next tick, and answer what is latched.
-
-        Yields
-        ------
-        simpy.Event
-            The first signal since the last tick; then the tick.  A continuous agent waits for
-            nothing: its demand is a line until a signal arrives.
-        """
+        """Live: wait for a latch to be set, then for the next tick, and answer what is latched."""
         clocks = self.system.clocks
         while clocks is not None:
             yield self._mailbox

@@ -21,29 +21,7 @@ class Fleet:
     def populate(
         system: System, absent: Collection[int], control_unit: ControlUnit, observer: Observer
     ) -> ProcessGenerator:
-        """Bring the agents into a run.
-
-        Parameters
-        ----------
-        system : System
-            The run in progress.
-        absent : collection of int
-            Agents that are no part of it.
-        control_unit : ControlUnit
-            What decides; one that gives a table looks in compiled code.
-        observer : Observer
-            What totals are recorded by.
-
-        Returns
-        -------
-        generator
-            The SimPy process of the control unit.
-
-        Raises
-        ------
-        InputError
-            If costs or a response are functions that compiled code cannot call.
-        """
+        """Bring the agents into a run."""
         agents = CompiledAgents(system, absent, observer.overshoot)
         system.join(agents)
         table = compiled_table(control_unit)

@@ -76,18 +76,7 @@ class Join(_OfAgents):
         return 0.0, self.at
 
     def process(self, system: System) -> ProcessGenerator:
-        """Keep the agents away until then.
-
-        Parameters
-        ----------
-        system : System
-            The run in progress.
-
-        Yields
-        ------
-        simpy.Event
-            The start of the run, and the time at which they join.
-        """
+        """Keep the agents away until then."""
         agents = agent_indices(system.problem, self.agents)
         yield system.env.at(0.0, EventKind.INTERVENE)
         for agent in agents:
@@ -125,18 +114,7 @@ class Absence(BeginsAt, _OfAgents):
         return self.at, math.inf if self.until is None else self.until
 
     def process(self, system: System) -> ProcessGenerator:
-        """Let the agents go, and come back.
-
-        Parameters
-        ----------
-        system : System
-            The run in progress.
-
-        Yields
-        ------
-        simpy.Event
-            Both times.
-        """
+        """Let the agents go, and come back."""
         yield from _away(system, self.agents, self.at, self.until, anew=False)
 
 
@@ -168,18 +146,7 @@ class Crash(BeginsAt, _OfAgents):
         return self.at, math.inf if self.until is None else self.until
 
     def process(self, system: System) -> ProcessGenerator:
-        """Let the agents crash, and come back.
-
-        Parameters
-        ----------
-        system : System
-            The run in progress.
-
-        Yields
-        ------
-        simpy.Event
-            Both times.
-        """
+        """Let the agents crash, and come back."""
         yield from _away(system, self.agents, self.at, self.until, anew=True)
 
 
@@ -223,18 +190,7 @@ class UnusualActivity(BeginsAt, _OfAgents):
         object.__setattr__(self, "weight", clean)
 
     def process(self, system: System) -> ProcessGenerator:
-        """Scale the costs, and put them back.
-
-        Parameters
-        ----------
-        system : System
-            The run in progress.
-
-        Yields
-        ------
-        simpy.Event
-            Both times.
-        """
+        """Scale the costs, and put them back."""
         own = object()
         yield system.env.at(self.at, EventKind.INTERVENE)
         weigh(system, self.agents, self.weight, by=own)
@@ -272,33 +228,11 @@ class Prices:
         return self.every
 
     def check(self, problem: Problem) -> None:
-        """Refuse what does not fit a problem.
-
-        Parameters
-        ----------
-        problem : Problem
-            What is shared.
-
-        Raises
-        ------
-        InputError
-            If the first costs are of another kind or shape than the problem's, or no costs.
-        """
+        """Refuse what does not fit a problem."""
         checked_costs(problem, self.draw(1))
 
     def process(self, system: System) -> ProcessGenerator:
-        """Change the costs again and again.
-
-        Parameters
-        ----------
-        system : System
-            The run in progress.
-
-        Yields
-        ------
-        simpy.Event
-            Each change.
-        """
+        """Change the costs again and again."""
         for k in count(1):
             yield system.env.at(k * self.every, EventKind.INTERVENE)
             set_costs(system, self.draw(k))

@@ -46,33 +46,11 @@ class CapacityStep(BeginsAt):
         object.__setattr__(self, "capacity", clean)
 
     def check(self, problem: Problem) -> None:
-        """Refuse what does not fit a problem.
-
-        Parameters
-        ----------
-        problem : Problem
-            What is shared.
-
-        Raises
-        ------
-        InputError
-            If there is no such resource.
-        """
+        """Refuse what does not fit a problem."""
         resource_index(problem, self.resource)
 
     def process(self, system: System) -> ProcessGenerator:
-        """Change the capacity when it is time.
-
-        Parameters
-        ----------
-        system : System
-            The run in progress.
-
-        Yields
-        ------
-        simpy.Event
-            The instant.
-        """
+        """Change the capacity when it is time."""
         yield system.env.at(self.at, EventKind.INTERVENE)
         set_capacity(system, resource_index(system.problem, self.resource), self.capacity)
 
@@ -114,33 +92,11 @@ class CapacityRamp:
         return self.start
 
     def check(self, problem: Problem) -> None:
-        """Refuse what does not fit a problem.
-
-        Parameters
-        ----------
-        problem : Problem
-            What is shared.
-
-        Raises
-        ------
-        InputError
-            If there is no such resource.
-        """
+        """Refuse what does not fit a problem."""
         resource_index(problem, self.resource)
 
     def process(self, system: System) -> ProcessGenerator:
-        """Change the capacity step by step.
-
-        Parameters
-        ----------
-        system : System
-            The run in progress.
-
-        Yields
-        ------
-        simpy.Event
-            The start, and each step.
-        """
+        """Change the capacity step by step."""
         j = resource_index(system.problem, self.resource)
         yield system.env.at(self.start, EventKind.INTERVENE)
         before = float(system.parameters.capacity[j])
@@ -238,33 +194,11 @@ class CapacityProfile:
         return float(self.times[0])
 
     def check(self, problem: Problem) -> None:
-        """Refuse what does not fit a problem.
-
-        Parameters
-        ----------
-        problem : Problem
-            What is shared.
-
-        Raises
-        ------
-        InputError
-            If there is no such resource.
-        """
+        """Refuse what does not fit a problem."""
         resource_index(problem, self.resource)
 
     def process(self, system: System) -> ProcessGenerator:
-        """Follow the profile.
-
-        Parameters
-        ----------
-        system : System
-            The run in progress.
-
-        Yields
-        ------
-        simpy.Event
-            Each change.
-        """
+        """Follow the profile."""
         j = resource_index(system.problem, self.resource)
         for time, capacity in self._changes():
             yield system.env.at(time, EventKind.INTERVENE)

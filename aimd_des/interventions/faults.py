@@ -45,27 +45,10 @@ class Failover(BeginsAt):
         _take(self)
 
     def check(self, problem: Problem) -> None:
-        """Accept any problem.
-
-        Parameters
-        ----------
-        problem : Problem
-            What is shared.
-        """
+        """Accept any problem."""
 
     def process(self, system: System) -> ProcessGenerator:
-        """Let the control unit fail, and be replaced.
-
-        Parameters
-        ----------
-        system : System
-            The run in progress.
-
-        Yields
-        ------
-        simpy.Event
-            Both times.
-        """
+        """Let the control unit fail, and be replaced."""
         yield system.env.at(self.at, EventKind.INTERVENE)
         fail(system)
         yield system.env.at(self.at + self.duration, EventKind.INTERVENE)
@@ -98,36 +81,14 @@ class Partition(BeginsAt):
         _take(self)
 
     def check(self, problem: Problem) -> None:
-        """Refuse what does not fit a problem.
-
-        Parameters
-        ----------
-        problem : Problem
-            Who shares.
-
-        Raises
-        ------
-        InputError
-            If there is no such agent, one is named twice, or none is named.
-        """
+        """Refuse what does not fit a problem."""
         self._indices(problem)
 
     def _indices(self, problem: Problem) -> list[int]:
         return list(range(problem.n_agents)) if self.agents is None else agent_indices(problem, self.agents)
 
     def process(self, system: System) -> ProcessGenerator:
-        """Cut agents off, and reconnect them.
-
-        Parameters
-        ----------
-        system : System
-            The run in progress.
-
-        Yields
-        ------
-        simpy.Event
-            Both times.
-        """
+        """Cut agents off, and reconnect them."""
         agents = self._indices(system.problem)
         yield system.env.at(self.at, EventKind.INTERVENE)
         cut_off(system, agents)

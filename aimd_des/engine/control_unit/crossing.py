@@ -147,18 +147,7 @@ class Crossing:
         return Opportunities((end - start) / shortest if shortest > 0.0 else math.inf, longest)
 
     def process(self, system: System) -> ProcessGenerator:
-        """Sense each resource on its own.
-
-        Parameters
-        ----------
-        system : System
-            The run in progress.
-
-        Yields
-        ------
-        simpy.Event
-            Nothing: there is a process for each resource.
-        """
+        """Sense each resource on its own."""
         # Resources sense apart, each when its own total can cross; two at one instant go by their index.
         unanswered = Unanswered(system)
         for resource in range(system.problem.n_resources):

@@ -71,18 +71,7 @@ class SampledUnit:
         return Opportunities(clock.next_tick(end) - clock.next_tick(start), table.period)
 
     def process(self, system: System) -> ProcessGenerator:
-        """Look, and broadcast with the probability that total demand gives.
-
-        Parameters
-        ----------
-        system : System
-            The run in progress.
-
-        Yields
-        ------
-        simpy.Event
-            The next look.
-        """
+        """Look, and broadcast with the probability that total demand gives."""
         table = table_of(self)
         assert isinstance(table, SampledTable)  # noqa: S101 - the run has checked it
         field = returned_values.said_by(self, "table")
