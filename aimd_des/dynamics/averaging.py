@@ -53,28 +53,15 @@ _MOST_STEPS = 64
 
 
 class AveragingParameters(NamedTuple):
-    """A way of averaging, for formulas.
+    """A way of averaging, for formulas."""
 
-    Attributes
-    ----------
-    kind : int
-        `CUMULATIVE`, `WINDOW`, `FORGETTING` or `POLYNOMIAL`.
-    rate, span : float
-        Of forgetting: one over the time constant, and the sum of all weights.
-    part : float
-        Of a window: the length of a part.
-    parts : int
-        Of a window: how many; 0 else.
-    gain : float
-        a, by which the newest weighs more than in the average over all of the past.
-    """
-
-    kind: int
+    kind: int  # `CUMULATIVE`, `WINDOW`, `FORGETTING` or `POLYNOMIAL`
+    # Of forgetting: one over the time constant, and the sum of all weights.
     rate: float
     span: float
-    part: float
-    parts: int
-    gain: float = 1.0
+    part: float  # of a window: the length of a part
+    parts: int  # of a window: how many; 0 else
+    gain: float = 1.0  # a, by which the newest weighs more than in the average over all of the past
 
 
 @formula

@@ -37,21 +37,11 @@ _MOST_BITS = 62
 
 
 class CompensationParameters(NamedTuple):
-    """How agents make good for losses, for formulas.
+    """How agents make good for losses, for formulas."""
 
-    Attributes
-    ----------
-    rule : int
-        `NOTHING`, `KNOWN` or `ESTIMATED`.
-    loss : ndarray, shape (n,)
-        What they know.
-    period : int
-        Running numbers are sent modulo this; 0 if none are sent.
-    """
-
-    rule: int
-    loss: FloatArray
-    period: int
+    rule: int  # `NOTHING`, `KNOWN` or `ESTIMATED`
+    loss: FloatArray  # (n,): what they know
+    period: int  # running numbers are sent modulo this; 0 if none are sent
 
 
 @runtime_checkable

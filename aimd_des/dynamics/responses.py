@@ -59,30 +59,15 @@ OWN_COLUMNS = 1
 
 
 class ResponseParameters(NamedTuple):
-    """A response, for formulas.
+    """A response, for formulas."""
 
-    Attributes
-    ----------
-    cut : int
-        `DRAWN`, `FRACTIONAL` or `FULL`.
-    divisor : int
-        `AVERAGE`, `AT_SIGNALS`, `AT_CUTS` or `OWN`.
-    columns : int
-        How many numbers a function of the user's keeps for each agent and resource.
-    address : int
-        Of the compiled function of the user's; 0 where there is none.
-    order : ndarray of int
-        Which of `INPUTS` the function reads.
-    inputs : ndarray
-        Working memory: the values of these, and the last return value of the function that was no
-        probability, 0 if there was none.
-    """
-
-    cut: int
-    divisor: int
-    columns: int
-    address: int
-    order: npt.NDArray[np.int64]
+    cut: int  # `DRAWN`, `FRACTIONAL` or `FULL`
+    divisor: int  # `AVERAGE`, `AT_SIGNALS`, `AT_CUTS` or `OWN`
+    columns: int  # how many numbers a function of the user's keeps for each agent and resource
+    address: int  # of the compiled function of the user's; 0 where there is none
+    order: npt.NDArray[np.int64]  # which of `INPUTS` the function reads
+    # Working memory: the values of these, and the last return value of the function that was no probability,
+    # 0 if there was none.
     inputs: FloatArray
 
 

@@ -42,77 +42,39 @@ IntArray = npt.NDArray[np.int64]
 
 
 class State(NamedTuple):
-    """What changes: every array has shape (m, n), `parts` and `memory` one axis more.
+    """What changes: every array has shape (m, n), `parts` and `memory` one axis more."""
 
-    Attributes
-    ----------
-    demand : ndarray
-        Demand just after the anchor, in units of the resource.
-    accumulated : ndarray
-        Demand accumulated up to the anchor: over ticks, or over time.
-    anchor : ndarray
-        The last moment at which growth was broken: index of the tick (-1 before the first), or time.
-    responses, saturated : ndarray of int
-        Decreases, and those of them that had a response probability above 1.
-    origin : ndarray
-        Moments that count for nothing, since the agent was away.
-    pause : ndarray
-        The last moment that counts for an agent that is away; inf for those that are here.
-    parts : ndarray
-        Accumulated demand at the boundaries of a window's parts; empty without a window.
-    heard, first, latest : ndarray of int
-        Signals heard, and the numbers of the first and the latest as the agent counts; kept where
-        agents estimate their loss.
-    answered : ndarray of int
-        Ticks or times at which a signal was answered; kept where agents compensate.
-    memory : ndarray
-        What the response keeps for each agent and resource; empty with the paper's.
-    """
-
-    demand: FloatArray
-    accumulated: FloatArray
+    demand: FloatArray  # demand just after the anchor, in units of the resource
+    accumulated: FloatArray  # demand accumulated up to the anchor: over ticks, or over time
+    # The last moment at which growth was broken: index of the tick (-1 before the first), or time.
     anchor: FloatArray
+    # Decreases, and those of them that had a response probability above 1.
     responses: IntArray
     saturated: IntArray
-    origin: FloatArray
-    pause: FloatArray
-    parts: FloatArray
+    origin: FloatArray  # moments that count for nothing, since the agent was away
+    pause: FloatArray  # the last moment that counts for an agent that is away; inf for those that are here
+    parts: FloatArray  # accumulated demand at the boundaries of a window's parts; empty without a window
+    # Signals heard, and the numbers of the first and the latest as the agent counts; kept where agents
+    # estimate their loss.
     heard: IntArray
     first: IntArray
     latest: IntArray
-    answered: IntArray
-    memory: FloatArray
+    answered: IntArray  # ticks or times at which a signal was answered; kept where agents compensate
+    memory: FloatArray  # what the response keeps for each agent and resource; empty with the paper's
 
 
 class AgentParameters(NamedTuple):
-    """The parameters of the agents' rule; nobody but the functions of interventions can write there.
+    """The parameters of the agents' rule; nobody but the functions of interventions can write there."""
 
-    Attributes
-    ----------
-    increase, decrease : ndarray, shape (m, n)
-        alpha and beta; alpha is 0 while an agent is away.
-    normalization : ndarray, shape (m,)
-        Gamma.
-    limit : ndarray, shape (m,)
-        Total demand above which a capacity event is due.
-    capacity : ndarray, shape (m,)
-        C.
-    averaging : AveragingParameters
-        How demand is averaged.
-    compensation : CompensationParameters
-        How losses are made good for.
-    response : ResponseParameters
-        How signals are answered.
-    """
-
+    # (m, n): alpha and beta; alpha is 0 while an agent is away.
     increase: FloatArray
     decrease: FloatArray
-    normalization: FloatArray
-    limit: FloatArray
-    capacity: FloatArray
-    averaging: AveragingParameters
-    compensation: CompensationParameters
-    response: ResponseParameters
+    normalization: FloatArray  # (m,): Gamma
+    limit: FloatArray  # (m,): total demand above which a capacity event is due
+    capacity: FloatArray  # (m,): C
+    averaging: AveragingParameters  # how demand is averaged
+    compensation: CompensationParameters  # how losses are made good for
+    response: ResponseParameters  # how signals are answered
 
 
 def agent_parameters(

@@ -18,65 +18,35 @@ IntArray = npt.NDArray[np.int64]
 
 @dataclass(eq=False)
 class Conditions:
-    """What holds at the moment; the arrays are shared with whoever works on them, and written by `put`.
-
-    Attributes
-    ----------
-    away : ndarray of bool, shape (n,)
-        Agents that are not here: they hold nothing, do not grow, and hear nothing.
-    cut : ndarray of bool, shape (n,)
-        Agents to which no signal gets through that is sent now.
-    cuts : ndarray of int, shape (n,)
-        By how many partitions each agent is cut off.
-    failed : ndarray of bool, shape (1,)
-        Whether the control unit is down.
-    failures : int
-        By how many faults it is.
-    threshold : ndarray, shape (m,)
-        gamma, the share of the capacity.
-    increase : ndarray, shape (m, n)
-        alpha of each agent while it is here.
-    growth : ndarray, shape (m,)
-        Growth of total demand, in units of the resource per unit of time (or per tick of all).
-    base_costs, costs : Costs
-        The private costs, without and with the weights.
-    weights : ndarray, shape (n,)
-        What the costs of each agent are multiplied by: the product of all in `weighing`.
-    weighing : dict
-        The weights of each who weighs, shape (n,), in the order in which they began.
-    pieces : list of Piece
-        The problems that have been in force, the present one included.
-    on_tightening : list of callable
-        Called with (time, resource) when the threshold may be reached sooner than it looked.
-    on_recovery : list of callable
-        Called with the time when a control unit takes over.
-    on_costs : list of callable
-        Called with the costs when they have changed.
-    on_parameters : list of callable
-        Called when parameters of the agents' rule have changed.
-    on_piece : list of callable
-        Called just before the problem changes.
-    """
+    """What holds at the moment; the arrays are shared with whoever works on them, and written by `put`."""
 
     # Counts beside flags: what has begun twice, such as two partitions of one agent, ends when both have.
-    away: BoolArray
-    cut: BoolArray
-    cuts: IntArray
-    failed: BoolArray
-    threshold: FloatArray
-    increase: FloatArray
+    away: BoolArray  # (n,): agents that are not here: they hold nothing, do not grow, and hear nothing
+    cut: BoolArray  # (n,): agents to which no signal gets through that is sent now
+    cuts: IntArray  # (n,): by how many partitions each agent is cut off
+    failed: BoolArray  # (1,): whether the control unit is down
+    threshold: FloatArray  # (m,): gamma, the share of the capacity
+    increase: FloatArray  # (m, n): alpha of each agent while it is here
+    # (m,): growth of total demand, in units of the resource per unit of time (or per tick of all).
     growth: FloatArray
+    # The private costs, without and with the weights.
     base_costs: Costs
     costs: Costs
+    # (n,): what the costs of each agent are multiplied by: the product of all in `weighing`.
     weights: FloatArray
-    pieces: list[Piece]
-    failures: int = 0
+    pieces: list[Piece]  # the problems that have been in force, the present one included
+    failures: int = 0  # by how many faults the control unit is down
+    # The weights of each who weighs, shape (n,), in the order in which they began.
     weighing: dict[Hashable, FloatArray] = field(default_factory=dict)
+    # Called with (time, resource) when the threshold may be reached sooner than it looked.
     on_tightening: list[Callable[[float, int], None]] = field(default_factory=list)
+    # Called with the time when a control unit takes over.
     on_recovery: list[Callable[[float], None]] = field(default_factory=list)
+    # Called with the costs when they have changed.
     on_costs: list[Callable[[Costs], None]] = field(default_factory=list)
+    # Called when parameters of the agents' rule have changed.
     on_parameters: list[Callable[[], None]] = field(default_factory=list)
-    on_piece: list[Callable[[], None]] = field(default_factory=list)
+    on_piece: list[Callable[[], None]] = field(default_factory=list)  # called just before the problem changes
 
     @classmethod
     def at_start(cls, problem: Problem) -> "Conditions":

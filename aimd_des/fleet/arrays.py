@@ -25,62 +25,33 @@ IntArray = npt.NDArray[np.int64]
 
 
 class ClockArrays(NamedTuple):
-    """The clocks of discrete agents; of continuous ones, the arrays are empty.
+    """The clocks of discrete agents; of continuous ones, the arrays are empty."""
 
-    Attributes
-    ----------
-    phase, period, jitter : ndarray, shape (n,) or (0,)
-        Of each agent, drift included in the period.
-    key : tuple of two uint64
-        The run's key for clocks.
-    common : bool
-        Whether all tick at the same times.
-    """
-
+    # (n,): of each agent, drift included in the period.
     phase: FloatArray
     period: FloatArray
     jitter: FloatArray
-    key: Key
-    common: bool
+    key: Key  # the run's key for clocks
+    common: bool  # whether all tick at the same times
 
 
 class Answers(NamedTuple):
-    """Answers that somebody wants to know of, in the order in which they were computed.
+    """Answers that somebody wants to know of, in the order in which they were computed."""
 
-    Attributes
-    ----------
-    key : ndarray of int, shape (a,)
-        Bits of the time.
-    rank : ndarray of int, shape (a,)
-        Order number of the copy that was answered.
-    agent, resource : ndarray of int, shape (a,)
-        i and j.
-    change : ndarray, shape (a,)
-        Of demand; not a number where the agent holds.
-    held : ndarray of int, shape (1,)
-        How many there are.
-    """
-
-    key: IntArray
-    rank: IntArray
+    key: IntArray  # (a,): bits of the time
+    rank: IntArray  # (a,): order number of the copy that was answered
+    # (a,): i and j.
     agent: IntArray
     resource: IntArray
-    change: FloatArray
-    held: IntArray
+    change: FloatArray  # (a,): of demand; not a number where the agent holds
+    held: IntArray  # (1,): how many there are
 
 
 class CopyAccount(NamedTuple):
-    """Who is here, and what becomes of copies; the arrays are those of the run.
+    """Who is here, and what becomes of copies; the arrays are those of the run."""
 
-    Attributes
-    ----------
-    away : ndarray of bool, shape (n,)
-        Agents that are not here at the moment.
-    delivered, lost, duplicated : ndarray of int, shape (m, n)
-        As in `transmission.Transmitter`.
-    """
-
-    away: BoolArray
+    away: BoolArray  # (n,): agents that are not here at the moment
+    # (m, n): as in `transmission.Transmitter`.
     delivered: IntArray
     lost: IntArray
     duplicated: IntArray
@@ -134,56 +105,27 @@ def response_buffers(n_resources: int, n_agents: int) -> ResponseBuffers:
 
 
 class FleetAgents(NamedTuple):
-    """The agents that are advanced together.
+    """The agents that are advanced together."""
 
-    Attributes
-    ----------
-    state, parameters : State, AgentParameters
-        State and parameters of all agents, as arrays of shape (m, n).
-    members : ndarray of bool, shape (n,)
-        Who is advanced here.
-    table : CostTable
-        Private costs of the built-in families.
-    gradient : int
-        Address of the compiled gradient of other costs; 0 where there is none.
-    coupled : bool
-        Whether costs couple the resources.
-    clocks : ClockArrays
-        Clocks.
-    tick_weight, until : float
-        Tick weight, and the end of the run.
-    key : tuple of two uint64
-        The key of the response draws.
-    copies : CopiesInFlight
-        Copies on their way: in one queue if costs are coupled, else in one for each resource.
-    account : CopyAccount
-        Who is here, and the account of copies.
-    room : int
-        How many copies there may be at a time.
-    answers : Answers
-        Kept where somebody wants to know of them.
-    reported : int
-        Who does: `NO_ANSWERS`, or of which answers: `RESPONSES`, `ALL_ANSWERS`.
-    buffers : ResponseBuffers
-        Working memory.
-    """
-
+    # State and parameters of all agents, as arrays of shape (m, n).
     state: State
     parameters: AgentParameters
-    members: BoolArray
-    table: CostTable
-    gradient: int
-    coupled: bool
+    members: BoolArray  # (n,): who is advanced here
+    table: CostTable  # private costs of the built-in families
+    gradient: int  # address of the compiled gradient of other costs; 0 where there is none
+    coupled: bool  # whether costs couple the resources
     clocks: ClockArrays
+    # Tick weight, and the end of the run.
     tick_weight: float
     until: float
-    key: Key
+    key: Key  # the key of the response draws
+    # Copies on their way: in one queue if costs are coupled, else in one for each resource.
     copies: CopiesInFlight
-    account: CopyAccount
-    room: int
-    answers: Answers
-    reported: int
-    buffers: ResponseBuffers
+    account: CopyAccount  # who is here, and the account of copies
+    room: int  # how many copies there may be at a time
+    answers: Answers  # kept where somebody wants to know of them
+    reported: int  # who does: `NO_ANSWERS`, or of which answers: `RESPONSES`, `ALL_ANSWERS`
+    buffers: ResponseBuffers  # working memory
 
 
 @routine

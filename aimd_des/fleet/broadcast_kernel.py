@@ -14,48 +14,28 @@ IntArray = npt.NDArray[np.int64]
 
 
 class FleetChannel(NamedTuple):
-    """The way of a signal to all agents, and what is kept of it.
+    """The way of a signal to all agents, and what is kept of it."""
 
-    Attributes
-    ----------
-    compiled : bool
-        Whether compiled code may send what leaves before anybody can cut it; if not, it stops where a signal
-        is due.
-    table : ChannelTable
-        The channel in this run.
-    cut : ndarray of bool, shape (n,)
-        Agents to which nothing gets through at the moment.
-    numbers : ndarray of int, shape (m,)
-        How many signals there were for each resource.
-    delivered, lost, duplicated : ndarray of int, shape (m, n)
-        Copies by what becomes of them; duplicates that arrive are counted apart.
-    arrival, second : ndarray, shape (n,)
-        When the copies of a signal arrive: working memory.
-    order : ndarray of int, shape (1,)
-        The next order number.
-    time, resource, number : ndarray, shape (s,)
-        Signals since somebody last took note of them.
-    held : ndarray of int, shape (1,)
-        How many these are.
-    code : ndarray of int, shape (1,)
-        Why the channel has refused a signal; 0 if it has not.
-    """
-
+    # Whether compiled code may send what leaves before anybody can cut it; if not, it stops where a signal is
+    # due.
     compiled: bool
-    table: ChannelTable
-    cut: npt.NDArray[np.bool_]
-    numbers: IntArray
+    table: ChannelTable  # the channel in this run
+    cut: npt.NDArray[np.bool_]  # (n,): agents to which nothing gets through at the moment
+    numbers: IntArray  # (m,): how many signals there were for each resource
+    # (m, n): copies by what becomes of them; duplicates that arrive are counted apart.
     delivered: IntArray
     lost: IntArray
     duplicated: IntArray
+    # (n,): when the copies of a signal arrive: working memory.
     arrival: FloatArray
     second: FloatArray
-    order: IntArray
+    order: IntArray  # (1,): the next order number
+    # (s,): signals since somebody last took note of them.
     time: FloatArray
     resource: IntArray
     number: IntArray
-    held: IntArray
-    code: IntArray
+    held: IntArray  # (1,): how many these are
+    code: IntArray  # (1,): why the channel has refused a signal; 0 if it has not
 
 
 @routine

@@ -32,104 +32,55 @@ UNSCHEDULED = LAST
 
 
 class FleetControl(NamedTuple):
-    """The control unit of one run.
-
-    Attributes
-    ----------
-    crossing : bool
-        Whether it senses crossings; if not, it samples.
-    period, phase, shortest, longest, delay : float
-        Of a sampled one, and bounds of the hold-off of a crossing one; how long after a look its signals
-        leave.
-    low, high : float
-        Shares of the threshold between which the probability of a signal of a sampled one rises.
-    probability : int
-        Address of the compiled function that gives the probability instead; 0 where there is none.
-    key : tuple of two uint64
-        The key of its draws.
-    failed : ndarray of bool, shape (1,)
-        Whether it is down.
-    look : ndarray of int, shape (1,)
-        Index of the next look of a sampled one.
-    look_time : ndarray, shape (m,)
-        When a crossing one looks at each resource next.
-    awaits_crossing : ndarray of bool, shape (m,)
-        Whether it waits for a crossing there, and not for the end of the hold-off.
-    growth : ndarray, shape (m,)
-        Of total demand, in units of the resource per unit of time.
-    instant : ndarray, shape (m,)
-        When a crossing one broadcast last.
-    unanswered, since : ndarray, shape (m,)
-        What total demand would be if nobody had answered, and when it was so.
-    hold_off : ndarray, shape (m,)
-        The present one.
-    holding : ndarray of bool, shape (m,)
-        Whether its end is what the alarm is set to.
-    repeated : ndarray of int, shape (m,)
-        How often it did at that instant.
-    due : ndarray of bool, shape (m,)
-        Resources to broadcast for, at `now`.
-    total : ndarray, shape (m,)
-        Total demand at the latest look of a sampled one.
-    now : ndarray, shape (1,)
-        Time of the latest look.
-    moment : ndarray, shape (n,) or (1,)
-        Where the agents are in their own time, at that look.
-    turns : ndarray of int, shape (3,)
-        Order numbers of the next look of a sampled one, the next row of totals and the next tick that is
-        measured; `UNSCHEDULED` until SimPy's side gives it one.
-    answers : int
-        Above how many answers in memory somebody has to be told of them.
-    """
+    """The control unit of one run."""
 
     # A tuple of arrays: numbers that change are arrays of one, which compiled code and SimPy's side share.
     # `failed` and `growth` belong to the conditions, and compiled code only reads them.
-    crossing: bool
+    crossing: bool  # whether it senses crossings; if not, it samples
+    # Of a sampled one, and bounds of the hold-off of a crossing one; how long after a look its signals leave.
     period: float
     phase: float
     shortest: float
     longest: float
     delay: float
+    # Shares of the threshold between which the probability of a signal of a sampled one rises.
     low: float
     high: float
+    # Address of the compiled function that gives the probability instead; 0 where there is none.
     probability: int
-    key: Key
-    failed: BoolArray
-    look: IntArray
-    look_time: FloatArray
+    key: Key  # the key of its draws
+    failed: BoolArray  # (1,): whether it is down
+    look: IntArray  # (1,): index of the next look of a sampled one
+    look_time: FloatArray  # (m,): when a crossing one looks at each resource next
+    # (m,): whether it waits for a crossing there, and not for the end of the hold-off.
     awaits_crossing: BoolArray
-    growth: FloatArray
-    instant: FloatArray
+    growth: FloatArray  # (m,): of total demand, in units of the resource per unit of time
+    instant: FloatArray  # (m,): when a crossing one broadcast last
+    # (m,): what total demand would be if nobody had answered, and when it was so.
     unanswered: FloatArray
     since: FloatArray
-    hold_off: FloatArray
-    holding: BoolArray
-    repeated: IntArray
-    due: BoolArray
-    total: FloatArray
-    now: FloatArray
-    moment: FloatArray
+    hold_off: FloatArray  # (m,): the present one
+    holding: BoolArray  # (m,): whether its end is what the alarm is set to
+    repeated: IntArray  # (m,): how often it did at that instant
+    due: BoolArray  # (m,): resources to broadcast for, at `now`
+    total: FloatArray  # (m,): total demand at the latest look of a sampled one
+    now: FloatArray  # (1,): time of the latest look
+    moment: FloatArray  # (n,) or (1,): where the agents are in their own time, at that look
+    # (3,): order numbers of the next look of a sampled one, the next row of totals and the next tick that is
+    # measured; `UNSCHEDULED` until SimPy's side gives it one.
     turns: IntArray
-    answers: int
+    answers: int  # above how many answers in memory somebody has to be told of them
 
 
 class Limits(NamedTuple):
-    """How far the looks may go.
-
-    Attributes
-    ----------
-    horizon, kind, order : float, int, int
-        Time, kind and order number of what is due next besides.
-    change : float
-        Before this nobody can cut a signal that leaves, or the run is over.
-    acted_at, acted : float, int
-        When somebody last acted, and the last turn that was over then.
-    """
+    """How far the looks may go."""
 
     # Taken anew before every stretch; nothing in them can change during it, since no event is handled then.
+    # Time, kind and order number of what is due next besides.
     horizon: float
     kind: int
     order: int
-    change: float
+    change: float  # before this nobody can cut a signal that leaves, or the run is over
+    # When somebody last acted, and the last turn that was over then.
     acted_at: float
     acted: int

@@ -32,49 +32,30 @@ class CopiesInFlight(NamedTuple):
     """All copies on their way, in one queue or in one for each resource.
 
     Block number b has the places from b * BLOCK on.
-
-    Attributes
-    ----------
-    key : ndarray of int, shape (b * BLOCK,)
-        When each is due: the bits of its time of arrival or, for a discrete agent, of the tick after it.
-    moment, arrival : ndarray, shape (b * BLOCK,) or (0,)
-        Of discrete agents only: index of that tick, and time of arrival.
-    number : ndarray of int, shape (b * BLOCK,) or (0,)
-        Number of the broadcast, where agents read it.
-    agent, resource : ndarray of uint32, shape (b * BLOCK,)
-        i and j (with the bit `DUPLICATE` for a duplicate); without a sign, so that compiled code need not ask
-        whether they count from the end.
-    rank : ndarray of int, shape (b * BLOCK,)
-        Order number; decides between copies that arrive at the same time.
-    uniform : ndarray, shape (b * BLOCK,)
-        The draw that decides how the agent responds.
-    following, filled : ndarray of int, shape (b,)
-        The next block of a chain (-1: none), and how many copies are in a block.
-    head, tail : ndarray of int, shape (q, 66)
-        First and last block of each chain (-1: empty).
-    base : ndarray of int, shape (q,)
-        Bits of the time up to which a queue has been released.
-    free : ndarray of int, shape (1,)
-        First block of the chain of those that are not in use.
-    in_flight : ndarray of int, shape (1,)
-        How many copies there are.
     """
 
+    # (b * BLOCK,): when each is due: the bits of its time of arrival or, for a discrete agent, of the tick
+    # after it.
     key: IntArray
+    # (b * BLOCK,): of discrete agents only: index of that tick, and time of arrival.
     moment: FloatArray
     arrival: FloatArray
-    number: IntArray
+    number: IntArray  # (b * BLOCK,): number of the broadcast, where agents read it
+    # (b * BLOCK,): i and j (with the bit `DUPLICATE` for a duplicate); without a sign, so that compiled code
+    # need not ask whether they count from the end.
     agent: IndexArray
     resource: IndexArray
-    rank: IntArray
-    uniform: FloatArray
+    rank: IntArray  # (b * BLOCK,): order number; decides between copies that arrive at the same time
+    uniform: FloatArray  # (b * BLOCK,): the draw that decides how the agent responds
+    # (b,): the next block of a chain (-1: none), and how many copies are in a block.
     following: IntArray
     filled: IntArray
+    # (q, 66): first and last block of each chain (-1: empty).
     head: IntArray
     tail: IntArray
-    base: IntArray
-    free: IntArray
-    in_flight: IntArray
+    base: IntArray  # (q,): bits of the time up to which a queue has been released
+    free: IntArray  # (1,): first block of the chain of those that are not in use
+    in_flight: IntArray  # (1,): how many copies there are
 
 
 def _blocks_for(space: int, queues: int) -> int:

@@ -18,58 +18,35 @@ _SHORT = 16
 
 
 class FleetOvershoot(NamedTuple):
-    """What total demand beyond capacity is integrated with.
+    """What total demand beyond capacity is integrated with."""
 
-    Attributes
-    ----------
-    lines, steps : bool
-        Whether demand is measured as a line between answers, or as constant between common ticks.
-    capacity, slope : ndarray, shape (m,)
-        C, and growth of the total in units of the resource per unit of time.
-    running : ndarray, shape (m, 6)
-        Of lines: as in `observing.LinearPieces`.
-    peak, above, excess, used : ndarray, shape (m,)
-        Of steps: as in `observing.ConstantPieces`, and so is `measured`, (1,).
-    measured : ndarray, shape (1,)
-        See there.
-    tick : ndarray of int, shape (1,)
-        Of steps: index of the next tick that closes an interval.
-    order, spare : ndarray of int, shape (a,)
-        Working memory of sorting.
-    """
-
+    # Whether demand is measured as a line between answers, or as constant between common ticks.
     lines: bool
     steps: bool
+    # (m,): C, and growth of the total in units of the resource per unit of time.
     capacity: FloatArray
     slope: FloatArray
-    running: FloatArray
+    running: FloatArray  # (m, 6): of lines: as in `observing.LinearPieces`
+    # (m,): of steps: as in `observing.ConstantPieces`, and so is `measured`, (1,).
     peak: FloatArray
     above: FloatArray
     excess: FloatArray
     used: FloatArray
-    measured: FloatArray
-    tick: IntArray
+    measured: FloatArray  # (1,): see there
+    tick: IntArray  # (1,): of steps: index of the next tick that closes an interval
+    # (a,): working memory of sorting.
     order: IntArray
     spare: IntArray
 
 
 class ObservedTotals(NamedTuple):
-    """Where totals are kept, as in `observing.Observer`.
+    """Where totals are kept, as in `observing.Observer`."""
 
-    Attributes
-    ----------
-    times : ndarray, shape (q,)
-        When; ascending.
-    demand, average : ndarray, shape (q, m) or longer
-        Receive the sums.
-    row : ndarray of int, shape (1,)
-        Index of the next.
-    """
-
-    times: FloatArray
+    times: FloatArray  # (q,): when; ascending
+    # (q, m): receive the sums.
     demand: FloatArray
     average: FloatArray
-    row: IntArray
+    row: IntArray  # (1,): index of the next
 
 
 @formula

@@ -39,21 +39,11 @@ _NOT_YET = 0.05
 
 
 class Memory(NamedTuple):
-    """What theory has to know of a way of averaging.
+    """What theory has to know of a way of averaging."""
 
-    Attributes
-    ----------
-    gain : float
-        a of averages that follow at the rate a / t.
-    time_constant : float, optional
-        tau of averages that forget.
-    window : float, optional
-        W of averages over a window.
-    """
-
-    gain: float = 1.0
-    time_constant: float | None = None
-    window: float | None = None
+    gain: float = 1.0  # a of averages that follow at the rate a / t
+    time_constant: float | None = None  # tau of averages that forget
+    window: float | None = None  # W of averages over a window
 
     def rate(self, age: FloatArray | float) -> FloatArray:
         """Return at what rate averages of this age follow demand."""
@@ -99,24 +89,12 @@ class Origin(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Averages over time in the mean, from demand 0 or another origin on.
+    """Averages over time in the mean, from demand 0 or another origin on."""
 
-    Attributes
-    ----------
-    setting : Setting
-        What a prediction is asked for.
-    steady : Steady
-        Where averages settle.
-    memory : Memory
-        How agents average.
-    origin : Origin, optional
-        What is known of all agents at a time.
-    """
-
-    setting: Setting
-    steady: Steady
-    memory: Memory
-    origin: Origin | None = None
+    setting: Setting  # what a prediction is asked for
+    steady: Steady  # where averages settle
+    memory: Memory  # how agents average
+    origin: Origin | None = None  # what is known of all agents at a time
 
     @cached_property
     def joined(self) -> FloatArray:

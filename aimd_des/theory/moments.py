@@ -17,18 +17,10 @@ from aimd_des.utils.validation import FloatArray
 
 
 class Moments(NamedTuple):
-    """Second moments of one resource at the signals that act.
+    """Second moments of one resource at the signals that act."""
 
-    Attributes
-    ----------
-    covariance : ndarray, shape (n, n)
-        Of the demands that signals find; the total does not vary.
-    kicks : ndarray, shape (n,)
-        Var B_i E y_i^2, and what comes to it.
-    """
-
-    covariance: FloatArray
-    kicks: FloatArray
+    covariance: FloatArray  # (n, n): of the demands that signals find; the total does not vary
+    kicks: FloatArray  # (n,): var B_i E y_i^2, and what comes to it
 
 
 def moments_at_signals(

@@ -63,25 +63,15 @@ class Prediction:
 
 
 class Steady(NamedTuple):
-    """The balance of growth and cuts.
+    """The balance of growth and cuts."""
 
-    Attributes
-    ----------
-    signals : ndarray, shape (m,)
-        Per unit of time, or per step.
-    average, square, found : ndarray, shape (n, m)
-        Demand in the mean over time; its square, and itself, in the mean over the signals that act.
-    part : ndarray, shape (n, m)
-        Part of 1 - beta that a received signal takes of the demand in the mean.
-    keep, hit : ndarray, shape (n, m)
-        Size of a cut, and with what probability a signal that is sent makes one.
-    """
-
-    signals: FloatArray
+    signals: FloatArray  # (m,): per unit of time, or per step
+    # (n, m): demand in the mean over time; its square, and itself, in the mean over the signals that act.
     average: FloatArray
     square: FloatArray
     found: FloatArray
-    part: FloatArray
+    part: FloatArray  # (n, m): part of 1 - beta that a received signal takes of the demand in the mean
+    # (n, m): size of a cut, and with what probability a signal that is sent makes one.
     keep: FloatArray
     hit: FloatArray
 

@@ -37,23 +37,12 @@ _FORGOTTEN = 500.0
 
 
 class Modes(NamedTuple):
-    """Independent deviations of the averages of a block of agents and resources.
+    """Independent deviations of the averages of a block of agents and resources."""
 
-    Attributes
-    ----------
-    exponent : ndarray, shape (b, q)
-        s, of b blocks with q modes each.
-    shape : ndarray, shape (b, k, q)
-        What a mode is in the k averages of a block.
-    noise : ndarray, shape (b, q, q)
-        Covariance of the noise in modes, times time.
-    start, settling : float
-        Since when there is noise, and how long agents take to find new shares.
-    """
-
-    exponent: FloatArray
-    shape: FloatArray
-    noise: FloatArray
+    exponent: FloatArray  # (b, q): s, of b blocks with q modes each
+    shape: FloatArray  # (b, k, q): what a mode is in the k averages of a block
+    noise: FloatArray  # (b, q, q): covariance of the noise in modes, times time
+    # Since when there is noise, and how long agents take to find new shares.
     start: float
     settling: float
 

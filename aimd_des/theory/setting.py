@@ -20,43 +20,22 @@ _FEW = 200
 
 
 class Setting(NamedTuple):
-    """What stays the same over the rounds.
+    """What stays the same over the rounds."""
 
-    Attributes
-    ----------
-    problem : Problem
-        What is shared.
-    discrete : bool
-        Whether agents act at ticks.
-    latency, period : float
-        As given to `predict`.
-    loss : ndarray, shape (n, 1)
-        As given to `predict`, one for each agent.
-    hold_off : float, optional
-        As given to `predict`.
-    found : ndarray, shape (m,)
-        Total demand above its threshold at the signals that act, in units of growth.  At first what it is
-        where nearly every look has a signal.
-    mean : ndarray, shape (m,), optional
-        The same in the mean over time; none where signals do not come late.
-    response : ResponseParameters
-        How a signal is answered.
-    exact : bool
-        Whether averages come from exact moments.
-    sway : ndarray, shape (n, m), optional
-        On the clock: variance of the mean of an agent's demand over its draws, at the signals that act.
-    """
-
-    problem: Problem
-    discrete: bool
+    problem: Problem  # what is shared
+    discrete: bool  # whether agents act at ticks
+    # As given to `predict`.
     latency: float
     period: float
-    loss: FloatArray
-    hold_off: float | None
+    loss: FloatArray  # (n, 1): as given to `predict`, one for each agent
+    hold_off: float | None  # as given to `predict`
+    # (m,): total demand above its threshold at the signals that act, in units of growth.  At first what it is
+    # where nearly every look has a signal.
     found: FloatArray
-    mean: FloatArray | None
-    response: ResponseParameters
-    exact: bool
+    mean: FloatArray | None  # (m,): the same in the mean over time; none where signals do not come late
+    response: ResponseParameters  # how a signal is answered
+    exact: bool  # whether averages come from exact moments
+    # (n, m): on the clock: variance of the mean of an agent's demand over its draws, at the signals that act.
     sway: FloatArray | None = None
 
     @property

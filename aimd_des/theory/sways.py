@@ -24,18 +24,10 @@ _SETTLING = 300
 
 
 class Sway(NamedTuple):
-    """Demand at the signals that act, of agents that sway together.
+    """Demand at the signals that act, of agents that sway together."""
 
-    Attributes
-    ----------
-    found : ndarray, shape (m,)
-        Total above the threshold in the mean, in units of growth.
-    variance : ndarray, shape (n, m)
-        Of the mean of an agent's demand over its draws.
-    """
-
-    found: FloatArray
-    variance: FloatArray
+    found: FloatArray  # (m,): total above the threshold in the mean, in units of growth
+    variance: FloatArray  # (n, m): of the mean of an agent's demand over its draws
 
 
 def follow_sway(setting: Setting, steady: Steady, lag: int) -> Sway:

@@ -32,43 +32,26 @@ _LONG_RUN = 10
 
 
 class Cuts(NamedTuple):
-    """What a signal takes of one resource.
+    """What a signal takes of one resource."""
 
-    Attributes
-    ----------
-    share : float
-        Mean, as a share of the total that the signal finds.
-    variation, skewness : float
-        Coefficient of variation, and third central moment over the cube of the standard deviation.
-    sway, memory : float
-        Coefficient of variation of the mean as the holdings of agents change, and how much of that is
-        left at the next signal.
-    """
-
-    share: float
+    share: float  # mean, as a share of the total that the signal finds
+    # Coefficient of variation, and third central moment over the cube of the standard deviation.
     variation: float
     skewness: float
+    # Coefficient of variation of the mean as the holdings of agents change, and how much of that is left at
+    # the next signal.
     sway: float = 0.0
     memory: float = 0.0
 
 
 class Levels(NamedTuple):
-    """Where the total was: pieces of a line, or of a stair if `bottom` and `top` are the same.
+    """Where the total was: pieces of a line, or of a stair if `bottom` and `top` are the same."""
 
-    Attributes
-    ----------
-    bottom, top : ndarray, shape (q,)
-        Both ends of each piece above the threshold, in units of growth.
-    duration : ndarray, shape (q,)
-        How long each took.
-    found : float
-        Mean of the total at the signals that act, in units of growth above the threshold.
-    """
-
+    # (q,): both ends of each piece above the threshold, in units of growth.
     bottom: FloatArray
     top: FloatArray
-    duration: FloatArray
-    found: float
+    duration: FloatArray  # (q,): how long each took
+    found: float  # mean of the total at the signals that act, in units of growth above the threshold
 
     @property
     def mean(self) -> float:

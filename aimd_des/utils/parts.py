@@ -51,23 +51,12 @@ _HOLDS = "numbers, strings, booleans, lists, tables, arrays, and a path that is 
 
 @dataclass(frozen=True, eq=False)
 class Registered:
-    """A class or function that files can name.
+    """A class or function that files can name."""
 
-    Attributes
-    ----------
-    group : str
-        One of `GROUPS`, or "model".
-    name : str
-        What `kind` says: a word for ours, module and class for others.
-    make : callable
-        The class or function.
-    defaults : mapping
-        What holds in a file where `make` asks for a value.
-    """
-
-    group: str
-    name: str
-    make: Callable[..., Any]
+    group: str  # one of `GROUPS`, or "model"
+    name: str  # what `kind` says: a word for ours, module and class for others
+    make: Callable[..., Any]  # the class or function
+    # What holds in a file where `make` asks for a value.
     defaults: Mapping[str, Any] = field(default_factory=dict)
 
 
