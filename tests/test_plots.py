@@ -31,8 +31,9 @@ from aimd_des.plots import (
     sum_of_averages,
     sum_of_demand,
 )
-from aimd_des.plots.selection import looks, typical_agents, window
+from aimd_des.plots.selection import typical_agents, window
 from aimd_des.problem.optimum import Optimum
+from aimd_des.results.looks import looks
 from tests.conftest import python
 
 UNITS = ("GB", "10 GB", "Mbps", "kW", "litres", "km")

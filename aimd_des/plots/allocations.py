@@ -8,6 +8,7 @@ from aimd_des.plots import selection, style, units
 from aimd_des.plots.in_force import NEVER, Observation, measured
 from aimd_des.plots.panel import panel
 from aimd_des.problem.optimum import Optimum
+from aimd_des.results.looks import looks
 from aimd_des.results.result import Result
 from aimd_des.utils.validation import FloatArray
 
@@ -43,7 +44,7 @@ def average_allocations(
     scale = units.scale_for_agents(result.problem)
     axes.set_ylabel(style.axis_label("average allocation", scale.unit))
     seen = result.observations
-    shown = selection.looks(seen.allocation_times, _CURVE_POINTS, log=True)
+    shown = looks(seen.allocation_times, _CURVE_POINTS, log=True)
     if len(shown) < 2:
         return style.note(axes, NOT_RECORDED)
     times = seen.allocation_times[shown]
@@ -112,7 +113,7 @@ def derivatives(axes: Axes, result: Result, optimum: Optimum | None = None) -> A
     problem, seen = result.problem, result.observations
     unit = units.units_of(problem, "unit as in the legend")
     axes.set_ylabel(style.axis_label("derivative of cost", unit and f"per {unit}"))
-    shown = selection.looks(seen.allocation_times, _BARS, log=True)
+    shown = looks(seen.allocation_times, _BARS, log=True)
     if len(shown) < 2:
         return style.note(axes, NOT_RECORDED)
     times = seen.allocation_times[shown]

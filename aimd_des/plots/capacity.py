@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 
 from aimd_des.plots import selection, style, units
 from aimd_des.plots.panel import panel
+from aimd_des.results.looks import looks
 from aimd_des.results.result import Result
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
@@ -49,7 +50,7 @@ def sum_of_averages(axes: Axes, result: Result) -> Axes:
         The run, with totals recorded over time.
     """
     seen = result.observations
-    shown = selection.looks(seen.demand_times, _CURVE_POINTS, log=True)
+    shown = looks(seen.demand_times, _CURVE_POINTS, log=True)
     return _totals(
         axes, result, "sum of averages", seen.demand_times[shown], seen.total_average[shown], log=True
     )

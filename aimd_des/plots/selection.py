@@ -3,6 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.results.looks import looks
 from aimd_des.results.result import Result
 from aimd_des.utils.validation import FloatArray
 
@@ -20,21 +21,6 @@ def typical_agents(result: Result, count: int = 3) -> IndexArray:
     count = min(count, n)
     ranks = ((np.arange(count) + 0.5) / count * n).astype(np.intp)
     return np.asarray(np.argsort(result.average_at_end, axis=0, kind="stable")[ranks].T)
-
-
-def looks(times: FloatArray, count: int, *, log: bool = False) -> IndexArray:
-    """Choose which of the recorded looks are drawn."""
-    first = int(np.searchsorted(times, 0.0, side="right")) if log else 0
-    kept = times[first:]
-    if not kept.size:
-        return np.empty(0, dtype=np.intp)
-    spread = np.geomspace if log else np.linspace
-    wanted = spread(kept[0], kept[-1], count)
-    after = np.clip(np.searchsorted(kept, wanted), 1, max(len(kept) - 1, 1))
-    after = np.minimum(after, len(kept) - 1)
-    before = np.maximum(after - 1, 0)
-    nearest = np.where(wanted - kept[before] < kept[after] - wanted, before, after)
-    return np.asarray(first + np.unique(np.append(nearest, len(kept) - 1)))
 
 
 def few_looks(result: Result) -> IndexArray:
