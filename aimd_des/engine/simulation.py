@@ -10,6 +10,7 @@ from aimd_des.dynamics.loss_compensation import Compensation
 from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
 from aimd_des.dynamics.responses import Response
 from aimd_des.dynamics.state import agent_parameters
+from aimd_des.engine.accuracy import convergence_of
 from aimd_des.engine.agent_process import AgentProcess
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, Sampled, table_of
 from aimd_des.engine.declared import Intervention, check_absences, check_end
@@ -21,6 +22,7 @@ from aimd_des.results.event_log import EventLog
 from aimd_des.results.recording import Recording
 from aimd_des.results.result import Result
 from aimd_des.results.run_data import Account
+from aimd_des.theory import Convergence
 from aimd_des.utils import returned_values, validation
 from aimd_des.utils.errors import InputError
 
@@ -264,6 +266,26 @@ class Simulation:
             opportunities=opportunities(0.5 * until, until) if opportunities else None,
             bits_per_signal=1 + (0 if self.compensation is None else self.compensation.bits),
         )
+
+    def convergence(self) -> Convergence:
+        """Ask theory how near to the optimum the averages of this system come, and how fast.
+
+        Returns
+        -------
+        Convergence
+            Its `misallocation(until)` is what to expect of the measure of that name.
+
+        Raises
+        ------
+        InputError
+            If theory does not cover the system: interventions, processes and agents of one's own,
+            compensation, networks, random latencies, latencies that differ, losses that depend on each other,
+            duplicates, own clocks, control units other than `Sampled` and `Crossing`; and as
+            `theory.convergence` does.
+        SimulationError
+            If the steady state is not found.
+        """
+        return convergence_of(self)
 
     def _populate(self, system: System, observer: Observer) -> None:
         """Start the control unit, then the agents."""

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from aimd_des.dynamics.averaging import Averaging
 from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
+from aimd_des.dynamics.responses import Response
 from aimd_des.engine.agent_process import AgentProcess
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.simulation import Simulation
@@ -33,6 +34,7 @@ from aimd_des.scenario.tables import (
     ResourceSettings,
 )
 from aimd_des.synchronous.synchronous import run_synchronous
+from aimd_des.theory import Convergence, convergence
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 
@@ -302,8 +304,7 @@ class Scenario(Table, InSentences):
         InputError
             If the problem is refused, or a length does not fit the number of agents.
         """
-        (problem, interventions), recording = self.built(), self.recording.build()
-        response = None if self.response is None else self.response.build()
+        problem, interventions = self.built()
         if self.dynamics == "synchronous":
             if processes:
                 allowed = "'discrete' or 'continuous' for processes such as one that watches the run"
@@ -314,10 +315,46 @@ class Scenario(Table, InSentences):
                 seed=self.seed,
                 lag=self.lag,
                 averaging=self.averaging.build(),
-                response=response,
-                recording=recording,
+                response=self._response(),
+                recording=self.recording.build(),
             )
-        simulation = Simulation(
+        return self._simulation(problem, interventions, processes).run(self.until, watch)
+
+    def convergence(self) -> Convergence:
+        """Ask theory how near to the optimum the averages come, and how fast.
+
+        Returns
+        -------
+        Convergence
+            Its ``misallocation(scenario.until)`` is what to expect of the measure of that name.
+
+        Raises
+        ------
+        InputError
+            If the problem is refused, or theory does not cover it: as `Simulation.convergence` does.
+        SimulationError
+            If the steady state is not found.
+        """
+        problem, interventions = self.built()
+        if self.dynamics == "synchronous":
+            return convergence(
+                problem, lag=self.lag, averaging=self.averaging.build(), response=self._response()
+            )
+        return self._simulation(problem, interventions).convergence()
+
+    def _response(self) -> Response | None:
+        made: Response | None = None if self.response is None else self.response.build()
+        return made
+
+    def _simulation(
+        self,
+        problem: Problem,
+        interventions: Sequence[Intervention],
+        processes: Sequence[Callable[[System], ProcessGenerator]] = (),
+    ) -> Simulation:
+        """Put the parts together."""
+        assert self.dynamics != "synchronous"  # noqa: S101 - which is no simulation
+        return Simulation(
             problem,
             dynamics=self.dynamics,
             control_unit=self.control_unit.build(),
@@ -325,14 +362,13 @@ class Scenario(Table, InSentences):
             agents=Fleet if self.agents == "fleet" else AgentProcess,
             clocks=self.clocks.build() if self.dynamics == "discrete" else None,
             averaging=self.averaging.build(),
-            response=response,
+            response=self._response(),
             compensation=None if self.compensation is None else self.compensation.build(),
             interventions=interventions,
             seed=self.seed,
-            recording=recording,
+            recording=self.recording.build(),
             processes=processes,
         )
-        return simulation.run(self.until, watch)
 
 
 def validate_scenario(

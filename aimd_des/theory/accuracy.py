@@ -121,6 +121,29 @@ class Convergence:
         """Averages less the optimum for what they use, in the end: (n, m), in units of the resources."""
         return _deviation(self.problem, self.steady.average, self.steady.average.sum(axis=0))
 
+    @property
+    def floor(self) -> FloatArray:
+        """Misallocation that the bias leaves however long a run is, (m,): a pure number."""
+        return np.asarray(np.abs(self.bias).sum(axis=0) / self.steady.average.sum(axis=0))
+
+    def left(self, at: float) -> float:
+        """Compute what is left of a deviation that decays with the smallest exponent.
+
+        Parameters
+        ----------
+        at : float
+            Time > 0.
+
+        Returns
+        -------
+        float
+            As a part of what it was when signals began, at most 1.
+        """
+        (time,) = _times([at]).tolist()
+        begun = float(first_signals(self.setting, self.steady).max())
+        turns = self.memory.turns(max(time, begun)) - self.memory.turns(begun)
+        return float(np.exp(-self.slowest * turns))
+
     def average(self, at: npt.ArrayLike) -> FloatArray:
         """Compute the averages in the mean over runs.
 
@@ -213,7 +236,7 @@ class Convergence:
         """
         wanted = validation.number("accuracy", accuracy, low=0.0, low_open=True)
         length = np.full(self.problem.n_resources, np.inf)
-        floor = np.abs(self.bias).sum(axis=0) / self.steady.average.sum(axis=0)
+        floor = self.floor
         begin = float(first_signals(self.setting, self.steady).max())
         while (np.isinf(length) & (floor < wanted)).any() and begin < _LONGEST:
             times = begin * np.geomspace(1.0, _STRETCH, _LOOKS)
