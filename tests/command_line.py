@@ -20,6 +20,7 @@ TABLES = {
     "allocations.parquet",
     "capacity.parquet",
     "optimum.parquet",
+    "convergence.parquet",
     "SHA256SUMS",
 }
 

@@ -226,7 +226,8 @@ def test_a_run_that_ends_with_nobody_gives_all_that_there_is(text: str) -> None:
     assert summary.columns[summary.isna().any()].tolist() == missing
     assert (summary["signals"] > 0).all() == ("crash" in text)
     page = report_run(load_run("results/five"))
-    assert page.notes == ["Averages against the optimum: nobody is here at the end."]
+    assert page.notes[0].startswith("What theory expects of the misallocation: interventions = ")
+    assert page.notes[1:] == ["Averages against the optimum: nobody is here at the end."]
     assert "shares" not in {chart.id for chart in page.charts}
     assert "Utilisation" not in [found.name for found in page.verdicts]
     assert "nobody is here" in render(page)

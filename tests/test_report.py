@@ -136,7 +136,7 @@ def test_the_verdict_is_that_of_the_summary() -> None:
 def test_the_charts_of_a_run_hold_its_frames() -> None:
     folder = written()
     charts = {chart.id: chart.spec for chart in report_run(load_run(folder)).charts}
-    assert list(charts) == ["demand", "signals", "averages", "shares"]
+    assert list(charts) == ["demand", "signals", "averages", "convergence", "shares"]
     demand = pd.read_parquet(folder / "demand.parquet")
     capacity = demand["resource"].map({"memory": 3.0, "disk": 2.0}).astype(float)
     for name, column in (("demand", "total"), ("averages", "average")):
@@ -179,13 +179,13 @@ def test_a_signal_just_before_the_end_is_in_the_last_hundredth(monkeypatch: pyte
 
 def test_what_is_not_shown_is_said() -> None:
     short = report_run(load_run(written(**{"tail = 5": 'demand = "end"\ntail = 0'})))
-    assert [chart.id for chart in short.charts] == ["shares"]
+    assert [chart.id for chart in short.charts] == ["convergence", "shares"]
     assert "recording.demand" in short.notes[0]
     assert not short.controls
     step = '[[interventions]]\nkind = "capacity_step"\nresource = "disk"\nat = 20\ncapacity = 1.5\n\n[costs]'
     changed = report_run(load_run(written(**{"[costs]": step})))
     assert "shares" in [chart.id for chart in changed.charts]
-    assert changed.notes == []
+    assert [note.split(":")[0] for note in changed.notes] == ["What theory expects of the misallocation"]
 
 
 def test_damaged_frames_are_refused() -> None:

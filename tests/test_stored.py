@@ -20,7 +20,7 @@ from tests.conftest import INLINE
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 
-FRAMES = ("allocations", "capacity", "demand", "optimum", "signals")
+FRAMES = ("allocations", "capacity", "convergence", "demand", "optimum", "signals")
 AGAIN = "run the scenario again"
 
 
@@ -117,12 +117,13 @@ def test_a_folder_without_checksums_is_read_with_one_sentence(folder: Path) -> N
 
 
 def test_the_folder_of_an_earlier_version_has_a_report(folder: Path) -> None:
-    for name in (SUMS, "optimum.parquet", "capacity.parquet"):
+    for name in (SUMS, "optimum.parquet", "capacity.parquet", "convergence.parquet"):
         (folder / name).unlink()
     with pytest.warns(UserWarning, match="has no SHA256SUMS"):
         page = report_run(load_run(folder))
     assert [note.split(":")[0] for note in page.notes] == [
         "Total demand over time",
+        "Misallocation over time",
         "Averages against the optimum",
     ]
     assert all(AGAIN in note for note in page.notes)

@@ -43,8 +43,9 @@ def command(
 
     The folder receives scenario.toml (the run, every value spelled out), summary.csv (a row for
     each resource), signals.parquet, demand.parquet and allocations.parquet (tidy frames), capacity.parquet
-    and optimum.parquet (what they are held against), figures as PNG, run.json (digest, seed, versions), and
-    SHA256SUMS (a checksum of each file).  The same scenario and seed give the same digest.
+    and optimum.parquet (what they are held against), convergence.parquet (misallocation over time, and what
+    theory expects of it), figures as PNG, run.json (digest, seed, versions), and SHA256SUMS (a checksum of
+    each file).  The same scenario and seed give the same digest.
     """
     from aimd_des.cli.progress import RunProgress
     from aimd_des.cli.run_tables import print_measures
@@ -66,7 +67,10 @@ def command(
     with writing(folder), refusing():
         write_run(place, loaded, result, figures=figures)
     with refusing():
-        print_measures("Summary", load_run(folder))
+        stored = load_run(folder)
+        print_measures("Summary", stored)
+    for sentence in stored.accuracy:
+        say(sentence)
     if result.run_away.any():
         names, mean = result.problem.resource_names, result.observations.second_half
         say(f"Warning: {overload_words(names, mean, result.run_away)}", err=True)

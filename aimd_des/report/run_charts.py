@@ -1,14 +1,15 @@
 """The charts of a run: demand and signals in a window that moves, and how the averages settle."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import altair as alt
 import numpy as np
 import pandas as pd
 
-from aimd_des.plots.selection import looks
 from aimd_des.report.charts import REFERENCE, chosen, data, finished, resource_colour, slid
 from aimd_des.report.html_page import Chart, Choice, Slider
+from aimd_des.results.looks import looks
 from aimd_des.utils.formatting import grouped
 
 # What a page can hold, and an eye can see.
@@ -130,6 +131,30 @@ def settling_chart(demand: pd.DataFrame, names: list[str], until: float) -> Char
     )
     text = "The sum of the long-term averages of all agents, over the capacity in force."
     return Chart("averages", "The averages settle", text, finished(chart, 200), wide=False)
+
+
+def convergence_chart(frame: pd.DataFrame, names: list[str], words: Sequence[str]) -> Chart:
+    """Show how fast the misallocation falls, in the band in which theory expects it."""
+    columns = frame.assign(resource=frame["resource"].astype(str))
+    # A logarithm has no place for a run that is right to the last digit.
+    positive = columns[columns["misallocation"] > 0.0]
+    base = alt.Chart(data(columns[columns["low"] > 0.0]))
+    axis = alt.Axis(format="~%", tickCount=4)
+    level = alt.Y("misallocation:Q", title="misallocation", scale=alt.Scale(type="log"), axis=axis)
+    time = alt.X("time:Q", title="time", scale=alt.Scale(type="log", nice=False), axis=alt.Axis(tickCount=4))
+    colours = resource_colour(names)
+    line = (
+        alt.Chart(data(positive)).mark_line(point={"size": 30, "filled": True}).encode(time, level, colours)
+    )
+    layers = [line]
+    if len(columns["low"].dropna()):
+        band = base.mark_area(opacity=0.2).encode(time, alt.Y("low:Q"), alt.Y2("high:Q"), colours)
+        mean = base.mark_line(strokeDash=[5, 4], strokeWidth=1.5).encode(time, alt.Y("expected:Q"), colours)
+        layers = [band, mean, line]
+    text = "How far the averages are from the optimum for what is used; both axes are logarithmic."
+    if words:
+        text += " Dashed: what theory expects in the mean; 95 % of runs lie in the band. " + " ".join(words)
+    return Chart("convergence", "How fast, how near", text, finished(alt.layer(*layers), 320), wide=False)
 
 
 def share_chart(average: np.ndarray[Any, Any], best: np.ndarray[Any, Any], names: list[str]) -> Chart:

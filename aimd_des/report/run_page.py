@@ -50,6 +50,7 @@ def report_run(run: StoredRun) -> Page:
         controls = window_controls(until)
     else:
         notes.append("Total demand over time: the scenario records it at the end only (recording.demand).")
+    charts += _convergence(run, names, notes)
     charts += _shares(run, allocations, names, notes)
     verdicts = [
         verdict(
@@ -73,6 +74,22 @@ def report_run(run: StoredRun) -> Page:
         provenance=_provenance(run),
         source=run.source(),
     )
+
+
+def _convergence(run: StoredRun, names: list[str], notes: list[str]) -> list[Chart]:
+    """Show how fast the misallocation falls, and say what theory expects of it."""
+    from aimd_des.report.run_charts import convergence_chart
+
+    if not run.has("convergence"):
+        notes.append(f"Misallocation over time: {_OLD.format('convergence')}.")
+        return []
+    if run.unpredicted:
+        notes.append(f"What theory expects of the misallocation: {run.unpredicted}.")
+    frame = run.frame("convergence")
+    if len(frame) > len(names):
+        return [convergence_chart(frame, names, run.accuracy)]
+    notes.append("Misallocation over time: the scenario records it at the end only (recording.allocations).")
+    return []
 
 
 def _shares(run: StoredRun, allocations: pd.DataFrame, names: list[str], notes: list[str]) -> list[Chart]:

@@ -79,6 +79,9 @@ class Measure(NamedTuple):
         return self.function(run)
 
 
+#: The measure that theory gives.
+EXPECTED = "expected_misallocation"
+
 _TABLE = (
     Measure(
         "signals",
@@ -226,6 +229,17 @@ _TABLE = (
         "Time from the last change of the problem until the sum of the averages stays within 5 % of the"
         " capacity; measured where it is asked for.",
         lambda run: run.recovery(),
+        always=False,
+    ),
+    # A result alone knows no theory: what asks for this one puts it into the place.
+    Measure(
+        EXPECTED,
+        "number",
+        "Expected misallocation",
+        "share of what is used",
+        "What theory expects of the misallocation in the mean over runs; in studies that ask for it and in"
+        " the folder of a run.",
+        lambda run: np.full(len(run.signals), np.nan),
         always=False,
     ),
 )

@@ -21,7 +21,9 @@ import pandas as pd
 
 from aimd_des._version import __version__
 from aimd_des.results.frames import categorical, columns_now, name_as_written, safe_names
+from aimd_des.results.measures import EXPECTED
 from aimd_des.results.result import Result
+from aimd_des.scenario.accuracy import accuracy_of
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.scenario import Scenario
 from aimd_des.utils import validation
@@ -79,14 +81,18 @@ def write_run(place: Place, scenario: Scenario, result: Result, *, figures: bool
     """
     with new_folder(place) as folder:
         (folder / _SCENARIO).write_text(scenario.resolved().to_toml(), encoding="utf-8")
-        summary = result.summary()
+        summary, accuracy = result.summary(), accuracy_of(scenario, result)
+        if accuracy.expected is not None:
+            summary.insert(list(summary).index("misallocation") + 1, EXPECTED, accuracy.expected)
         summary.set_axis(safe_names(summary.index)).rename_axis("resource").to_csv(folder / _SUMMARY)
-        for name, frame in _frames(result).items():
+        for name, frame in {**_frames(result), "convergence": accuracy.frame}.items():
             frame.to_parquet(folder / f"{name}.parquet", index=False)
         provenance = {
             "digest": result.digest,
             "seed": result.seed,
             "run_away": [result.problem.resource_names[j] for j in np.flatnonzero(result.run_away)],
+            "accuracy": accuracy.words,
+            "unpredicted": accuracy.reason,
             "versions": library_versions(),
         }
         (folder / PROVENANCE).write_text(json.dumps(provenance, indent=2) + "\n", encoding="utf-8")
@@ -180,6 +186,10 @@ class StoredRun:
         Of the files, by their names; None for a folder without them.
     run_away : tuple of str
         The resources from whose capacity demand has run away.
+    accuracy : tuple of str
+        What theory expects of the accuracy, in sentences.
+    unpredicted : str
+        Why theory expects nothing, where it does not.
     """
 
     folder: Path
@@ -189,6 +199,8 @@ class StoredRun:
     measures: dict[str, dict[str, Number]]
     checksums: Mapping[str, str] | None
     run_away: tuple[str, ...] = ()
+    accuracy: tuple[str, ...] = ()
+    unpredicted: str = ""
 
     def has(self, frame: str) -> bool:
         """Tell whether a frame was written; earlier versions wrote fewer.
@@ -272,7 +284,8 @@ def load_run(folder: str | Path) -> StoredRun:
     try:
         provenance = json.loads(text[name])
         digest, versions = str(provenance["digest"]), dict(provenance["versions"])
-        run_away = tuple(map(str, provenance.get("run_away", ())))
+        run_away, accuracy = (tuple(map(str, provenance.get(key, ()))) for key in ("run_away", "accuracy"))
+        unpredicted = str(provenance.get("unpredicted", ""))
         name = _SCENARIO
         scenario = with_new_keys(tomllib.loads(text[name]), silent=True)
         name = _SUMMARY
@@ -291,7 +304,7 @@ def load_run(folder: str | Path) -> StoredRun:
             f"{folder}: has no {SUMS}, so nothing tells whether its files are as they were written; {_REMEDY}"
         )
         warnings.warn(said, UserWarning, stacklevel=2)
-    return StoredRun(folder, scenario, digest, versions, measures, sums, run_away)
+    return StoredRun(folder, scenario, digest, versions, measures, sums, run_away, accuracy, unpredicted)
 
 
 def _read(folder: Path, name: str, sums: Mapping[str, str] | None) -> bytes:

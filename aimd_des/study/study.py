@@ -81,7 +81,8 @@ class Study(StudyTable):
     paired : bool
         Whether replication r has the same seed at every point, so that differences between points are paired.
     measures : list of str, optional
-        The measures to keep; the columns of the summary unless given.
+        The measures to keep; the columns of the summary unless given.  "expected_misallocation", what theory
+        expects, is solved for where it is asked for.
     keep : list of str
         Frames of the results to keep besides.
     where : str, optional
