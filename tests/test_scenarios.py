@@ -45,6 +45,7 @@ NAMES = [
     "loss",
     "mesh",
     "outage",
+    "responses",
     "robust_responses",
     "theory_table",
     "unusual_activity",
