@@ -7,7 +7,6 @@ from pathlib import Path
 import click
 
 from aimd_des.utils.errors import InputError, SimulationError
-from aimd_des.utils.returned_values import raised_in
 
 #: The exit code where Ctrl-C has ended a command, as shells have it.
 INTERRUPTED = 130
@@ -32,6 +31,9 @@ def refusing(about: object = "") -> Iterator[None]:
         words = f"the memory of this machine is too small for it ({failure})".replace(" ()", "")
         raise click.ClickException(f"{about}: {words}" if about else words) from None
     except Exception as failure:
+        # Here, since it imports NumPy, which a command that fails at once need not wait for.
+        from aimd_des.utils.returned_values import raised_in
+
         said = raised_in(failure)  # a part of the user's own
         if said is None:
             raise
