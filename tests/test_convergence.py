@@ -17,6 +17,7 @@ from aimd_des import (
     PolynomialCosts,
     Problem,
     Recording,
+    Resource,
     Simulation,
     averaging,
     loss,
@@ -337,3 +338,22 @@ class TestTheInterface:
     def test_an_accuracy_is_positive(self) -> None:
         with pytest.raises(InputError, match="accuracy"):
             theory.convergence(smart_cameras(seed=0, n_cameras=6)).needed(0.0)
+
+
+def test_the_interval_of_many_agents_is_that_of_independent_draws() -> None:
+    n = 1_200
+    costs = PolynomialCosts([2], np.random.default_rng(0).uniform(1.0, 2.0, (n, 1, 1)))
+    found = theory.convergence(Problem([Resource("memory", n, 0.02, 0.5, 0.1)], costs))
+    expected = found.misallocation(1e4)
+    spread = np.sqrt(np.diag(found.covariance(1e4)[0]))
+    average = found.average(1e4)[:, 0]
+    bias = average - solve_optimum(found.problem, capacity=average.sum(keepdims=True)).allocation[:, 0]
+    draws = np.abs(bias + np.random.default_rng(1).standard_normal((4_000, n)) * spread).sum(axis=1)
+    draws /= average.sum()
+    # The standard error of a 2.5 % quantile of normal draws: 2.7 standard deviations over the root of their
+    # number.
+    error = 2.7 * draws.std() / np.sqrt(len(draws))
+    low, high = np.percentile(draws, [2.5, 97.5])
+    assert abs(expected.low[0] - low) < 4.0 * error
+    assert abs(expected.high[0] - high) < 4.0 * error
+    assert abs(expected.mean[0] - draws.mean()) < 4.0 * error

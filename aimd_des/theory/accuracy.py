@@ -25,7 +25,7 @@ from aimd_des.theory.response_rule import largest, probability
 from aimd_des.theory.second_moments import Modes, modes_of
 from aimd_des.theory.setting import Setting, check_setting
 from aimd_des.theory.sways import follow_sway
-from aimd_des.utils import validation
+from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
@@ -33,6 +33,7 @@ from aimd_des.utils.validation import FloatArray
 _TOGETHER = 1000
 _DRAWS = 4000
 _INTERVAL = (2.5, 97.5)
+_NORMAL = 1.959964  # the same quantile of the standard normal distribution
 # A wanted length is looked for in stretches up to a longest time.
 _LONGEST = 1e15
 _SWAYS, _RESTS = 8, 3e-4
@@ -178,6 +179,7 @@ class Convergence:
         """
         (time,) = _times([at]).tolist()
         n, m = self.problem.n_agents, self.problem.n_resources
+        limits.memory("agents of the problem", n, 8.0 * m * n * n, "a covariance of all agents")
         result = np.zeros((m, n, n))
         for columns, block in self._columns():
             own = block.covariance(self.memory, time)
@@ -188,6 +190,13 @@ class Convergence:
             else:
                 result[columns, np.arange(n), np.arange(n)] = np.einsum("ijj->ji", own)
         return result
+
+    def _variance(self, time: float) -> FloatArray:
+        """Compute the variance of each average, (n, m), without the covariances between agents."""
+        n = self.problem.n_agents
+        blocks = [block.covariance(self.memory, time) for _, block in self._columns()]
+        # Together all agents are one block, else each is one; the order is agents, then resources.
+        return np.hstack([np.einsum("ijj->ij", own).reshape(n, -1) for own in blocks])
 
     def misallocation(self, at: npt.ArrayLike) -> Expected:
         """Say how far averages are from the optimum for what they use.
@@ -264,8 +273,27 @@ class Convergence:
     def _mean(self, times: FloatArray, average: FloatArray, used: bool) -> FloatArray:
         """Compute the mean of a measure, (k, m): absolute values of Gaussian deviations add up."""
         bias, totals = self._bias_at(average, used)
-        spread = np.sqrt(np.stack([np.einsum("jii->ij", self.covariance(time)) for time in times.tolist()]))
+        spread = np.sqrt(np.stack([self._variance(time) for time in times.tolist()]))
         return np.asarray(_folded(bias, spread).sum(axis=1) / totals)
+
+    def _interval(self, time: float, bias: FloatArray) -> FloatArray:
+        """Compute between which bounds the sum of absolute deviations is, (2, m)."""
+        n, m = bias.shape
+        if n > _TOGETHER:
+            # Agents are independent here, and the sum over so many is normal.
+            variance = self._variance(time)
+            mean = _folded(bias, np.sqrt(variance))
+            half = _NORMAL * np.sqrt((bias**2 + variance - mean**2).sum(axis=0))
+            return np.stack([mean.sum(axis=0) - half, mean.sum(axis=0) + half])
+        bounds = np.empty((2, m))
+        draws = np.random.default_rng(0).standard_normal((_DRAWS, n))
+        for j, covariance in enumerate(self.covariance(time)):
+            values, vectors = np.linalg.eigh(covariance)
+            # The symmetric root: it is the same whatever signs the eigenvectors have.
+            root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+            deviations = bias[:, j] + draws @ root
+            bounds[:, j] = np.percentile(np.abs(deviations).sum(axis=1), _INTERVAL)
+        return bounds
 
     def _expected(self, at: npt.ArrayLike, used: bool) -> Expected:
         times = _times(at)
@@ -273,15 +301,8 @@ class Convergence:
         average = self.average(flat)
         bias, totals = self._bias_at(average, used)
         bounds = np.empty((2, *totals.shape))
-        draws = np.random.default_rng(0).standard_normal((_DRAWS, self.problem.n_agents))
         for k, time in enumerate(flat.tolist()):
-            for j, covariance in enumerate(self.covariance(time)):
-                values, vectors = np.linalg.eigh(covariance)
-                # The symmetric root: it is the same whatever signs the eigenvectors have.
-                root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
-                deviations = bias[k, :, j] + draws @ root
-                measure = np.abs(deviations).sum(axis=1) / totals[k, j]
-                bounds[:, k, j] = np.percentile(measure, _INTERVAL)
+            bounds[:, k] = self._interval(time, bias[k]) / totals[k]
         rows = (self._mean(flat, average, used), *bounds)
         mean, low, high = (row.reshape(*times.shape, -1) for row in rows)
         return Expected(mean, low, high)
