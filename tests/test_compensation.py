@@ -177,10 +177,10 @@ def test_the_factor_is_bounded_where_hardly_a_tick_is_silent() -> None:
 def test_what_each_choice_tells_the_formulas() -> None:
     assert isinstance(KnownLoss(0.2), Compensation)
     assert isinstance(EstimatedLoss(4), Compensation)
-    rule, loss, period = KnownLoss([0.1, 0.4]).answering(2)
+    rule, loss, period = KnownLoss([0.1, 0.4]).parameters(2)
     assert (rule, loss.tolist(), period) == (KNOWN, [0.1, 0.4], 0)
-    assert KnownLoss(0.2).answering(3).loss.tolist() == [0.2] * 3
-    rule, loss, period = EstimatedLoss(5).answering(2)
+    assert KnownLoss(0.2).parameters(3).loss.tolist() == [0.2] * 3
+    rule, loss, period = EstimatedLoss(5).parameters(2)
     assert (rule, loss.tolist(), period) == (ESTIMATED, [0.0, 0.0], 32)
     assert no_compensation(2).rule == NOTHING
     assert (KnownLoss(0.2).bits, EstimatedLoss().bits, EstimatedLoss(62).bits) == (0, 8, 62)
@@ -196,7 +196,7 @@ def test_what_each_choice_tells_the_formulas() -> None:
         (lambda: EstimatedLoss(1), r"EstimatedLoss\.number_bits = 1.*at least 2"),
         (lambda: EstimatedLoss(63), r"EstimatedLoss\.number_bits = 63.*at most 62"),
         (lambda: EstimatedLoss(8.0), r"EstimatedLoss\.number_bits"),  # type: ignore[arg-type]
-        (lambda: KnownLoss([0.1, 0.2]).answering(3), r"KnownLoss\.loss"),
+        (lambda: KnownLoss([0.1, 0.2]).parameters(3), r"KnownLoss\.loss"),
         (lambda: Simulation(memory_alone(), compensation=KnownLoss([0.1, 0.2]), seed=0), r"KnownLoss\.loss"),
     ],
 )

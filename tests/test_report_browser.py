@@ -129,8 +129,8 @@ def test_the_page_of_a_run_draws_without_asking_for_anything(browser: Any, tmp_p
     path = tmp_path / "run.html"
     write_page(report_run(load_run(Path("results/five"))), path)
     look(browser)
-    open_page(browser, path, 4)
-    for chart in ("demand", "signals", "averages", "shares"):
+    open_page(browser, path, 5)
+    for chart in ("demand", "signals", "averages", "convergence", "shares"):
         marks = browser.execute_script(
             f"return document.querySelectorAll(`[data-chart='{chart}'] svg [class*=mark-] path[d]`).length"
         )

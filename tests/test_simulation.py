@@ -343,7 +343,9 @@ def test_a_watcher_hears_the_end() -> None:
 
 def test_saturated_responses_are_counted_and_warned_about_once() -> None:
     simulation = Simulation(quadratic_problem([3.0], capacity=1.0, normalization=0.25), seed=0)
-    with pytest.warns(RuntimeWarning, match=r"^(\d+) of \1 responses had a probability above 1 ") as caught:
+    with pytest.warns(
+        RuntimeWarning, match=r"^(\d+) of \1 responses had a probability above 1, which was "
+    ) as caught:
         result = simulation.run(300)
     assert len(caught) == 1
     assert result.account.saturated.sum() == result.account.responses.sum() == len(result.signals) > 0

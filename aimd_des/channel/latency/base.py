@@ -138,7 +138,7 @@ def _checked(latency: Latency, table: LatencyTable, draws: Draws) -> LatencyTabl
     """Hold the user's compiled function against what its class draws for one broadcast, and its ends."""
     said = returned_values.said_by(latency, "table")
     shape = (draws.n_agents,)
-    for u in (0.0, 0.5, 1.0 - 2.0**-53):  # the least and the largest uniform number
+    for u in (0.0, 0.5, float(np.nextafter(1.0, 0.0))):  # the least and the largest uniform number
         out = np.full(shape, u)
         quantile_row(table, out)
         returned_values.numbers(f"{said} at u = {u:g}", out, shape, "agent", 0.0)
