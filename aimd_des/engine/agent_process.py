@@ -119,6 +119,24 @@ class AgentProcess:
             if waiting:
                 self._mailbox.hand(signal)
 
+    def respond(
+        self, resource: str | int, factor: float, signal: Signal | None = None, *, saturated: bool = False
+    ) -> None:
+        """Respond otherwise than by the rule: multiply the demand by a factor, count and log the response.
+
+        Parameters
+        ----------
+        resource : str or int
+            Its name, or j.
+        factor : float
+            From 0 to 1.
+        signal : Signal, optional
+            The signal that is answered, whose number the log names.
+        saturated : bool
+            Whether the response probability was above 1, which is counted, too.
+        """
+        self.system.respond(self.agent, resource, factor, signal, saturated=saturated)
+
     def forget(self) -> None:
         """Clear what is latched: the agent goes away."""
         # Its process, if it waits for a tick, finds nothing there and waits for a signal again.
