@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from difflib import get_close_matches
 from typing import Any, Self, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
@@ -10,6 +9,7 @@ from pydantic_core import ErrorDetails
 
 from aimd_des.scenario.kind_tables import UNKNOWN_KIND, KindTable
 from aimd_des.scenario.old_keys import with_new_keys
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
 _Form = TypeVar("_Form", bound=BaseModel)
@@ -140,8 +140,7 @@ def _sentence(
     prefix = f"{key}: " if key else ""
     if error["type"] == "extra_forbidden":
         known = _known_keys(form, place[:-1], data)
-        near = get_close_matches(str(place[-1]), known, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
+        hint = validation.nearest(place[-1], known) or f"known are {', '.join(known)}"
         return f"{prefix}unknown key {place[-1]!r}; {hint}"
     if error["type"] == "missing":
         return f"{prefix}is missing"
@@ -169,8 +168,8 @@ def _about_kind(key: str, given: Any, context: Mapping[str, Any]) -> str:
     if "kind" not in given:
         return f"{key}.kind: is missing; give {allowed}"
     kind = given["kind"]
-    near = get_close_matches(kind, context["kinds"].split(", "), n=1) if isinstance(kind, str) else []
-    remedy = f"did you mean {near[0]!r}?" if near else "a part of your own is named by module and class"
+    near = validation.nearest(kind, context["kinds"].split(", ")) if isinstance(kind, str) else ""
+    remedy = near or "a part of your own is named by module and class"
     return str(InputError.of(key, kind, allowed, remedy))
 
 

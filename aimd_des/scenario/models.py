@@ -1,12 +1,12 @@
 """Models by name: a scenario file may call functions that were registered here, and no others."""
 
 from collections.abc import Callable, Mapping
-from difflib import get_close_matches
 from inspect import Parameter, signature
 from typing import Any, TypeVar
 
 from aimd_des.problem.problem import Problem
 from aimd_des.scenario.named import MODELS
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import MODEL, Registered, enter
 
@@ -59,10 +59,7 @@ def model_parameters(name: str, given: dict[str, Any], seed: int) -> dict[str, A
     """Complete the parameters of a model with its defaults."""
     known = signature(named_model(name)).parameters
     for key in given:
-        if key not in known:
-            near = get_close_matches(key, known, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else ""
-            raise InputError.of(f"parameters of {name}", key, f"one of {', '.join(known)}", hint)
+        validation.known(f"parameters of {name}", key, known)
     defaults = {key: value.default for key, value in known.items() if value.default is not Parameter.empty}
     if "seed" in known:
         defaults["seed"] = seed

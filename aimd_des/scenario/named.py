@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
 
 from aimd_des.scenario.module_source import decorated, modules_in, source_of
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import MODEL, REGISTERED, Registered
 
@@ -77,8 +77,7 @@ class Names:
         if own is not None:
             raise InputError.of(self.key, name, f"a module that registers a {self.word}", self.remedy)
         beside = [*(f"{module}.{one}" for one in above), *(modules_in(module) if module else ())]
-        near = get_close_matches(name, beside, n=1)
-        remedy = f"did you mean {near[0]!r}?" if near else "install it, or run from the folder that holds it"
+        remedy = validation.nearest(name, beside) or "install it, or run from the folder that holds it"
         raise InputError.of(self.key, name, "a module on the Python path or in the working directory", remedy)
 
     def _registered(self, module: str) -> list[str]:

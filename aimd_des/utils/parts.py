@@ -6,7 +6,6 @@ It is imported by every module that has such a part, and imports nothing that ta
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin
@@ -14,6 +13,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
 __all__ = [
@@ -96,10 +96,7 @@ def part(group: str) -> Callable[[_Make], _Make]:
     Traceback (most recent call last):
     aimd_des.InputError: part Fixed = 'latency': must be a class with check() and draw()
     """
-    if group not in GROUPS:
-        near = get_close_matches(str(group), GROUPS, n=1)
-        remedy = f"did you mean {near[0]!r}?" if near else ""
-        raise InputError.of("group of a part", group, f"one of {', '.join(GROUPS)}", remedy)
+    validation.known("group of a part", group, GROUPS)
 
     def register(make: _Make) -> _Make:
         _check(group, make)
