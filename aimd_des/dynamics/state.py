@@ -1,6 +1,6 @@
 """The state of all agents and the parameters of their rule, in arrays with one row per resource."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -39,6 +39,8 @@ from aimd_des.utils.locked_arrays import locked
 from aimd_des.utils.validation import FloatArray
 
 IntArray = npt.NDArray[np.int64]
+
+_Form = TypeVar("_Form")
 
 
 class State(NamedTuple):
@@ -97,14 +99,15 @@ def agent_parameters(
     )
 
 
+def _given(part: Any, asked: float, form: type[_Form], face: str) -> tuple[str, _Form]:
+    """Ask a part for its parameters, which must have their form; with the words for them."""
+    field = returned_values.said_by(part, "parameters")
+    allowed = f"{form.__name__}, see aimd_des.{face}"
+    return field, returned_values.instance(field, part.parameters(asked), form, allowed)
+
+
 def _averaging_parameters(averaging: Averaging, tick_weight: float) -> AveragingParameters:
-    field = returned_values.said_by(averaging, "parameters")
-    given = returned_values.instance(
-        field,
-        averaging.parameters(tick_weight),
-        AveragingParameters,
-        "AveragingParameters, see aimd_des.averaging",
-    )
+    field, given = _given(averaging, tick_weight, AveragingParameters, "averaging")
     if given.kind not in (CUMULATIVE, WINDOW, FORGETTING, POLYNOMIAL):
         raise InputError.of(f"{field}.kind", given.kind, "CUMULATIVE, WINDOW, FORGETTING or POLYNOMIAL")
     for name in ("rate", "span", "part"):
@@ -115,13 +118,7 @@ def _averaging_parameters(averaging: Averaging, tick_weight: float) -> Averaging
 
 
 def _response_parameters(response: Response, tick_weight: float) -> ResponseParameters:
-    field = returned_values.said_by(response, "parameters")
-    given = returned_values.instance(
-        field,
-        response.parameters(tick_weight),
-        ResponseParameters,
-        "ResponseParameters, see aimd_des.responses",
-    )
+    field, given = _given(response, tick_weight, ResponseParameters, "responses")
     validation.integer(f"{field}.cut", given.cut, low=DRAWN, high=FULL)
     validation.integer(f"{field}.divisor", given.divisor, low=AVERAGE, high=OWN)
     validation.integer(f"{field}.columns", given.columns, low=0)
@@ -134,13 +131,7 @@ def _compensation_parameters(compensation: Compensation | None, n_agents: int) -
     if compensation is None:
         given = no_compensation(n_agents)
     else:
-        field = returned_values.said_by(compensation, "parameters")
-        given = returned_values.instance(
-            field,
-            compensation.parameters(n_agents),
-            CompensationParameters,
-            "CompensationParameters, see aimd_des.compensation",
-        )
+        field, given = _given(compensation, n_agents, CompensationParameters, "compensation")
         if given.rule not in (NOTHING, KNOWN, ESTIMATED):
             raise InputError.of(f"{field}.rule", given.rule, "NOTHING, KNOWN or ESTIMATED")
         validation.array(f"{field}.loss", given.loss, (n_agents,), low=0.0, high=1.0, high_open=True)
