@@ -22,9 +22,9 @@ from aimd_des.utils.folders import check_folder
 from models.smart_cameras import smart_cameras
 from scenarios import paper
 from scenarios.common.command import Finding, write
-from scenarios.common.measure import Measures, Run, measure, measure_all
+from scenarios.common.measure import Measures, Run, measure, measure_all, run_draws
 from scenarios.common.systems import memory_alone, spread
-from scenarios.common.tables import summarise
+from scenarios.common.tables import over_draws, summarise, summarise_draws
 from scenarios.theory_table import losses
 from scenarios.theory_table import signals as signal_rows
 from scenarios.theory_table.rows import Row, Rule, Size, digest, frame, markdown
@@ -167,6 +167,29 @@ def test_rows_of_replications_become_means_a_measure_after_the_other() -> None:
         "standard_error": 1.0,
         "replications": 2,
     }
+
+
+def drawn(case: str, draw: int, seed: int) -> tuple[str, int, int]:
+    return case, draw, seed
+
+
+def test_draws_share_no_seed_and_cases_share_all() -> None:
+    found = run_draws(drawn, ["a", "b"], draws=3, replications=2, seed=5, quick=True)
+    assert [case for case, _ in found] == ["a", "b"]
+    seeds = [[seed for *_, seed in outcomes] for outcomes in found[0][1]]
+    assert found[0][1][2] == [("a", 2, 2005), ("a", 2, 2006)]
+    assert len({seed for row in seeds for seed in row}) == 6
+    assert [[seed for *_, seed in outcomes] for outcomes in found[1][1]] == seeds
+
+
+def test_a_mean_over_draws_is_said_with_its_interval_and_their_scatter() -> None:
+    rows = [{"a": "x", "draw": draw, "c": 1.0 + draw + luck} for draw in (0, 1, 2) for luck in (-0.1, 0.1)]
+    table = summarise_draws(rows, ["a"])
+    row = table.to_dict("records")[0]
+    assert (row["mean"], row["spread"], row["draws"], row["replications"]) == (2.0, 1.0, 3, 6)
+    assert row["within"] == pytest.approx(0.1)
+    # t of two degrees, 4.303, times 1 / sqrt(3)
+    assert over_draws(table, a="x") == "2.00 ± 2.48 (± 1.00 over draws)"
 
 
 def test_measures_count_from_the_start_that_was_asked_for() -> None:

@@ -358,6 +358,51 @@ def test_a_summary_has_the_interval_of_each_point_resource_and_measure() -> None
         assert row["replications"] == 6
 
 
+def test_a_summary_over_draws_counts_each_draw_once() -> None:
+    """Nested scatter: sd 2 between 40 draws, sd 1 within, 4 replications each; 40 such studies."""
+    generator, off, spreads = rng(24), [], []
+    for _ in range(40):
+        level = generator.normal(TRUTH, 2.0, (40, 1)) + generator.normal(0.0, 1.0, (40, 4))
+        runs = pd.DataFrame(
+            [(draw, k, value) for draw, row in enumerate(level) for k, value in enumerate(row)],
+            columns=["draw", "replication", "queue"],
+        )
+        (found,) = summarise(runs, [], ["queue"], draws="draw").to_dict("records")
+        expected = mean_interval(level.mean(axis=1))
+        got = [found[name] for name in ("mean", "standard_error", "low", "high")]
+        assert got == pytest.approx(
+            [expected.mean, expected.standard_error, expected.low, expected.high], rel=1e-12
+        )
+        inner = math.sqrt(level.var(axis=1, ddof=1).mean() / 4)
+        assert found["within"] == pytest.approx(inner, rel=1e-12)
+        assert (found["draws"], found["replications"]) == (40, 160)
+        off.append((found["mean"] - TRUTH) / found["standard_error"])
+        spreads.append(found["spread"] ** 2)
+    # A t of 39 degrees has the variance 39/37, and a variance from 40 draws the relative error sqrt(2/39).
+    assert abs(np.mean(off)) < 4.0 * math.sqrt(39 / 37 / 40)
+    assert np.mean(spreads) == pytest.approx(4.25, rel=4.0 * math.sqrt(2 / 39 / 40))
+    # Negative control: 160 runs taken for replications make an error that is half as large.
+    pooled = summarise(runs.assign(replication=range(160)), [], ["queue"])
+    assert pooled["standard_error"][0] < 0.6 * found["standard_error"]
+
+
+def test_a_summary_over_draws_keeps_the_order_of_points() -> None:
+    runs = pd.concat([frame().assign(draw=draw) for draw in (3, 1)], ignore_index=True)
+    runs = runs[::-1]
+    table = summarise(runs, draws="draw")
+    assert list(table.columns[-3:]) == ["spread", "within", "draws"]
+    points = ["loss", "latency", "resource", "measure"]
+    assert table[points].equals(summarise(runs.query("draw == 1"))[points])
+    assert set(table["draws"]) == {2}
+    assert table["spread"].to_numpy() == pytest.approx(0.0, abs=1e-12)  # the same runs, twice
+    single = summarise(runs[runs["replication"] == 0], draws="draw")
+    assert single["within"].isna().all()
+    with pytest.raises(InputError, match=r"draws = 'drawn'.*did you mean 'draw'"):
+        summarise(runs, draws="drawn")
+    with pytest.raises(InputError, match=r"^by = \['loss', 'draw'\]: must be .*add some of"):
+        summarise(runs, ["loss"], draws="draw")
+
+
 def test_a_comparison_pairs_replications() -> None:
     runs = frame()
     table = compare(runs, {"loss": 0.0}, measures=["signals"])

@@ -42,6 +42,9 @@ _COLUMNS = ("signals", "utilisation", "misallocation", "peak", "saturated")
 # A signal that comes so soon after another can find it still in the latch of a slow clock.
 _SOON = 1.5
 
+# More than a study has replications, so that no two draws share a seed.
+_SEEDS_A_DRAW = 1_000
+
 # Looks at total demand a period where clocks are apart: it changes between the control unit's looks.
 _LOOKS_PER_PERIOD = 8
 
@@ -245,6 +248,30 @@ def run_all(
     jobs = [partial(function, case) for case in cases]
     outcomes = replicate(jobs, replications, seed, workers=1 if quick else None, out=runs)
     return list(zip(cases, outcomes, strict=True))
+
+
+def run_draws(
+    function: Callable[[_Case, int, int], _Outcome],
+    cases: Sequence[_Case],
+    draws: int,
+    replications: int,
+    seed: int,
+    quick: bool,
+    runs: Path | None = None,
+) -> list[tuple[_Case, list[list[_Outcome]]]]:
+    """Run cases for draws 0, 1, ... of whatever they draw: each case with the outcomes of draw after draw.
+
+    The function takes a case, a draw and a seed.  Cases share draws and seeds, so that their differences are
+    paired; draws do not share seeds, so that they are independent.
+    """
+    jobs = [partial(_run_draw, function, case, draw) for case in cases for draw in range(draws)]
+    outcomes = replicate(jobs, replications, seed, workers=1 if quick else None, out=runs)
+    groups = [outcomes[first : first + draws] for first in range(0, len(outcomes), draws)]
+    return list(zip(cases, groups, strict=True))
+
+
+def _run_draw(function: Callable[[_Case, int, int], _Outcome], case: _Case, draw: int, seed: int) -> _Outcome:
+    return function(case, draw, seed + _SEEDS_A_DRAW * draw)
 
 
 def distances(

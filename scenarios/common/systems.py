@@ -21,9 +21,12 @@ def spread(low: float, high: float, n: int = 60) -> FloatArray:
     return np.random.default_rng(2018).permutation(np.linspace(low, high, n))
 
 
-def memory_alone(n: int = 60, normalization: float = 1 / 90) -> Problem:
-    """Take the memory of the paper's system of n cameras by itself: the costs do not couple resources."""
-    full = smart_cameras(0, n_cameras=n, normalization=normalization)
+def memory_alone(n: int = 60, normalization: float = 1 / 90, draw: int = 0) -> Problem:
+    """Take the memory of the paper's system of n cameras by itself: the costs do not couple resources.
+
+    The costs are those of one draw.
+    """
+    full = smart_cameras(draw, n_cameras=n, normalization=normalization)
     costs = full.costs
     assert isinstance(costs, PolynomialCosts)  # noqa: S101 - the model's costs are
     return Problem(full.resources[:1], PolynomialCosts(costs.exponents, costs.coefficients[:, :1]))

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.stats import t as student
 
 from aimd_des import study
 from aimd_des.lowlevel import FloatArray
@@ -15,6 +16,19 @@ def summarise(rows: Sequence[Mapping[str, Any]], labels: Sequence[str]) -> pd.Da
     frame = pd.DataFrame(rows)
     measures = [name for name in frame.columns if name not in labels]
     table = study.summarise(frame, labels, measures).drop(columns=["low", "high"])
+    place = table["measure"].astype(str).map(measures.index)
+    return table.iloc[np.argsort(place, kind="stable")].reset_index(drop=True)
+
+
+def summarise_draws(rows: Sequence[Mapping[str, Any]], labels: Sequence[str]) -> pd.DataFrame:
+    """Reduce rows of single runs, labels, `draw` and numbers, to means over draws: a measure after the other.
+
+    The standard error is that of a mean over draws; `spread` is the standard deviation of draws' means, and
+    `within` the standard error of one.
+    """
+    frame = pd.DataFrame(rows)
+    measures = [name for name in frame.columns if name not in {*labels, "draw"}]
+    table = study.summarise(frame, labels, measures, draws="draw").drop(columns=["low", "high"])
     place = table["measure"].astype(str).map(measures.index)
     return table.iloc[np.argsort(place, kind="stable")].reset_index(drop=True)
 
@@ -53,6 +67,14 @@ def said(table: pd.DataFrame, scale: float = 1.0, digits: int = 2, **wanted: obj
     row = pick(table, **wanted).iloc[0]
     expected = "" if np.isnan(row["theory"]) else f" (theory {scale * row['theory']:.{digits}f})"
     return f"{scale * row['mean']:.{digits}f}{expected}"
+
+
+def over_draws(table: pd.DataFrame, scale: float = 1.0, digits: int = 2, **wanted: object) -> str:
+    """Say a mean over draws with its 95 % interval, and in brackets how much single draws scatter."""
+    row = pick(table, **wanted).iloc[0]
+    reach = float(student.ppf(0.975, row["draws"] - 1)) * row["standard_error"]
+    mean, half, spread = (f"{scale * value:.{digits}f}" for value in (row["mean"], reach, row["spread"]))
+    return f"{mean} ± {half} (± {spread} over draws)"
 
 
 def shown(table: pd.DataFrame, labels: Sequence[str], form: str = ".4f") -> pd.DataFrame:

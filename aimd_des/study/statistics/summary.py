@@ -12,6 +12,7 @@ from aimd_des.study.columns import LABELS
 from aimd_des.study.statistics.intervals import quantile
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.validation import FloatArray
 
 _PAIR = "replication"
 _AT_BASELINE = " at the baseline"
@@ -22,6 +23,8 @@ def summarise(
     by: Sequence[str] | None = None,
     measures: Sequence[str] | None = None,
     confidence: float = 0.95,
+    *,
+    draws: str | None = None,
 ) -> pd.DataFrame:
     """Estimate the mean of every measure at every point.
 
@@ -36,12 +39,17 @@ def summarise(
         Columns to estimate; those of `Result.summary` that are there, unless given.
     confidence : float
         Between 0 and 1.
+    draws : str, optional
+        Column that says which draw of a random problem, or network, a run belongs to.  Then the mean is that
+        of draws, each counted once however many replications it has, and its error what their scatter makes.
 
     Returns
     -------
     DataFrame
         The columns of `by`, then measure, mean, standard_error, low, high, replications; by Student's t.
         Runs without a number for a measure do not count for it: look at `replications` before you compare.
+        With `draws` three more: spread, the standard deviation of draws' means; within, the standard error of
+        one draw's mean, as replications have it (NaN where no draw has two); and draws, their number.
 
     Raises
     ------
@@ -50,10 +58,16 @@ def summarise(
         replication has several rows at a point: they share their luck, and would count as if they did not.
     """
     columns = _columns(frame, measures)
-    points = _points(frame, by, columns)
+    if draws is None:
+        points = _points(frame, by, columns)
+        if _PAIR in frame.columns:
+            _one_row_each(frame, points, _PAIR, columns)
+        return _summary(frame, points, columns, confidence)
+    validation.known("draws", draws, list(frame.columns))
+    points = [name for name in _points(frame, by, columns) if name != draws]
     if _PAIR in frame.columns:
-        _one_row_each(frame, points, _PAIR, columns)
-    return _summary(frame, points, columns, confidence)
+        _one_row_each(frame, [*points, draws], _PAIR, columns)
+    return _summary_of_draws(frame, points, columns, confidence, draws)
 
 
 def _summary(frame: pd.DataFrame, points: list[str], columns: list[str], confidence: float) -> pd.DataFrame:
@@ -71,6 +85,28 @@ def _summary(frame: pd.DataFrame, points: list[str], columns: list[str], confide
         }
     )
     return _with_ends(table, points, confidence)
+
+
+def _summary_of_draws(
+    frame: pd.DataFrame, points: list[str], columns: list[str], confidence: float, draws: str
+) -> pd.DataFrame:
+    # Draws are the replications now: each counts by its mean, in the order of the frame.
+    single = _summary(frame, [*points, draws], columns, confidence)
+    single["variance"] = single["standard_error"] ** 2
+    groups = single.groupby([*points, "measure"], observed=True, sort=False, dropna=False)
+    found = groups.agg(
+        mean=("mean", "mean"),
+        spread=("mean", "std"),
+        within=("variance", "mean"),
+        draws=("mean", "count"),
+        replications=("replications", "sum"),
+    )
+    found["standard_error"] = found["spread"] / np.sqrt(found["draws"].clip(lower=1))
+    off = _reach(confidence, found["draws"], found["standard_error"])
+    found = found.assign(low=found["mean"] - off, high=found["mean"] + off, within=np.sqrt(found["within"]))
+    table = found.reset_index()
+    order = ["mean", "standard_error", "low", "high", "replications", "spread", "within", "draws"]
+    return table[[*points, "measure", *order]]
 
 
 def compare(
@@ -136,9 +172,14 @@ def compare(
     return _summary(differences, points, columns, confidence)
 
 
+def _reach(confidence: float, count: pd.Series, error: pd.Series) -> FloatArray:
+    """Compute half the width of the intervals of means of so many values; infinite for one."""
+    reach = quantile(confidence, count.to_numpy() - 1)
+    return np.where(np.isinf(reach), np.inf, reach * error.to_numpy())
+
+
 def _with_ends(table: pd.DataFrame, points: list[str], confidence: float) -> pd.DataFrame:
-    reach = quantile(confidence, table["replications"].to_numpy() - 1)
-    off = np.where(np.isinf(reach), np.inf, reach * table["standard_error"].to_numpy())
+    off = _reach(confidence, table["replications"], table["standard_error"])
     table.insert(2, "low", table["mean"] - off)
     table.insert(3, "high", table["mean"] + off)
     table.index = table.index.set_names([*points, "measure"] if points else [None, "measure"])
