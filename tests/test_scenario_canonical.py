@@ -13,7 +13,7 @@ import pytest
 from aimd_des import InputError
 from aimd_des.scenario import Scenario, load_scenario
 from aimd_des.scenario.canonical import typed_parameters
-from aimd_des.scenario.settings import with_settings
+from aimd_des.scenario.dotted_keys import with_settings
 from aimd_des.study.file import read_study as load_study_file
 from aimd_des.study.points import expand, run_of
 from aimd_des.study.study import Study, stored_study

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from aimd_des import InputError
-from aimd_des.scenario.settings import parse_setting, split_key, with_settings
+from aimd_des.scenario.dotted_keys import parse_setting, split_key, with_settings
 
 DATA: dict[str, Any] = {
     "until": 60,

@@ -8,7 +8,7 @@ import pytest
 
 from aimd_des import InputError, Study
 from aimd_des.scenario import Scenario, load_scenario, validate_scenario
-from aimd_des.scenario.settings import with_settings
+from aimd_des.scenario.dotted_keys import with_settings
 from aimd_des.study.points import expand, run_of
 from tests.command_line import run, said, write
 from tests.conftest import quietly

@@ -47,7 +47,7 @@ def set_option(examples: str) -> Callable[[_Function], _Function]:
 
 def changes(settings: Sequence[str], **options: Any) -> dict[str, Any]:
     """Put together what the command line says about a file."""
-    from aimd_des.scenario.settings import parse_setting
+    from aimd_des.scenario.dotted_keys import parse_setting
 
     given = {name: value for name, value in options.items() if value is not None}
     return {**dict(map(parse_setting, settings)), **given}

@@ -20,10 +20,10 @@ from pydantic.fields import Field
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import PydanticCustomError, core_schema
 
-from aimd_des.scenario.base import Integer, Part, Table
 from aimd_des.scenario.kinds import Kind, kind_of, kinds, our_kinds
 from aimd_des.scenario.networks import refuse_vast
 from aimd_des.scenario.parameters import as_data
+from aimd_des.scenario.strict_table import Integer, Part, Table
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 

@@ -17,7 +17,6 @@ from aimd_des.fleet import Fleet
 from aimd_des.interventions import Intervention
 from aimd_des.problem.problem import Problem
 from aimd_des.results.result import Result
-from aimd_des.scenario.base import Table
 from aimd_des.scenario.build import built_by, changes_of, under, with_resources
 from aimd_des.scenario.canonical import canonical_form, typed_parameters
 from aimd_des.scenario.kind_tables import KindTable, kind_table, one_of
@@ -26,6 +25,7 @@ from aimd_des.scenario.models import model_parameters, named_model
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.parameters import as_data, refuse_no_data
 from aimd_des.scenario.prices import RedrawnPrices
+from aimd_des.scenario.strict_table import Table
 from aimd_des.scenario.tables import (
     ChannelSettings,
     ClocksSettings,

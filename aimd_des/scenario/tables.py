@@ -8,8 +8,8 @@ from aimd_des.channel.loss import Combined, Loss
 from aimd_des.dynamics.clocks import Clocks
 from aimd_des.problem.problem import Resource
 from aimd_des.results.recording import Recording
-from aimd_des.scenario.base import Part, Table
 from aimd_des.scenario.kind_tables import KindTable, one_of
+from aimd_des.scenario.strict_table import Part, Table
 
 Times = Literal["auto", "end"] | float | list[float]
 

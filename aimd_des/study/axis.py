@@ -6,10 +6,10 @@ import numpy as np
 from pydantic import ConfigDict, model_validator
 
 from aimd_des.results.measures import MEASURES
-from aimd_des.scenario.base import described
 from aimd_des.scenario.messages import InSentences
 from aimd_des.scenario.old_keys import axis_with_new_keys
 from aimd_des.scenario.parameters import as_data
+from aimd_des.scenario.strict_table import described
 from aimd_des.study.columns import LABELS
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError

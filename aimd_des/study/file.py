@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from aimd_des.scenario.dotted_keys import with_settings
 from aimd_des.scenario.file import read_tables
 from aimd_des.scenario.messages import Place, checked
-from aimd_des.scenario.settings import with_settings
 from aimd_des.study.seal import unsealed
 from aimd_des.study.store import STUDY_FILE
 from aimd_des.study.study import Study

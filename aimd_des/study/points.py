@@ -10,9 +10,9 @@ import numpy as np
 
 from aimd_des._version import RESULT_VERSION
 from aimd_des.scenario import Scenario, validate_scenario
+from aimd_des.scenario.dotted_keys import with_settings
 from aimd_des.scenario.kind_tables import own_parts
 from aimd_des.scenario.old_keys import with_first_keys
-from aimd_des.scenario.settings import with_settings
 from aimd_des.study.axis import Value
 from aimd_des.study.fingerprint import fingerprint, problem_digests
 from aimd_des.study.study import Study, place_of, shown_labels

@@ -9,10 +9,10 @@ from pydantic import Field, model_validator
 
 from aimd_des.results.measures import MEASURED, MEASURES
 from aimd_des.scenario import validate_scenario
+from aimd_des.scenario.dotted_keys import split_key, with_settings
 from aimd_des.scenario.messages import checked
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.parameters import as_data
-from aimd_des.scenario.settings import split_key, with_settings
 from aimd_des.study.axis import Axis, Setting, StudyTable, Value
 from aimd_des.study.columns import known_frame, known_measure
 from aimd_des.study.condition import Condition
