@@ -177,7 +177,7 @@ def test_draws_share_no_seed_and_cases_share_all() -> None:
     found = run_draws(drawn, ["a", "b"], draws=3, replications=2, seed=5, quick=True)
     assert [case for case, _ in found] == ["a", "b"]
     seeds = [[seed for *_, seed in outcomes] for outcomes in found[0][1]]
-    assert found[0][1][2] == [("a", 2, 2005), ("a", 2, 2006)]
+    assert found[0][1][2] == [("a", 7, 7000), ("a", 7, 7001)]
     assert len({seed for row in seeds for seed in row}) == 6
     assert [[seed for *_, seed in outcomes] for outcomes in found[1][1]] == seeds
 

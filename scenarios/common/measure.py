@@ -259,13 +259,14 @@ def run_draws(
     quick: bool,
     runs: Path | None = None,
 ) -> list[tuple[_Case, list[list[_Outcome]]]]:
-    """Run cases for draws 0, 1, ... of whatever they draw: each case with the outcomes of draw after draw.
+    """Run cases for draws of whatever they draw, from `seed` on: each case with the outcomes of each draw.
 
     The function takes a case, a draw and a seed.  Cases share draws and seeds, so that their differences are
     paired; draws do not share seeds, so that they are independent.
     """
-    jobs = [partial(_run_draw, function, case, draw) for case in cases for draw in range(draws)]
-    outcomes = replicate(jobs, replications, seed, workers=1 if quick else None, out=runs)
+    numbers = range(seed, seed + draws)
+    jobs = [partial(_run_draw, function, case, draw) for case in cases for draw in numbers]
+    outcomes = replicate(jobs, replications, workers=1 if quick else None, out=runs)
     groups = [outcomes[first : first + draws] for first in range(0, len(outcomes), draws)]
     return list(zip(cases, groups, strict=True))
 
