@@ -23,6 +23,7 @@ from numba.core.dispatcher import Dispatcher
 from aimd_des import CoupledCosts, CustomCosts, InputError, PolynomialCosts, Problem, Resource, Result
 from aimd_des.costs import ExponentialCosts, PowerCosts, TermCosts, TrackingCosts, UtilityCosts
 from aimd_des.problem.costs import Costs
+from aimd_des.study.workers import _ONE_THREAD
 from aimd_des.utils.jit import _PackageCache
 
 try:
@@ -48,12 +49,16 @@ def _alone(task: str) -> Iterator[None]:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Have each kernel compiled by one worker, while others wait for it and then take it from the disk.
+    """Give each worker one thread; each kernel is compiled by one worker, and then taken from the disk.
 
-    Else workers that come to the fleet at the same time compile it side by side. A kernel is locked
-    before those it calls, and none calls itself, so nobody waits in a circle.
+    Libraries of linear algebra would else keep all processors busy with matrices of sixty rows, and workers
+    that come to the fleet at the same time would compile it side by side. A kernel is locked before those it
+    calls, and none calls itself, so nobody waits in a circle.
     """
-    if fcntl is None or not hasattr(config, "workerinput"):
+    if not hasattr(config, "workerinput"):
+        os.environ.update(_ONE_THREAD)  # for workers and commands that are started from here
+        return
+    if fcntl is None:
         return
     compile_now = Dispatcher.compile
 
