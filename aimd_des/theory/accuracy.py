@@ -6,18 +6,19 @@ covariance of the noise is that of `second_moments`.  Both decay like powers of 
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import erf
 
 from aimd_des.dynamics.averaging import Averaging, Cumulative, Forgetting, Polynomial, Window
 from aimd_des.dynamics.responses import Response
 from aimd_des.problem.optimum import solve_optimum
 from aimd_des.problem.problem import Problem
+from aimd_des.theory.absolute_sum import absolute_interval, absolute_mean
 from aimd_des.theory.arguments import Dynamics
 from aimd_des.theory.mean_dynamics import Memory, Path, first_signals
 from aimd_des.theory.prediction import Steady, check_enough, settle, steady_state
@@ -31,12 +32,10 @@ from aimd_des.utils.validation import FloatArray
 
 # Larger matrices take long, and one agent among so many has hardly a part in the total.
 _TOGETHER = 1000
-_DRAWS = 4000
-_INTERVAL = (2.5, 97.5)
-_NORMAL = 1.959964  # the same quantile of the standard normal distribution
 # A wanted length is looked for in stretches up to a longest time.
 _LONGEST = 1e15
-_SWAYS, _RESTS = 8, 3e-4
+# As near as other random numbers would lead.
+_SWAYS, _RESTS = 8, 1e-3
 _STRETCH = 10.0
 _LOOKS = 9
 
@@ -122,6 +121,11 @@ class Convergence:
         """Averages less the optimum for what they use, in the end: (n, m), in units of the resources."""
         return _deviation(self.problem, self.steady.average, self.steady.average.sum(axis=0))
 
+    @cached_property
+    def _path(self) -> Path:
+        """The averages on their way, from demand 0 on."""
+        return Path(self.setting, self.steady, self.memory)
+
     @property
     def floor(self) -> FloatArray:
         """Misallocation that the bias leaves however long a run is, (m,): a pure number."""
@@ -159,9 +163,8 @@ class Convergence:
             In units of the resources.
         """
         times = _times(at)
-        order = np.argsort(times.ravel(), kind="stable")
-        path = Path(self.setting, self.steady, self.memory).at(times.ravel()[order])
-        return path[np.argsort(order, kind="stable")].reshape(*times.shape, *path.shape[1:])
+        averages = self._path.at(times.ravel())
+        return averages.reshape(*times.shape, *averages.shape[1:])
 
     def covariance(self, at: float) -> FloatArray:
         """Compute the covariance of the averages of a single run, for each resource.
@@ -190,13 +193,6 @@ class Convergence:
             else:
                 result[columns, np.arange(n), np.arange(n)] = np.einsum("ijj->ji", own)
         return result
-
-    def _variance(self, time: float) -> FloatArray:
-        """Compute the variance of each average, (n, m), without the covariances between agents."""
-        n = self.problem.n_agents
-        blocks = [block.covariance(self.memory, time) for _, block in self._columns()]
-        # Together all agents are one block, else each is one; the order is agents, then resources.
-        return np.hstack([np.einsum("ijj->ij", own).reshape(n, -1) for own in blocks])
 
     def misallocation(self, at: npt.ArrayLike) -> Expected:
         """Say how far averages are from the optimum for what they use.
@@ -248,13 +244,12 @@ class Convergence:
         floor = self.floor
         begin = float(first_signals(self.setting, self.steady).max())
         while (np.isinf(length) & (floor < wanted)).any() and begin < _LONGEST:
-            times = begin * np.geomspace(1.0, _STRETCH, _LOOKS)
-            expected = self._mean(times, self.average(times), used=True)
+            looks = _Looks(self._mean_at, begin * np.geomspace(1.0, _STRETCH, _LOOKS))
             for j in np.flatnonzero(np.isinf(length)).tolist():
-                length[j] = _first_below(times, expected[:, j], wanted)
-            if np.allclose(expected[-1], expected[0], rtol=1e-6):
+                length[j] = looks.first_below(j, wanted)
+            if np.allclose(looks.mean(-1), looks.mean(0), rtol=1e-6):
                 break  # averages with a finite memory have come to rest
-            begin = float(times[-1])
+            begin = float(looks.times[-1])
         return Needed(length, length * self.signals)
 
     def _columns(self) -> list[tuple[slice, Modes]]:
@@ -270,42 +265,58 @@ class Convergence:
         rows = [_deviation(problem, row, total) for row, total in zip(average, totals, strict=True)]
         return np.stack(rows), totals
 
-    def _mean(self, times: FloatArray, average: FloatArray, used: bool) -> FloatArray:
-        """Compute the mean of a measure, (k, m): absolute values of Gaussian deviations add up."""
-        bias, totals = self._bias_at(average, used)
-        spread = np.sqrt(np.stack([self._variance(time) for time in times.tolist()]))
-        return np.asarray(_folded(bias, spread).sum(axis=1) / totals)
+    def _moments(self, time: float) -> tuple[FloatArray, FloatArray | None]:
+        """Compute the variance of each average, (n, m), and the covariances between agents, (m, n, n)."""
+        if self.problem.n_agents > _TOGETHER:
+            return self._variance(time), None
+        covariance = self.covariance(time)
+        variance = np.einsum("jii->ij", covariance).copy()
+        np.einsum("jii->ji", covariance)[...] = 0.0
+        return variance, covariance
 
-    def _interval(self, time: float, bias: FloatArray) -> FloatArray:
-        """Compute between which bounds the sum of absolute deviations is, (2, m)."""
-        n, m = bias.shape
-        if n > _TOGETHER:
-            # Agents are independent here, and the sum over so many is normal.
-            variance = self._variance(time)
-            mean = _folded(bias, np.sqrt(variance))
-            half = _NORMAL * np.sqrt((bias**2 + variance - mean**2).sum(axis=0))
-            return np.stack([mean.sum(axis=0) - half, mean.sum(axis=0) + half])
-        bounds = np.empty((2, m))
-        draws = np.random.default_rng(0).standard_normal((_DRAWS, n))
-        for j, covariance in enumerate(self.covariance(time)):
-            values, vectors = np.linalg.eigh(covariance)
-            # The symmetric root: it is the same whatever signs the eigenvectors have.
-            root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
-            deviations = bias[:, j] + draws @ root
-            bounds[:, j] = np.percentile(np.abs(deviations).sum(axis=1), _INTERVAL)
-        return bounds
+    def _variance(self, time: float) -> FloatArray:
+        n = self.problem.n_agents
+        # Together all agents are one block, else each is one; the order is agents, then resources.
+        return np.hstack([block.variance(self.memory, time).reshape(n, -1) for block in self.blocks])
+
+    def _mean_at(self, time: float) -> FloatArray:
+        """Compute the mean misallocation alone, (m,)."""
+        bias, totals = self._bias_at(self.average([time]), used=True)
+        return np.asarray(absolute_mean(bias[0], np.sqrt(self._variance(time))).sum(axis=0) / totals[0])
 
     def _expected(self, at: npt.ArrayLike, used: bool) -> Expected:
         times = _times(at)
-        flat = times.ravel()
-        average = self.average(flat)
-        bias, totals = self._bias_at(average, used)
-        bounds = np.empty((2, *totals.shape))
-        for k, time in enumerate(flat.tolist()):
-            bounds[:, k] = self._interval(time, bias[k]) / totals[k]
-        rows = (self._mean(flat, average, used), *bounds)
-        mean, low, high = (row.reshape(*times.shape, -1) for row in rows)
+        bias, totals = self._bias_at(self.average(times.ravel()), used)
+        rows = np.empty((3, *totals.shape))
+        for k, time in enumerate(times.ravel().tolist()):
+            variance, shared = self._moments(time)
+            rows[0, k] = absolute_mean(bias[k], np.sqrt(variance)).sum(axis=0)
+            for j in range(totals.shape[1]):
+                others = None if shared is None else shared[j]
+                rows[1:, k, j] = absolute_interval(bias[k, :, j], variance[:, j], others)
+        mean, low, high = (row.reshape(*times.shape, -1) for row in rows / totals)
         return Expected(mean, low, high)
+
+
+class _Looks:
+    """Mean misallocation at some times, found when it is asked for: most of them never are."""
+
+    def __init__(self, mean_at: Callable[[float], FloatArray], times: FloatArray) -> None:
+        self.times = times
+        self.mean = lru_cache(lambda place: mean_at(float(times[place])))
+
+    def first_below(self, resource: int, wanted: float) -> float:
+        """Find from when on it stays below a level; inf if it does not."""
+        last = len(self.times) - 1
+        if self.mean(last)[resource] > wanted:
+            return math.inf
+        while last and self.mean(last - 1)[resource] <= wanted:
+            last -= 1
+        if not last:
+            return float(self.times[0])
+        pair = [last, last - 1]
+        values = [self.mean(place)[resource] for place in pair]
+        return float(np.exp(np.interp(np.log(wanted), np.log(values), np.log(self.times[pair]))))
 
 
 def _times(at: npt.ArrayLike) -> FloatArray:
@@ -317,26 +328,6 @@ def _times(at: npt.ArrayLike) -> FloatArray:
 
 def _deviation(problem: Problem, average: FloatArray, totals: FloatArray) -> FloatArray:
     return average - solve_optimum(problem, capacity=totals).allocation
-
-
-def _folded(mean: FloatArray, spread: FloatArray) -> FloatArray:
-    """Compute the mean absolute value of normal variates."""
-    safe = np.where(spread > 0.0, spread, 1.0)
-    ratio = mean / safe
-    value = spread * np.sqrt(2.0 / np.pi) * np.exp(-0.5 * ratio**2) + mean * erf(ratio / np.sqrt(2.0))
-    return np.where(spread > 0.0, value, np.abs(mean))
-
-
-def _first_below(times: FloatArray, values: FloatArray, wanted: float) -> float:
-    """Find from when on values stay below a level; inf if they do not."""
-    above = np.flatnonzero(values > wanted)
-    if not above.size:
-        return float(times[0])
-    last = int(above[-1])
-    if last == len(times) - 1:
-        return float("inf")
-    pair = slice(last + 1, last - 1 if last else None, -1)
-    return float(np.exp(np.interp(np.log(wanted), np.log(values[pair]), np.log(times[pair]))))
 
 
 def convergence(

@@ -14,24 +14,24 @@ h_i being half a saw tooth.  Once the run is much older than the time x / alpha 
 shares, y is what the balance makes it for the averages at hand, and only these are followed.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import solve_ivp
+import numpy.typing as npt
 from scipy.optimize import brentq
 
 from aimd_des.dynamics.responses import AT_CUTS, AT_SIGNALS
 from aimd_des.theory.prediction import Steady, found_by_signals
 from aimd_des.theory.response_rule import chance, cuts_of
 from aimd_des.theory.setting import Setting
+from aimd_des.theory.trajectory import Slope, Trajectory
 from aimd_des.utils.validation import FloatArray
 
 # In multiples of the time until all capacities are reached.
 _SETTLED = 20.0
-_ACCURACY = 1e-6
 # Turns of the averages after which nothing moves any more.
 _ENDLESS = 500.0
 # Just after the first signal the average over signals would follow it at any rate.
@@ -111,25 +111,49 @@ class Path:
         return np.asarray(self.origin.time + np.maximum(missing, 0.0) / growing)
 
     def at(self, times: FloatArray) -> FloatArray:
-        """Compute the averages at ascending times, (k,) -> (k, n, m)."""
-        problem = self.setting.problem
+        """Compute the averages at times from the origin on, (k,) -> (k, n, m)."""
+        return np.stack([self._average(time) for time in times.tolist()])
+
+    def _average(self, time: float) -> FloatArray:
+        begin = self._stages[0][0]
+        if time < begin and self.origin is None:
+            return np.asarray(self._ramp(time) * self.setting.problem.increase)
+        stages = [stage for stage in self._stages if stage[0] <= max(time, begin)]
+        first, way = stages[-1]
+        start = float(self.memory.turns(first))
+        turn = float(self.memory.turns(max(time, begin)))
+        averages: FloatArray = way(min(max(turn, start), start + _ENDLESS))[0]
+        return averages
+
+    @cached_property
+    def _stages(self) -> list[tuple[float, Trajectory]]:
+        """The ways between the times at which something begins, each with the time where it begins."""
         if self.origin is None:
             begin, change = float(self.starts.min()), _SETTLED * float(self.starts.max())
-            first = problem.increase * begin
-            start = np.stack([self._ramp(begin) * problem.increase, first, first])
+            first = self.setting.problem.increase * begin
+            state = np.stack([self._ramp(begin) * self.setting.problem.increase, first, first])
         else:
-            begin, start = self.origin.time, self.origin.state
+            begin, state = self.origin.time, self.origin.state
             change = begin + _SETTLED * float(first_signals(self.setting, self.steady).max())
-        early, late = times[times <= change], times[times > change]
-        inside = np.clip(early, begin, None)
-        state, seen = self._integrate(self._fast, start, begin, change, inside)
-        result = [seen[:, 0]]
-        for row in np.flatnonzero(early < begin):
-            result[0][row] = self._ramp(float(early[row])) * problem.increase
-        if late.size:
-            slow = np.stack([state[0], state[2]])
-            result.append(self._integrate(self._slow, slow, change, late[-1], late)[1][:, 0])
-        return np.concatenate(result)
+        stages = []
+        times = [begin, *(start for start in np.unique(self.starts).tolist() if start > begin), change]
+        for time, end in pairwise(times):
+            slope = self._by_turns(partial(self._fast, self.starts <= time))
+            last = float(self.memory.turns(end))
+            way = Trajectory(slope, float(self.memory.turns(time)), state, last)
+            state = way(last)
+            stages.append((time, way))
+        slow = Trajectory(self._by_turns(self._slow), float(self.memory.turns(change)), state[[0, 2]])
+        return [*stages, (change, slow)]
+
+    def _by_turns(self, slope: Slope) -> Slope:
+        """Let a state change with the turns of the averages, not with time."""
+
+        def by_turns(turn: float, state: FloatArray) -> FloatArray:
+            time = self.memory.age(turn)
+            return np.asarray(slope(time, state) / self.memory.rate(time))
+
+        return by_turns
 
     def fallen(self, state: FloatArray) -> FloatArray:
         """Take away by signals, all at once, what a state as of an `Origin` has above the level."""
@@ -149,31 +173,6 @@ class Path:
             return float(time / -np.expm1(-time / tau)) - tau
         return time * self.memory.gain / (1.0 + self.memory.gain)
 
-    def _integrate(
-        self,
-        slope: Callable[[float, FloatArray], FloatArray],
-        start: FloatArray,
-        begin: float,
-        end: float,
-        times: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Follow a state while averages are renewed; return it at the end, and at the times."""
-        turns = self.memory.turns
-
-        def by_turns(turn: float, state: FloatArray) -> FloatArray:
-            time = self.memory.age(turn)
-            return slope(time, state.reshape(start.shape)).ravel() / self.memory.rate(time)
-
-        first = float(turns(begin))
-        last = min(float(turns(end)), first + _ENDLESS)
-        wanted, place = np.unique(np.clip(np.append(turns(times), last), first, last), return_inverse=True)
-        accuracy = _ACCURACY * float(np.abs(start).max())
-        solution = solve_ivp(
-            by_turns, (first, last), start.ravel(), "DOP853", wanted, rtol=_ACCURACY, atol=accuracy
-        )
-        states = solution.y.T[place].reshape(len(place), *start.shape)
-        return states[-1], states[:-1]
-
     def _kappa(self, average: FloatArray, divisor: FloatArray) -> FloatArray:
         """Compute what part of the demand that it finds a signal takes in the mean."""
         setting, tooth = self.setting, self.steady.found - self.steady.average
@@ -184,16 +183,15 @@ class Path:
         keep, hit = cuts_of(setting.problem, setting.response, part, setting.loss)
         return keep * hit
 
-    def _fast(self, time: float, state: FloatArray) -> FloatArray:
+    def _fast(self, begun: npt.NDArray[np.bool_], time: float, state: FloatArray) -> FloatArray:
         average, found, divisor = state
-        setting, increase, starts = self.setting, self.setting.problem.increase, self.starts
+        setting, increase = self.setting, self.setting.problem.increase
         cut = self._kappa(average, divisor) * found
         if setting.discrete:
             share = increase.sum(axis=0) / (increase * (1.0 - setting.loss) + cut).sum(axis=0)
             grown = increase * (1.0 - share + share * setting.loss)
         else:
             share, grown = increase.sum(axis=0) / cut.sum(axis=0), increase
-        begun = time >= starts
         moved = np.where(begun, grown - share * cut, increase)
         tooth = np.where(begun, self.steady.found - self.steady.average, 0.0)
         if self.origin is not None:  # agents that have just come hold less than a tooth

@@ -48,11 +48,18 @@ class Modes(NamedTuple):
 
     def covariance(self, memory: Memory, time: float) -> FloatArray:
         """Compute the covariance of the averages at a time, (b, k, k)."""
-        conjugate = self.exponent.conj()
-        pair = self.exponent[:, :, None], conjugate[:, None, :]
-        left = remaining(memory, *pair, self.start, self.settling, time)
-        of_modes = self.noise * left
-        return np.asarray((self.shape @ of_modes @ self.shape.conj().transpose(0, 2, 1)).real)
+        back = self.shape.conj().transpose(0, 2, 1)
+        return np.asarray((self.shape @ self._of_modes(memory, time) @ back).real)
+
+    def variance(self, memory: Memory, time: float) -> FloatArray:
+        """Compute the variance alone, (b, k)."""
+        half = self.shape @ self._of_modes(memory, time)
+        return np.asarray((half * self.shape.conj()).sum(axis=2).real)
+
+    def _of_modes(self, memory: Memory, time: float) -> FloatArray:
+        """Compute the covariance of the modes, (b, q, q)."""
+        pair = self.exponent[:, :, None], self.exponent.conj()[:, None, :]
+        return np.asarray(self.noise * remaining(memory, *pair, self.start, self.settling, time))
 
 
 def _power(ratio: float, exponent: FloatArray) -> FloatArray:
