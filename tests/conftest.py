@@ -4,11 +4,8 @@ import math
 import os
 import subprocess
 import sys
-import tempfile
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from hashlib import sha256
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,19 +14,11 @@ import pandas as pd
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
-from numba.core.compiler_lock import global_compiler_lock
-from numba.core.dispatcher import Dispatcher
 
 from aimd_des import CoupledCosts, CustomCosts, InputError, PolynomialCosts, Problem, Resource, Result
 from aimd_des.costs import ExponentialCosts, PowerCosts, TermCosts, TrackingCosts, UtilityCosts
 from aimd_des.problem.costs import Costs
 from aimd_des.study.workers import _ONE_THREAD
-from aimd_des.utils.jit import _PackageCache
-
-try:
-    import fcntl
-except ImportError:  # not on Windows, where workers then compile side by side
-    fcntl = None  # type: ignore[assignment]
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -39,36 +28,10 @@ settings.register_profile("explore", deadline=None, database=None, max_examples=
 settings.load_profile("project")
 
 
-@contextmanager
-def _alone(task: str) -> Iterator[None]:
-    """Let no other process of this user into a block for the same task."""
-    name = f"aimd_des-{os.getuid()}-{sha256(task.encode()).hexdigest()[:16]}.lock"
-    with (Path(tempfile.gettempdir()) / name).open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # given up with the file, however the process ends
-        yield
-
-
 def pytest_configure(config: pytest.Config) -> None:
-    """Give each worker one thread; each kernel is compiled by one worker, and then taken from the disk.
-
-    Libraries of linear algebra would else keep all processors busy with matrices of sixty rows, and workers
-    that come to the fleet at the same time would compile it side by side. A kernel is locked before those it
-    calls, and none calls itself, so nobody waits in a circle.
-    """
+    """Give each worker one thread: linear algebra would else keep all processors busy with sixty rows."""
     if not hasattr(config, "workerinput"):
         os.environ.update(_ONE_THREAD)  # for workers and commands that are started from here
-        return
-    if fcntl is None:
-        return
-    compile_now = Dispatcher.compile
-
-    def compile_once(self: Any, sig: Any) -> Any:
-        if not isinstance(self._cache, _PackageCache):
-            return compile_now(self, sig)
-        with global_compiler_lock, _alone(f"{self._cache.cache_path}/{self._cache._impl.filename_base}"):
-            return compile_now(self, sig)
-
-    Dispatcher.compile = compile_once
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """Compiled code gives the bits of the source it is made from, and is made anew when any source changes."""
 
 import importlib.util
+import os
 import shutil
 import tomllib
 from collections.abc import Callable
@@ -223,6 +224,36 @@ def test_compiling_is_announced_whatever_is_compiled(tmp_path: Path) -> None:
     for lines in (told, []):  # the second time everything comes from the disk
         outcome = python("-c", program, str(tmp_path), NUMBA_CACHE_DIR="")
         assert (outcome.returncode, outcome.stderr.splitlines()) == (0, lines)
+
+
+FORKED = """
+import os, sys
+sys.path.insert(0, sys.argv[1])
+from compiled_here import thrice
+gate, go = os.pipe()
+children = []
+for child in range(3):
+    there, here = os.pipe()
+    if (pid := os.fork()) == 0:
+        os.close(go)
+        os.read(gate, 1)  # until all are there
+        result = thrice(1.5, 3)
+        os.write(here, bytes([int(result), sum(thrice.stats.cache_misses.values())]))
+        os._exit(0)
+    children.append((pid, there))
+os.close(go)
+for pid, there in children:
+    os.waitpid(pid, 0)
+    print(*os.read(there, 2))
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="the system cannot copy processes")
+def test_a_kernel_is_compiled_by_one_process_while_others_wait(tmp_path: Path) -> None:
+    (tmp_path / "compiled_here.py").write_text(SOURCE, encoding="utf-8")
+    outcome = python("-c", FORKED, str(tmp_path), NUMBA_CACHE_DIR="")
+    assert outcome.returncode == 0, outcome.stderr
+    assert sorted(outcome.stdout.splitlines()) == ["9 0", "9 0", "9 1"]
 
 
 def test_numbers_written_out_in_calls_make_no_code_of_their_own(module: ModuleType) -> None:

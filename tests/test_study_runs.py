@@ -6,13 +6,9 @@ import os
 import shutil
 import signal
 import subprocess
-import tempfile
-import threading
-import time
 import tomllib
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,9 +23,8 @@ import tomli_w
 import aimd_des
 from aimd_des import InputError, SimulationError, Study, load_study, run_study
 from aimd_des.study import StudyResults, Tally
-from aimd_des.study import worker_task as worker
 from aimd_des.study.executor import execute
-from aimd_des.study.locks import exclusive, private_folder
+from aimd_des.study.locks import alone
 from aimd_des.study.plan import planned
 from aimd_des.study.run_tables import run_schema
 from aimd_des.study.seal import write_sealed
@@ -454,78 +449,10 @@ def test_a_file_that_cannot_be_written_leaves_what_was_there(
 
 def test_two_sweeps_at_once_are_refused(reference: StudyResults) -> None:
     with (
-        exclusive(reference.folder / ".lock", wait=0.0),
+        alone(reference.folder),
         pytest.raises(InputError, match="one that no other sweep is using"),
     ):
         in_a_thread(design(), reference.folder)
-
-
-def _nowhere(place: Path) -> None:
-    (place / "temporary").write_text("no folder")
-
-
-def _open_to_others(place: Path) -> None:
-    folder = place / "temporary"
-    folder.mkdir()
-    (folder / f"aimd_des-{os.getuid()}").mkdir()
-    (folder / f"aimd_des-{os.getuid()}").chmod(0o777)
-
-
-def _link(place: Path) -> None:
-    (place / "temporary").mkdir()
-    (place / "temporary" / f"aimd_des-{os.getuid()}").symlink_to(place, target_is_directory=True)
-
-
-def _held(place: Path) -> None:
-    (place / "temporary").mkdir()
-
-
-@pytest.mark.skipif(not hasattr(os, "getuid"), reason="folders have no owners")
-@pytest.mark.parametrize(
-    ("obstacle", "reason"),
-    [
-        (_nowhere, "Not a directory"),
-        (_open_to_others, "is not a folder of this user alone"),
-        (_link, "is not a folder of this user alone"),
-        (_held, "is held by another process"),
-    ],
-)
-def test_no_run_depends_on_the_lock_of_compilation(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
-    obstacle: Callable[[Path], None],
-    reason: str,
-) -> None:
-    obstacle(tmp_path)
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
-    monkeypatch.setattr(worker, "_LONGEST_WAIT", 0.1)
-    worker._COMPILED.clear()
-    with ExitStack() as stack:
-        if obstacle is _held:
-            stack.enter_context(exclusive(private_folder() / "compiling", wait=0.0))
-        results = in_a_thread(design(axes=[], keep=[]), tmp_path / "out")
-    assert results.failed.empty
-    assert results.missing.empty
-    (sentence,) = [record.getMessage() for record in caplog.records]
-    assert sentence.startswith("goes on without waiting for others that compile (")
-    assert reason in sentence
-
-
-def test_who_waits_for_a_lock_gets_it_when_it_is_free(tmp_path: Path) -> None:
-    def release() -> None:
-        with exclusive(tmp_path / "lock", wait=0.0):
-            held.set()
-            time.sleep(0.1)
-            released.set()
-
-    held, released = threading.Event(), threading.Event()
-    other = threading.Thread(target=release)
-    other.start()
-    held.wait()
-    with exclusive(tmp_path / "lock", wait=30.0):
-        assert released.is_set()
-    other.join()
 
 
 KILLS = int(os.environ.get("AIMD_DES_TEST_KILLS", "4"))

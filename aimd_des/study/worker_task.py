@@ -4,21 +4,17 @@ import json
 import logging
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from threading import Event
 from typing import Literal
 
 import pyarrow as pa
 import tomli_w
 
-from aimd_des.results.result import Result
 from aimd_des.scenario import Scenario
 from aimd_des.scenario.run_folder import library_versions
-from aimd_des.study.locks import exclusive, private_folder
 from aimd_des.study.points import Job
 from aimd_des.study.run_tables import frame_table, run_table, summary_of
 from aimd_des.study.store import Store, parquet
@@ -61,7 +57,7 @@ def perform(task: Task, job: Job) -> Outcome:
             warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
             warnings.simplefilter("ignore", OverloadWarning)  # said once, of all runs
             scenario = Scenario.model_validate(job.scenario)
-            result = _carry_out(scenario)
+            result = scenario.run()
         summary = summary_of(scenario, result, task.measures)
         labels = {**job.labels, "digest": result.digest}
         away = [summary["resource"][j] for j in result.run_away.nonzero()[0]]
@@ -113,30 +109,3 @@ def present(folder: str, key: str) -> bool:
 
 # Reading them takes longer than many a run.
 _versions = cache(library_versions)
-
-# In seconds: compiling takes less even where several others are at work.
-_LONGEST_WAIT = 180.0
-
-#: Set once this process has compiled, or loaded, what runs need.
-_COMPILED = Event()
-
-
-def _carry_out(scenario: Scenario) -> Result:
-    """Run; the first time one process after the other, until what is compiled is on the disk."""
-    if _COMPILED.is_set():
-        return scenario.run()
-    with _turn() as done:
-        return scenario.run(lambda now, events: done())
-
-
-@contextmanager
-def _turn() -> Iterator[Callable[[], None]]:
-    """Wait for the others, but not for ever; gives what ends the turn before the block does."""
-    with ExitStack() as lock:
-        try:
-            lock.enter_context(exclusive(private_folder() / "compiling", wait=_LONGEST_WAIT))
-        except OSError as error:
-            # The lock saves time; no run depends on it.
-            _LOGGER.warning("goes on without waiting for others that compile (%s)", error)
-        lock.callback(_COMPILED.set)
-        yield lock.close

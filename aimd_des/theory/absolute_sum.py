@@ -10,8 +10,8 @@ d_i being the derivative by the mean of X_i.  For |x| these derivatives of the m
 
 and variances and third moments of one |X_i| are known.  So the first three cumulants of S are sums over
 agents, pairs and triples, here up to c**2 for two and to the products of two or three c for three.  The
-interval is that of a gamma variate with these cumulants, shifted.  Beside draws it errs by up to a tenth of the
-standard deviation of S with five agents, and by a hundredth from twenty on.
+interval is that of a gamma variate with these cumulants, shifted.  Beside draws it errs by up to a tenth of
+the standard deviation of S with five agents, and by a hundredth from twenty on.
 """
 
 import math

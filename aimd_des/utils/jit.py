@@ -3,17 +3,19 @@
 A *formula* is a small function of numbers.  Agent processes call it as plain Python; kernels
 compile the same source.  No fast-math and no contraction to fused operations, so both give the
 same bits.  Compiled code counts no references, so nothing can be allocated in it: what tries is
-refused when it is compiled.  Kernels are cached on disk.  Numba keys that cache by the file a kernel
-stands in; a kernel here may use formulas of other files, so the key is the source of all of the package
-that a kernel can depend on.  Where nothing can be written, kernels are compiled anew in each process.
+refused when it is compiled.  Kernels are cached on disk, and each is compiled by one process while others
+wait.  Numba keys that cache by the file a kernel stands in; a kernel here may use formulas of other
+files, so the key is the source of all of the package that a kernel can depend on.  Where nothing can be
+written, kernels are compiled anew in each process.
 
 With ``NUMBA_DISABLE_JIT=1`` nothing is compiled: kernels are the functions of Python they are written as,
 a hundred times as slow, and give the same bits.
 """
 
 import logging
-from collections.abc import Callable
-from contextlib import suppress
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from functools import lru_cache, wraps
 from hashlib import sha256
 from pathlib import Path
@@ -22,8 +24,12 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.types.misc import unliteral
 from numba.extending import intrinsic, register_jitable
+
+if sys.platform != "win32":  # where processes compile side by side
+    import fcntl
 
 # Nobody has to set up logging to see a warning; whoever does can silence it.
 _LOGGER = logging.getLogger("aimd_des")
@@ -94,6 +100,21 @@ class _PackageCache(FunctionCache):  # type: ignore[misc]  # numba has no type i
             _announce(self._announced)
         return found
 
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Let no other process compile this kernel: it waits, and then finds the code on the disk.
+
+        The system gives the lock up with the process.  A kernel is locked before those it calls, and none
+        calls itself, so nobody waits in a circle.
+        """
+        with ExitStack() as held:
+            with suppress(OSError):  # what can be read need be neither written nor locked
+                path = Path(self.cache_path, f"{self._impl.filename_base}.lock")
+                lock = held.enter_context(path.open("w"))
+                if sys.platform != "win32":
+                    fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep what was compiled; if the disk refuses it is used all the same."""
         try:
@@ -107,6 +128,10 @@ class _NoCache(NullCache):  # type: ignore[misc]  # numba has no type informatio
 
     def __init__(self, announced: str) -> None:
         self._announced = announced
+
+    def alone(self) -> AbstractContextManager[None]:
+        """Do not wait for others, who can leave nothing here."""
+        return nullcontext()
 
     def load_overload(self, sig: Any, target_context: Any) -> None:
         """Say that compiling takes its time, and that it will next time."""
@@ -144,13 +169,19 @@ def _compiled(function: _Function, announced: str = "", **options: bool) -> _Fun
     if numba.config.DISABLE_JIT:
         return _interpreted(function)
     dispatcher = numba.njit(error_model="numpy", nogil=True, _nrt=False, **options)(function)
-    dispatcher._cache = _cache_for(function, announced)
-    typed = dispatcher.get_call_template
+    cache = dispatcher._cache = _cache_for(function, announced)
+    typed, compile_now = dispatcher.get_call_template, dispatcher.compile
+
+    def compile_alone(signature: Any) -> Any:
+        """Compile what no other process is compiling; threads of this one wait for each other first."""
+        with global_compiler_lock, cache.alone():
+            return compile_now(signature)
 
     def get_call_template(args: Any, kws: Any) -> Any:
         """Compile once for all integers, not once more for each that is written out where it is called."""
         return typed([*map(unliteral, args)], {name: unliteral(kws[name]) for name in kws})
 
+    dispatcher.compile = compile_alone
     dispatcher.get_call_template = get_call_template
     return cast(_Function, dispatcher)
 
