@@ -29,6 +29,7 @@ from aimd_des import (
 from aimd_des.theory.mean_dynamics import Memory
 from aimd_des.theory.second_moments import remaining
 from aimd_des.utils.validation import FloatArray
+from benchmarks.accuracy import slopes, slow_costs
 from models import random_convex, smart_cameras
 from tests.conftest import resource
 from tests.support.responses_on_the_clock import EVENTS, FULL, PART, Way, run_response
@@ -88,15 +89,6 @@ def deviations(problems: list[Problem], at: int, way: Way, response: responses.R
             for problem in problems
         ]
     ).ravel()
-
-
-def slow_costs(elasticities: tuple[float, float], n: int = 60) -> Problem:
-    """Costs with derivatives 1 - e + e x / x* by turns, which are 1 at a known optimum x*."""
-    optimum = np.random.default_rng(0).uniform(0.5, 1.5, n)
-    steep = np.resize(elasticities, n)
-    coefficients = np.stack([1.0 - steep, 0.5 * steep / optimum], axis=1)[:, None, :]
-    changes = {"capacity": optimum.sum(), "increase": 0.025, "decrease": 0.7, "normalization": 0.2}
-    return Problem([resource(**changes)], PolynomialCosts([1, 2], coefficients))
 
 
 def one_third(average: float) -> float:
@@ -241,6 +233,18 @@ class TestAverages:
         assert (abs(measured / predicted - 1.0) < kappa(expected)).all()
         slopes = [np.polyfit(np.log(at), np.log(values), 1)[0] for values in (measured, predicted)]
         assert slopes[0] == pytest.approx(slopes[1], abs=0.03)
+
+    @pytest.mark.parametrize(("gain", "other"), [(1.0, 5.0), (5.0, 1.0)])
+    def test_slopes_of_runs_that_draw_are_those_of_all_modes_together(
+        self, gain: float, other: float
+    ) -> None:
+        rules: list[dict[str, Any]] = [
+            {"response": CURED, "averaging": averaging.Polynomial(each)} for each in (gain, other)
+        ]
+        problem, at = slow_costs((0.3, 1.0)), (3000.0, 10_000.0, 30_000.0)
+        found, wrong = (slopes(problem, at, runs, **rule) for runs, rule in zip((16, 1), rules, strict=True))
+        assert (abs(found.measured - found.predicted) < 4 * found.error).all()
+        assert (abs(found.measured - wrong.predicted) > 4 * found.error).all()
 
     def test_a_gain_damps_slow_costs_and_adds_noise(self) -> None:
         problem, at = slow_costs((0.3, 0.6)), [3000, 10_000]
