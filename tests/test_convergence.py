@@ -4,6 +4,7 @@ Predicted and measured means are held to within 4 standard errors of the runs.  
 to that: the next order in 1 / n, or in kappa, the part of a demand that a signal takes.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from aimd_des import (
     Resource,
     Simulation,
     averaging,
+    latency,
     loss,
     responses,
     run_synchronous,
@@ -27,7 +29,7 @@ from aimd_des import (
     theory,
 )
 from aimd_des.theory.mean_dynamics import Memory
-from aimd_des.theory.second_moments import remaining
+from aimd_des.theory.second_moments import modes_of, remaining
 from aimd_des.utils.validation import FloatArray
 from benchmarks.accuracy import slopes, slow_costs
 from models import random_convex, smart_cameras
@@ -57,6 +59,14 @@ def synchronous(problem: Problem, at: list[float], seeds: int, **options: Any) -
         for seed in range(seeds)
     ]
     return np.stack([np.swapaxes(run.observations.average[-len(at) :], 1, 2) for run in runs])
+
+
+def late(problem: Problem, at: list[float], lag: int, **options: Any) -> FloatArray:
+    """Averages of a run whose signals come late, (q, n, m)."""
+    channel = BroadcastChannel(latency=latency.Constant(float(lag)))
+    recording = Recording(demand="end", allocations=at, overshoot=False)
+    simulation = Simulation(problem, channel=channel, agents=Fleet, recording=recording, **options)
+    return np.swapaxes(simulation.run(at[-1]).observations.average[-len(at) :], 1, 2)
 
 
 def biased(expected: theory.Convergence, averages: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -161,6 +171,30 @@ class TestThePapersRule:
         assert (abs(part - 1.0) < 4 * np.sqrt(noise) / (much.bias**2).sum(axis=0) + kappa(much)).all()
         assert ((none.bias * much.bias).sum(axis=0) < 0.0).all()
         assert (abs(some.bias).sum(axis=0) < abs(none.bias).sum(axis=0)).all()
+
+    @pytest.mark.slow
+    def test_a_sway_damps_noise(self) -> None:
+        problem, at, runs = smart_cameras(seed=0), 3000.0, 40
+        averages = np.concatenate([late(problem, [at], lag=20, seed=seed) for seed in range(runs)])
+        expected = theory.convergence(problem, lag=20)
+        covariance = expected.covariance(at)
+        # The summed variances of Gaussian averages have the variance 2 tr V^2 / (runs - 1).
+        error = np.sqrt(0.5 * np.einsum("jik,jki->j", covariance, covariance) / (runs - 1))
+        error /= np.einsum("jii->j", covariance)
+        assert (abs(spread_ratio(expected, averages, at) - 1.0) < 4 * error + 1 / 60).all()
+        still = expected.setting._replace(following=None)
+        blocks = tuple(modes_of(still, expected.steady, slice(j, j + 1), together=True) for j in range(3))
+        wrong = spread_ratio(replace(expected, blocks=blocks), averages, at)
+        assert (abs(wrong - 1.0) > 4 * error + 1 / 60).any()
+
+    def test_a_sway_slows_cures_down(self) -> None:
+        problem, at = smart_cameras(seed=0), [10_000.0, 30_000.0]
+        expected = theory.convergence(problem, lag=10, response=BOTH)
+        measured = misallocation(problem, late(problem, at, lag=10, seed=0, response=BOTH))
+        slopes = np.diff(np.log(measured), axis=0)[0] / np.log(3.0)
+        smallest = np.array([values[0] for values in expected.exponents])
+        assert (abs(slopes + smallest) < kappa(expected)).all()
+        assert abs(slopes[2] + 1.0) > kappa(expected)[2]  # the exponent without a delay
 
     def test_losses_that_differ_on_the_clock(self) -> None:
         problem = smart_cameras(seed=0)

@@ -25,7 +25,7 @@ from aimd_des.theory.prediction import Steady, check_enough, settle, steady_stat
 from aimd_des.theory.response_rule import largest, probability
 from aimd_des.theory.second_moments import Modes, modes_of
 from aimd_des.theory.setting import Setting, check_setting
-from aimd_des.theory.sways import follow_sway
+from aimd_des.theory.sways import follow_averages, follow_sway
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
@@ -437,7 +437,7 @@ def _on_the_clock(setting: Setting) -> tuple[Setting, Steady]:
         before, steady = steady, settle(setting, steady.average)
         if np.allclose(steady.average, before.average, rtol=_RESTS):
             break
-    return setting, steady
+    return setting._replace(following=follow_averages(setting, steady, lag)), steady
 
 
 def _memory(averaging: Averaging | None) -> Memory:

@@ -193,7 +193,7 @@ class Path:
         else:
             share, grown = increase.sum(axis=0) / cut.sum(axis=0), increase
         moved = np.where(begun, grown - share * cut, increase)
-        tooth = np.where(begun, self.steady.found - self.steady.average, 0.0)
+        tooth = np.where(begun, self._tooth(found), 0.0)
         if self.origin is not None:  # agents that have just come hold less than a tooth
             tooth *= np.minimum(found / self.steady.found, 1.0)
         follows = np.where(begun, self._counting(time) * (found - divisor), increase * (self.origin is None))
@@ -202,9 +202,15 @@ class Path:
     def _slow(self, time: float, state: FloatArray) -> FloatArray:
         average, divisor = state
         _, found = found_by_signals(self.setting, self._kappa(average, divisor))
-        tooth = self.steady.found - self.steady.average
+        tooth = self._tooth(found)
         follows = self._counting(time) * (found - divisor)
         return np.stack([self.memory.rate(time - self.joined) * (found - tooth - average), follows])
+
+    def _tooth(self, found: FloatArray) -> FloatArray:
+        """Compute how far demand in the mean over time is below what signals find."""
+        steady, following = self.steady, self.setting.following
+        tooth = steady.found - steady.average
+        return tooth if following is None else tooth + (1.0 - following.mean) * (found - steady.found)
 
     def _counting(self, time: float) -> FloatArray:
         """Compute at what rates averages over signals follow, (m,) or (n, m): they begin with the first."""

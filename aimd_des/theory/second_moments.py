@@ -8,7 +8,7 @@ has the part a_i.  Summed over many signals they balance,
 
 and averages over time see Z_i - a_i tau / 2: noise of the strength Q = Cov / signals per unit of time, for
 fixed response probabilities.  These follow the averages theta.  With W = theta / f', H the Hessian of the
-costs and P the projection that keeps the totals,
+costs and P the projection that keeps the totals, to first order in kappa,
 
     d theta / dt = -r (P W H theta - noise),
 
@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aimd_des.dynamics.responses import FULL
+from aimd_des.dynamics.responses import AVERAGE, FULL
 from aimd_des.theory.mean_dynamics import Memory, first_signals
 from aimd_des.theory.prediction import Steady, lost_steps
 from aimd_des.theory.setting import Setting
@@ -32,6 +32,8 @@ from aimd_des.utils.validation import FloatArray
 
 # Frequencies of a window of length 1, and into how many steps they are cut.
 _BAND, _FINE = 400.0, 8000
+# Relative, between elements of a matrix and of its transpose.
+_SYMMETRIC = 1e-9
 # In time constants: what was averaged before no longer counts.
 _FORGOTTEN = 500.0
 
@@ -108,51 +110,78 @@ def _window(s: FloatArray, t: FloatArray) -> FloatArray:
 
 def modes_of(setting: Setting, steady: Steady, columns: slice, together: bool) -> Modes:
     """Find the modes of all agents together, or of each by itself, for some resources."""
-    problem, average = setting.problem, steady.average[:, columns]
-    gradient = problem.costs.gradient(steady.average)[:, columns]
-    hessian = problem.costs.hessian(steady.average)[:, columns, columns]
-    root = np.sqrt(average / gradient)
-    own = root[:, :, None] * hessian * root[:, None, :]
-    noise = _noise(setting, steady, together)
+    linear, noise = _linear(setting, steady, columns), _noise(setting, steady, together)
     settling = 1.0 / float((steady.keep * steady.hit * steady.signals)[:, columns].mean())
     start = float(first_signals(setting, steady)[columns].max())
     if not together:
-        strength = noise[:, columns, None] * np.eye(average.shape[1])
-        exponent, vectors = np.linalg.eigh(own)
-        back = vectors.transpose(0, 2, 1) / root[:, None, :]
-        spread = back @ strength @ back.transpose(0, 2, 1)
-        return Modes(exponent, root[:, :, None] * vectors, spread, start, settling)
-    n, m = average.shape
+        return Modes(*_one_by_one(linear, noise[:, columns]), start, settling)
+    return Modes(*_all_together(linear, noise[columns]), start, settling)
+
+
+class _Linear(NamedTuple):
+    """The mean dynamics near where averages settle, for some resources: columns of (n, m), (n, m, m)."""
+
+    follows: FloatArray  # by how much averages follow what signals find
+    answer: FloatArray  # what that makes of a derivative that changes: follows E y / f'
+    plain: FloatArray  # at what rate averages are left behind where derivatives stay as they are
+    found: FloatArray
+    gradient: FloatArray
+    hessian: FloatArray
+
+
+def _linear(setting: Setting, steady: Steady, columns: slice) -> _Linear:
+    """Linearise the mean dynamics.
+
+    Notes
+    -----
+    With y = c theta / f' for the paper's divisor, and averages m(y) over time, deviations of theta die away
+    at the rates of 1 - m' y / theta + m' y / f' H, in place of 1 - 1 + theta / f' H to first order.  Where
+    lambda has the demand that signals find below it, that settles by itself, and m' y / f' H is left.
+    """
+    problem, average, found = setting.problem, steady.average[:, columns], steady.found[:, columns]
+    gradient = problem.costs.gradient(steady.average)[:, columns]
+    hessian = problem.costs.hessian(steady.average)[:, columns, columns]
+    follows = np.ones_like(average) if setting.following is None else setting.following.mean[:, columns]
+    follows = follows - float(_own_cut(setting, steady)[:, columns].mean())
+    plain = np.zeros_like(average)
+    if setting.response.divisor == AVERAGE:
+        plain = 1.0 - follows * found / (found if setting.response.cut == FULL else average)
+    return _Linear(follows, follows * found / gradient, plain, found, gradient, hessian)
+
+
+def _one_by_one(linear: _Linear, noise: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Find exponents, shapes and noise of each agent's own modes, as in `Modes`."""
+    root, one = np.sqrt(linear.answer), np.eye(noise.shape[1])
+    own = root[:, :, None] * linear.hessian * root[:, None, :] + linear.plain[:, :, None] * one
+    exponent, vectors = np.linalg.eigh(own)
+    back = vectors.transpose(0, 2, 1) / root[:, None, :]
+    spread = back @ (noise[:, :, None] * one) @ back.transpose(0, 2, 1)
+    return exponent, root[:, :, None] * vectors, spread
+
+
+def _all_together(linear: _Linear, noise: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Find exponents, shapes and noise of the modes that leave each total as it is, as in `Modes`."""
+    n, m = linear.found.shape
+    # In multiples of these what the balance gives to keep a total is at right angles to what leaves it.
+    weights = linear.follows * np.sqrt(linear.found / linear.gradient.mean(axis=0))
     full, strength = np.zeros((2, n, m, n, m))
-    full[np.arange(n), :, np.arange(n), :] = own
+    own = (linear.answer / weights)[:, :, None] * linear.hessian * weights[:, None, :]
+    full[np.arange(n), :, np.arange(n), :] = own + linear.plain[:, :, None] * np.eye(m)
     for j in range(m):
-        strength[:, j, :, j] = noise[columns][j]
+        strength[:, j, :, j] = noise[j]
     full, strength = full.reshape(n * m, n * m), strength.reshape(n * m, n * m)
-    weights = root.reshape(-1, 1)
-    # Deviations over `root` that leave each total as it is are at right angles to these.
-    totals = weights * np.tile(np.eye(m), (n, 1))
+    totals = np.sqrt(linear.found).reshape(-1, 1) * np.tile(np.eye(m), (n, 1))
     rest = np.linalg.qr(np.column_stack([totals, np.eye(n * m)]))[0][:, m:]
     within = rest.T @ full @ rest
-    if _alike(setting):
+    if np.allclose(full, full.T, rtol=_SYMMETRIC, atol=0.0):
         exponent, vectors = np.linalg.eigh(within)
         back = vectors.T
     else:
-        # What the balance gives to keep a total goes by the slopes that agents settle on.
-        held = totals * (gradient / gradient.mean(axis=0)).reshape(-1, 1)
-        within = within - rest.T @ held @ np.linalg.solve(totals.T @ held, totals.T @ full @ rest)
         exponent, vectors = np.linalg.eig(within)
         back = np.linalg.inv(vectors)
-    back = back @ (rest / weights).T
-    exponent = exponent + float(_own_cut(setting, steady)[:, columns].mean()) * (1.0 - exponent)
-    shape, spread = weights * (rest @ vectors), back @ strength @ back.conj().T
-    return Modes(exponent[None], shape[None], spread[None], start, settling)
-
-
-def _alike(setting: Setting) -> bool:
-    """Tell whether all agents settle on the same slopes."""
-    problem = setting.problem
-    given = problem.increase, problem.decrease, setting.loss
-    return all(not np.ptp(values, axis=0).any() for values in given)
+    back = back @ (rest / weights.reshape(-1, 1)).T
+    shape, spread = weights.reshape(-1, 1) * (rest @ vectors), back @ strength @ back.conj().T
+    return exponent[None], shape[None], spread[None]
 
 
 def _own_cut(setting: Setting, steady: Steady) -> FloatArray:
@@ -177,14 +206,15 @@ def _noise(setting: Setting, steady: Steady, together: bool) -> FloatArray:
         keep = kappa / hit
     kicks = keep**2 * hit * (1.0 - hit) * steady.square + lost_steps(setting, kappa, steady.found)
     growth = setting.problem.increase
+    follows = np.ones_like(kappa) if setting.following is None else setting.following.noise
     if not together:
-        return np.asarray(kicks / (kappa**2 * steady.signals))
+        return np.asarray(follows**2 * kicks / (kappa**2 * steady.signals))
     part, less = growth / growth.sum(axis=0), _own_cut(setting, steady)
     columns = []
     for j in range(growth.shape[1]):
         inverse, made_up = 1.0 / kappa[:, j], part[:, j] / kappa[:, j]
         extra = inverse / made_up.sum()  # -tau is this times Xi
-        seen = 1.0 - less[:, j, None]
+        seen = (follows - less)[:, j, None]
         answer = seen * (np.diag(inverse) - np.outer(made_up, extra)) + 0.5 * np.outer(part[:, j], extra)
         columns.append((answer * kicks[:, j]) @ answer.T / steady.signals[j])
     return np.stack(columns)

@@ -19,6 +19,13 @@ _MOST_ON_THE_WAY = 100
 _FEW = 200
 
 
+class Following(NamedTuple):
+    """How averages over time follow what signals find where all agents sway together, both (n, m)."""
+
+    mean: FloatArray  # derivative of the one by the other
+    noise: FloatArray  # the same for draws, as a root of the mean square: not all signals find alike
+
+
 class Setting(NamedTuple):
     """What stays the same over the rounds."""
 
@@ -37,6 +44,7 @@ class Setting(NamedTuple):
     exact: bool  # whether averages come from exact moments
     # (n, m): on the clock: variance of the mean of an agent's demand over its draws, at the signals that act.
     sway: FloatArray | None = None
+    following: Following | None = None  # where that is not 1 because agents sway
 
     @property
     def crossing(self) -> bool:
