@@ -1,6 +1,7 @@
 """What theory expects of a run stands beside what is measured: in Python, folders, studies and commands."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -272,22 +273,25 @@ def test_validate_says_what_is_expected_and_what_an_accuracy_takes() -> None:
     assert invoke("validate", "five.toml").stdout == f"{ok}\n"
 
 
-def test_the_panel_of_convergence_draws_the_band() -> None:
+@pytest.mark.parametrize(
+    ("draw", "measure"), [(plots.error_decay, "misallocation"), (plots.relative_error, "relative_error")]
+)
+def test_panels_of_errors_draw_the_band(draw: Callable[..., Any], measure: str) -> None:
     from matplotlib.figure import Figure
 
     asked = Simulation(problem(), seed=1, recording=Recording(allocations=20.0))
     result, expected = asked.run(until=600), asked.convergence()
-    axes = plots.error_decay(Figure().add_subplot(), result, expected=expected)
+    axes = draw(Figure().add_subplot(), result, expected=expected)
     (band,) = axes.collections
     corners = band.get_paths()[0].vertices
     at_end = corners[corners[:, 0] == 600.0][:, 1]
-    interval = expected.misallocation(600.0)
+    interval = getattr(expected, measure)(600.0)
     assert at_end.min() == pytest.approx(interval.low[0], rel=1e-3)
     assert at_end.max() == pytest.approx(interval.high[0], rel=1e-3)
     other = Resource("disk", capacity=12.0, increase=0.02, decrease=0.7, normalization=0.1)
     wrong = convergence(Problem([other], PolynomialCosts([2], [[[1.0]]] * N)))
     with pytest.raises(InputError, match="resources of expected"):
-        plots.error_decay(Figure().add_subplot(), result, expected=wrong)
+        draw(Figure().add_subplot(), result, expected=wrong)
 
 
 def test_what_is_in_run_json_is_text() -> None:

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 
 from aimd_des.plots import style
 from aimd_des.plots.allocations import NOT_RECORDED
+from aimd_des.plots.expected import check_expected, draw_expected
 from aimd_des.plots.in_force import NEVER, NOBODY, Observation, measured
 from aimd_des.plots.panel import panel
 from aimd_des.problem.optimum import Optimum
@@ -15,7 +16,7 @@ from aimd_des.results import metrics
 from aimd_des.results.looks import looks
 from aimd_des.results.result import Result
 from aimd_des.results.tracking import misallocation
-from aimd_des.theory import Convergence, Expected
+from aimd_des.theory import Convergence
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
@@ -137,8 +138,8 @@ def error_decay(
     slope : float
         Of the reference line.
     expected : Convergence, optional
-        What theory says, such as `Simulation.convergence`: the measure in the mean over runs as a dashed
-        line, and the band that holds 95 % of them.
+        What theory says, such as `Simulation.convergence`: the measure in the mean over runs as a
+        dash-dotted line, and the band that holds 95 % of them.
 
     Raises
     ------
@@ -152,12 +153,7 @@ def error_decay(
     times = [run.observations.allocation_times for run in runs]
     if not runs or any(not np.array_equal(times[0], other) for other in times):
         raise InputError.of("results", len(runs), "one or more runs whose allocations were recorded alike")
-    if expected is not None:
-        own = validation.instance("expected", expected, Convergence, "a Convergence").problem.resource_names
-        if own != runs[0].problem.resource_names:
-            raise InputError.of(
-                "resources of expected", own, f"{runs[0].problem.resource_names}, as of the run"
-            )
+    check_expected(expected, runs[0])
     axes.set_ylabel(style.axis_label(_MEASURES[measure], "share of the optimum"))
     shown = looks(times[0], _DECAY_LOOKS, log=True)
     if len(shown) < 2:
@@ -173,7 +169,7 @@ def error_decay(
     axes.set_yscale("log")
     style.name_resources(axes, runs[0].problem)
     if expected is not None:
-        _draw_expected(axes, drawn, getattr(expected, measure)(drawn))
+        draw_expected(axes, drawn, getattr(expected, measure)(drawn))
     last = known[-1]
     reference = 1.6 * float(np.nanmax(error[last])) * (drawn / drawn[last]) ** slope
     axes.plot(
@@ -190,15 +186,6 @@ def error_decay(
     style.number_axis(axes.yaxis, percent=True)
     style.time_axis(axes, runs[0], log=True)
     return axes
-
-
-def _draw_expected(axes: Axes, times: FloatArray, expected: Expected) -> None:
-    """Draw what theory expects of each resource, and the band in which runs lie."""
-    for j in range(expected.mean.shape[1]):
-        low, high = expected.low[:, j], expected.high[:, j]
-        axes.fill_between(times, low, high, color=style.colour(j), alpha=0.2, linewidth=0.0)
-        axes.plot(times, expected.mean[:, j], "--", color=style.colour(j), linewidth=1.2)
-    axes.plot([], [], "--", color=style.REFERENCE, linewidth=1.2, label="expected, 95 % of runs")
 
 
 def _misallocation(look: Observation) -> FloatArray:

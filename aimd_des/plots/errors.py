@@ -5,15 +5,19 @@ from matplotlib.axes import Axes
 
 from aimd_des.plots import selection, style, units
 from aimd_des.plots.allocations import NOT_RECORDED
+from aimd_des.plots.expected import check_expected, draw_expected
 from aimd_des.plots.in_force import NEVER, NOBODY, Observation, measured
 from aimd_des.plots.panel import panel
 from aimd_des.problem.optimum import Optimum
 from aimd_des.results import metrics
+from aimd_des.results.looks import looks
 from aimd_des.results.result import Result
+from aimd_des.theory import Convergence
 from aimd_des.utils import formatting
 from aimd_des.utils.validation import FloatArray
 
 _BINS = 20
+_BAND_LOOKS = 60
 
 
 @panel
@@ -48,9 +52,24 @@ def absolute_error(axes: Axes, result: Result, optimum: Optimum | None = None) -
 
 
 @panel
-def relative_error(axes: Axes, result: Result, optimum: Optimum | None = None) -> Axes:
-    """Draw how the relative error of each resource evolves."""
+def relative_error(
+    axes: Axes, result: Result, optimum: Optimum | None = None, *, expected: Convergence | None = None
+) -> Axes:
+    """Draw how the relative error of each resource evolves.
+
+    Parameters
+    ----------
+    expected : Convergence, optional
+        What theory says, such as `Simulation.convergence`: the error in the mean over runs as a
+        dash-dotted line, and the band of `Convergence.relative_error`.
+
+    Raises
+    ------
+    InputError
+        If `expected` is of other resources.
+    """
     seen = result.observations
+    check_expected(expected, result)
     axes.set_ylabel("relative error")
     shown = selection.few_looks(result)
     if len(shown) < 2:
@@ -65,6 +84,9 @@ def relative_error(axes: Axes, result: Result, optimum: Optimum | None = None) -
     axes.set_yscale("log")
     style.number_axis(axes.yaxis, percent=True)
     style.name_resources(axes, result.problem)
+    if expected is not None:
+        at = times[looks(times, _BAND_LOOKS, log=True)]
+        draw_expected(axes, at, expected.relative_error(at))
     axes.set_xlim(times[0], times[-1])
     style.time_axis(axes, result, log=True)
     return axes

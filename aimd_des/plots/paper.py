@@ -13,6 +13,7 @@ from aimd_des.plots.errors import absolute_error, cost_ratio, error_histogram, r
 from aimd_des.plots.style import plain, shared_legend
 from aimd_des.problem.optimum import Optimum
 from aimd_des.results.result import Result
+from aimd_des.theory import Convergence
 from aimd_des.utils.errors import InputError
 
 _PANEL = (4.3, 3.7)  # inches: text of the default size stays readable on a page
@@ -20,7 +21,12 @@ _PANEL = (4.3, 3.7)  # inches: text of the default size stays readable on a page
 _Panel = tuple[str, Callable[[Axes], Axes]]
 
 
-def paper_figures(results: Result | Sequence[Result], optimum: Optimum | None = None) -> dict[str, Figure]:
+def paper_figures(
+    results: Result | Sequence[Result],
+    optimum: Optimum | None = None,
+    *,
+    expected: Convergence | None = None,
+) -> dict[str, Figure]:
     """Draw the paper's four figures.
 
     Parameters
@@ -31,6 +37,9 @@ def paper_figures(results: Result | Sequence[Result], optimum: Optimum | None = 
         was recorded says so.
     optimum : Optimum, optional
         What stands for the optimum of the first run's problem at its end; the one in force unless given.
+    expected : Convergence, optional
+        What theory says of the first run, such as `Simulation.convergence`, for a band behind its relative
+        error.
 
     Returns
     -------
@@ -44,13 +53,16 @@ def paper_figures(results: Result | Sequence[Result], optimum: Optimum | None = 
     Raises
     ------
     InputError
-        If there is no run, their resources differ, or the optimum is for another number of agents.
+        If there is no run, their resources differ, the optimum is for another number of agents, or
+        `expected` is of other resources.
     """
-    return {name: draw() for name, draw in figure_makers(results, optimum).items()}
+    return {name: draw() for name, draw in figure_makers(results, optimum, expected).items()}
 
 
 def figure_makers(
-    results: Result | Sequence[Result], optimum: Optimum | None = None
+    results: Result | Sequence[Result],
+    optimum: Optimum | None = None,
+    expected: Convergence | None = None,
 ) -> dict[str, Callable[[], Figure]]:
     """Give what draws each of the paper's figures, so that one that fails does not take the others along."""
     runs = [results] if isinstance(results, Result) else list(results)
@@ -71,7 +83,7 @@ def figure_makers(
         "figure2": partial(
             _row,
             ("Distance from the optimum", lambda axes: absolute_error(axes, run, optimum)),
-            ("Relative error", lambda axes: relative_error(axes, run, optimum)),
+            ("Relative error", lambda axes: relative_error(axes, run, optimum, expected=expected)),
             ("Total cost over optimal cost", lambda axes: cost_ratio(axes, run, optimum)),
         ),
         "figure3": partial(_row, *histograms, legend=False),

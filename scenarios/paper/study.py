@@ -19,6 +19,7 @@ from aimd_des import (
     checks,
     run_synchronous,
     solve_optimum,
+    theory,
 )
 from aimd_des.plots import paper_figures
 from aimd_des.scenario import Place
@@ -117,7 +118,8 @@ def _event_driven_agrees(problem: Problem, steps: int, seed: int) -> bool:
 
 def figures(study: PaperStudy) -> dict[str, Figure]:
     """Draw the paper's four figures, figure1 to figure4, three panels each."""
-    drawn = paper_figures(study.results, study.optimum)
+    expected = theory.convergence(study.results[0].problem, lag=_CASES[0][1])
+    drawn = paper_figures(study.results, study.optimum, expected=expected)
     errors = drawn["figure2"].axes[1]
     errors.axhline(ERROR_BOUND, color="0.35", linewidth=1.2, linestyle=":")
     beside, words = errors.get_yaxis_transform(), f"the paper: below {100 * ERROR_BOUND:g} %"
