@@ -251,6 +251,11 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "theory.share_rates": (theory.share_rates, {"problem": PROBLEM, "allocation": [[0.5], [0.5]]}),
     "theory.recovery_time": (theory.recovery_time, {"before": 1.0, "after": 2.0, "age": 3.0}),
     "theory.safe_threshold": (theory.safe_threshold, {"problem": PROBLEM, "exceedance": 0.01}),
+    "theory.limit_cycle": (
+        theory.limit_cycle,
+        {"problem": PROBLEM, "hold_off": 0.1, "latency": 0.5, "loss": 0.0},
+    ),
+    "theory.hold_off_bounds": (theory.hold_off_bounds, {"problem": PROBLEM, "latency": 0.5, "taken": 0.5}),
     "theory.partition_runaway": (theory.partition_runaway, {"problem": PROBLEM, "duration": 1.0}),
 }
 

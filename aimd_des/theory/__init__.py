@@ -20,6 +20,7 @@ from aimd_des.theory.fluid import Flow, Spell, flow
 from aimd_des.theory.losses import compensated_probability, critical_loss, loss_weights, runaway_multiplier
 from aimd_des.theory.prediction import Prediction, predict
 from aimd_des.theory.recovery import Recovery, recovery
+from aimd_des.theory.relay import LimitCycle, hold_off_bounds, limit_cycle
 from aimd_des.theory.signals import (
     clock_offset,
     peak_lift,
@@ -37,6 +38,7 @@ __all__ = [
     "Convergence",
     "Expected",
     "Flow",
+    "LimitCycle",
     "Needed",
     "Prediction",
     "Recovery",
@@ -56,6 +58,8 @@ __all__ = [
     "event_interval",
     "event_mean",
     "flow",
+    "hold_off_bounds",
+    "limit_cycle",
     "loss_weights",
     "needed_rate",
     "partition_runaway",
