@@ -171,6 +171,7 @@ class AgentProcess:
         if not self.separable:
             self._take_averages(moment)
         i, tick_weight, averages, papers = self.agent, self._tick_weight, self._averages, self._papers
+        now = self._env.now if self._discrete else moment
         for signal in signals:
             j = signal.resource
             demand, accumulated, anchor, origin, increase, decrease, normalization = self._rows[j]
@@ -183,7 +184,9 @@ class AgentProcess:
                 folded, average = self._fold(j, moment)
                 averages[j] = average
             # Formulas that kernels compile, too: whoever rearranges one moves the bits of both.
-            present, slope = demand_at(held, increase, since, tick_weight), self.marginal_cost(averages, j)
+            present = demand_at(held, increase, since, tick_weight)
+            slope = self.marginal_cost(averages, j)
+            # The paper's rule is written out for the same reason as its average.
             probability = (
                 response_probability(normalization, slope, average)
                 if papers
@@ -192,9 +195,8 @@ class AgentProcess:
             if self._compensates:
                 probability *= self._factor(signal, moment)
             uniform = self.system.response_draws(signal)[i]
-            drawn = decrease if uniform < probability else 1.0
-            factor = drawn if papers else self._cut(j, probability, uniform, present)
-            if factor < 1.0:
+            factor = decrease if papers else self._cut(j, probability, uniform, present)
+            if uniform < probability if papers else factor < 1.0:
                 kept = present * factor
                 self._break_line(j, kept, folded, moment)
                 self._responses[j][i] += 1
@@ -203,16 +205,16 @@ class AgentProcess:
                     self._saturated[j][i] += is_saturated(self._response, probability, decrease)
                 # Listeners are told when the new line has begun, so what they read is what is so now.
                 for tell in self._on_response:
-                    tell(self._env.now, j, kept - present)
+                    tell(now, j, kept - present)
                 if self._log is not None:
                     entry = (j, i, signal.number, present - kept)
-                    self._log.add((self._env.now, Entry.RESPOND, *entry))
+                    self._log.add((now, Entry.RESPOND, *entry))
             else:
                 # A tick that holds is a tick without growth; a continuous agent just grows on.
                 if self._discrete:
                     self._break_line(j, present, folded, moment)
                 if self._log is not None:
-                    self._log.add((self._env.now, Entry.HOLD, j, i, signal.number, 0.0))
+                    self._log.add((now, Entry.HOLD, j, i, signal.number, 0.0))
 
     def _probability(
         self, resource: int, slope: float, average: float, demand: float, moment: float

@@ -168,9 +168,10 @@ class LinearPieces:
         """Take note of a change of the total."""
         # Answers of compiled agents that come before this change are folded in before it.
         self.system.settle()
-        self.times[resource].append(time)
+        times = self.times[resource]
+        times.append(time)
         self.changes[resource].append(change)
-        if len(self.times[resource]) == _BUFFERED:
+        if len(times) == _BUFFERED:
             self._fold(resource)
 
     def flush(self) -> None:
