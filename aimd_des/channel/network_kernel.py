@@ -17,12 +17,14 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.utils.jit import routine
+from aimd_des.utils.records import record
 from aimd_des.utils.validation import FloatArray
 
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 
+@record
 class NetworkTable(NamedTuple):
     """A network for compiled code, with working memory; all arrays are empty where there is none."""
 

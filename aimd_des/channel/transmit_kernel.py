@@ -11,12 +11,14 @@ from aimd_des.channel.loss.kernels import LossTable, loss_row
 from aimd_des.channel.network_kernel import NetworkTable, network_table, spread
 from aimd_des.channel.random_draws import LANES_PER_COPY
 from aimd_des.utils.jit import kernel, routine
+from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, Purpose, uniforms_row
 from aimd_des.utils.validation import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
 
 
+@record
 class ChannelTable(NamedTuple):
     """A channel in one run, for compiled code, with its memory.
 

@@ -37,6 +37,7 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.jit import formula
 from aimd_des.utils.parts import built_in
 from aimd_des.utils.portable_math import exp, expm1, log1p
+from aimd_des.utils.records import record
 from aimd_des.utils.validation import FloatArray
 
 # A finer window slides no better, and costs memory.
@@ -52,6 +53,7 @@ _MOST_GAIN = 100.0
 _MOST_STEPS = 64
 
 
+@record
 class AveragingParameters(NamedTuple):
     """A way of averaging, for formulas."""
 

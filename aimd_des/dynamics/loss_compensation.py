@@ -24,6 +24,7 @@ import numpy.typing as npt
 from aimd_des.utils import validation
 from aimd_des.utils.jit import formula
 from aimd_des.utils.parts import built_in
+from aimd_des.utils.records import record
 from aimd_des.utils.validation import FloatArray
 
 #: What an agent knows of its loss.
@@ -36,6 +37,7 @@ _LEAST_GROWTH = 1.0 / _MOST
 _MOST_BITS = 62
 
 
+@record
 class CompensationParameters(NamedTuple):
     """How agents make good for losses, for formulas."""
 

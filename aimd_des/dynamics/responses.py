@@ -29,6 +29,7 @@ from aimd_des.utils.compiled_call import call_compiled
 from aimd_des.utils.jit import formula
 from aimd_des.utils.parts import built_in
 from aimd_des.utils.portable_math import expm1
+from aimd_des.utils.records import record
 from aimd_des.utils.validation import FloatArray
 
 #: What becomes of demand.
@@ -58,6 +59,7 @@ _LAMBDA, _MEAN, _COUNT, _SUM, _PARTS = 0, 1, 2, 3, 4
 OWN_COLUMNS = 1
 
 
+@record
 class ResponseParameters(NamedTuple):
     """A response, for formulas."""
 

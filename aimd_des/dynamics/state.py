@@ -36,6 +36,7 @@ from aimd_des.problem.problem import Problem
 from aimd_des.utils import returned_values, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.locked_arrays import locked
+from aimd_des.utils.records import record
 from aimd_des.utils.validation import FloatArray
 
 IntArray = npt.NDArray[np.int64]
@@ -43,6 +44,7 @@ IntArray = npt.NDArray[np.int64]
 _Form = TypeVar("_Form")
 
 
+@record
 class State(NamedTuple):
     """What changes: every array has shape (m, n), `parts` and `memory` one axis more."""
 
@@ -65,6 +67,7 @@ class State(NamedTuple):
     memory: FloatArray  # what the response keeps for each agent and resource; empty with the paper's
 
 
+@record
 class AgentParameters(NamedTuple):
     """The parameters of the agents' rule; nobody but the functions of interventions can write there."""
 

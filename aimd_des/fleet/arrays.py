@@ -11,6 +11,7 @@ from aimd_des.fleet.in_flight import BLOCK, DUPLICATE, CopiesInFlight
 from aimd_des.fleet.radix_heap import bits_of, put
 from aimd_des.problem.costs import CostTable
 from aimd_des.utils.jit import routine
+from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, uniforms_row
 from aimd_des.utils.validation import FloatArray
 
@@ -24,6 +25,7 @@ BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 
 
+@record
 class ClockArrays(NamedTuple):
     """The clocks of discrete agents; of continuous ones, the arrays are empty."""
 
@@ -35,6 +37,7 @@ class ClockArrays(NamedTuple):
     common: bool  # whether all tick at the same times
 
 
+@record
 class Answers(NamedTuple):
     """Answers that somebody wants to know of, in the order in which they were computed."""
 
@@ -47,6 +50,7 @@ class Answers(NamedTuple):
     held: IntArray  # (1,): how many there are
 
 
+@record
 class CopyAccount(NamedTuple):
     """Who is here, and what becomes of copies; the arrays are those of the run."""
 
@@ -57,6 +61,7 @@ class CopyAccount(NamedTuple):
     duplicated: IntArray
 
 
+@record
 class ResponseBuffers(NamedTuple):
     """Working memory, so that nothing is allocated per event.
 
@@ -104,6 +109,7 @@ def response_buffers(n_resources: int, n_agents: int) -> ResponseBuffers:
     )
 
 
+@record
 class FleetAgents(NamedTuple):
     """The agents that are advanced together."""
 

@@ -8,11 +8,13 @@ import numpy.typing as npt
 from aimd_des.channel.transmit_kernel import ChannelTable, put_in_order, transmit
 from aimd_des.fleet.arrays import FleetAgents, accept
 from aimd_des.utils.jit import routine
+from aimd_des.utils.records import record
 from aimd_des.utils.validation import FloatArray
 
 IntArray = npt.NDArray[np.int64]
 
 
+@record
 class FleetChannel(NamedTuple):
     """The way of a signal to all agents, and what is kept of it."""
 

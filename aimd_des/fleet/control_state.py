@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.fleet.arrays import LAST
+from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key
 from aimd_des.utils.validation import FloatArray
 
@@ -31,6 +32,7 @@ LOOK, ROW, TICK = 0, 1, 2
 UNSCHEDULED = LAST
 
 
+@record
 class FleetControl(NamedTuple):
     """The control unit of one run."""
 
@@ -72,6 +74,7 @@ class FleetControl(NamedTuple):
     answers: int  # above how many answers in memory somebody has to be told of them
 
 
+@record
 class Limits(NamedTuple):
     """How far the looks may go."""
 

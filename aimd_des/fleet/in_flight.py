@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.utils.records import record
 from aimd_des.utils.validation import FloatArray
 
 IntArray = npt.NDArray[np.int64]
@@ -28,6 +29,7 @@ DUPLICATE = 1 << 31
 FORGOTTEN = 2.0
 
 
+@record
 class CopiesInFlight(NamedTuple):
     """All copies on their way, in one queue or in one for each resource.
 

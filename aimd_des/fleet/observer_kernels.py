@@ -9,6 +9,7 @@ from aimd_des.engine.observers import fold_change
 from aimd_des.fleet.arrays import Answers
 from aimd_des.fleet.radix_heap import time_of
 from aimd_des.utils.jit import formula, kernel, routine
+from aimd_des.utils.records import record
 from aimd_des.utils.validation import FloatArray
 
 IntArray = npt.NDArray[np.int64]
@@ -17,6 +18,7 @@ IntArray = npt.NDArray[np.int64]
 _SHORT = 16
 
 
+@record
 class FleetOvershoot(NamedTuple):
     """What total demand beyond capacity is integrated with."""
 
@@ -39,6 +41,7 @@ class FleetOvershoot(NamedTuple):
     spare: IntArray
 
 
+@record
 class ObservedTotals(NamedTuple):
     """Where totals are kept, as in `observing.Observer`."""
 

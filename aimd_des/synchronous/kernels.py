@@ -12,6 +12,7 @@ from aimd_des.problem.costs import Costs, CostTable
 from aimd_des.problem.costs.kernels import gradient_row
 from aimd_des.results.metrics import fold_overshoot
 from aimd_des.utils.jit import kernel
+from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, uniforms_row
 from aimd_des.utils.validation import FloatArray
 
@@ -19,6 +20,7 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 
+@record
 class StepControl(NamedTuple):
     """The control unit: the totals of this look, S(k) in force, what is broadcast, and measures.
 
@@ -40,6 +42,7 @@ class StepControl(NamedTuple):
     half: FloatArray
 
 
+@record
 class StepBuffers(NamedTuple):
     """Working memory, so that nothing is allocated per step."""
 
@@ -50,6 +53,7 @@ class StepBuffers(NamedTuple):
     spare: FloatArray
 
 
+@record
 class RecordBuffers(NamedTuple):
     """Buffers of the observers; `cursor` has the looks of either kind that are done, and the next step."""
 

@@ -162,7 +162,11 @@ def _cache_for(function: Callable[..., Any], announced: str) -> Any:
 
 def formula(function: _Function) -> _Function:
     """Mark a function of numbers that kernels compile and processes call as it stands."""
-    return cast(_Function, register_jitable(error_model="numpy", forceinline=True, _nrt=False)(function))
+    # No way in from Python: kernels call formulas, processes call their source.
+    own = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    return cast(
+        _Function, register_jitable(error_model="numpy", forceinline=True, _nrt=False, **own)(function)
+    )
 
 
 def _compiled(function: _Function, announced: str = "", **options: bool) -> _Function:

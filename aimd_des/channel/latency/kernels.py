@@ -27,6 +27,7 @@ import numpy.typing as npt
 from aimd_des.channel.latency.own_quantile import call_quantile
 from aimd_des.utils.jit import formula, kernel, routine
 from aimd_des.utils.portable_math import exp, log, log_normal, standard_normal
+from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, uniform_at, uniforms_row
 from aimd_des.utils.validation import FloatArray
 
@@ -53,6 +54,7 @@ _CONSTANT, _UNIFORM, _EXPONENTIAL, _LOGNORMAL, _PARETO, _EMPIRICAL, _GAMMA, _OWN
 )
 
 
+@record
 class LatencyTable(NamedTuple):
     """A model of latency for compiled code."""
 

@@ -12,6 +12,7 @@ from aimd_des.channel.random_draws import LANES_PER_PART, Draws
 from aimd_des.utils.errors import SimulationError
 from aimd_des.utils.jit import routine
 from aimd_des.utils.portable_math import exp
+from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, Purpose, uniform_at, uniforms_row
 from aimd_des.utils.validation import FloatArray
 
@@ -34,6 +35,7 @@ _NOTHING, _CHANCE, _COMMON, _BURSTS, _RECORD = (int(cause) for cause in Cause)
 _SENT, _RECORD_ENDED, _BACK_IN_TIME = 0, 1, 2
 
 
+@record
 class LossTable(NamedTuple):
     """One or several causes of loss, for compiled code, with their memory; a copy is lost to any of them."""
 

@@ -7,9 +7,11 @@ import numpy.typing as npt
 
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.records import record
 from aimd_des.utils.validation import FloatArray
 
 
+@record
 class CostTable(NamedTuple):
     """The parameters of derivatives that compiled code evaluates, with agents along the last axis.
 

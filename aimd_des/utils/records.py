@@ -1,0 +1,123 @@
+"""Named tuples that compiled code takes as one pointer.
+
+Numba takes a named tuple apart: every array in it is seven values, and a record of fifty arrays makes each
+call of a routine move hundreds of them, and each compilation carry as many through.  A record that is
+decorated here is filled into one structure when compiled code is entered, and from there on is its address:
+a field is loaded where it is used.  A record inside a record is a structure inside a structure.
+"""
+
+from hashlib import sha256
+from typing import Any, TypeVar
+
+import numba
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.imputils import impl_ret_borrowed
+from numba.core.typing.templates import AttributeTemplate
+from numba.core.typing.typeof import typeof, typeof_impl
+from numba.extending import NativeValue, infer_getattr, lower_getattr_generic, models, register_model, unbox
+
+_Class = TypeVar("_Class", bound=type)
+
+
+class _Record(types.Type):  # type: ignore[misc]  # numba has no type information
+    """The type of a record, by the types of its fields."""
+
+    def __init__(self, cls: Any, kinds: tuple[Any, ...]) -> None:
+        self.cls, self.names, self.kinds = cls, cls._fields, kinds
+        super().__init__(name=f"{cls.__name__}({', '.join(map(str, kinds))})")
+
+    @property
+    def mangling_args(self) -> tuple[str, tuple[Any, ...]]:
+        """A short name: it stands in every symbol of compiled code."""
+        return f"{self.cls.__name__}{sha256(self.name.encode()).hexdigest()[:8]}", ()
+
+
+def _structure(manager: Any, kind: _Record) -> Any:
+    """Return the structure of a record in memory."""
+    fields = [
+        _structure(manager, field) if isinstance(field, _Record) else manager.lookup(field).get_value_type()
+        for field in kind.kinds
+    ]
+    return ir.LiteralStructType(fields)
+
+
+@register_model(_Record)
+class _RecordModel(models.PrimitiveModel):  # type: ignore[misc]
+    """A record is the address of its structure."""
+
+    def __init__(self, manager: Any, kind: _Record) -> None:
+        super().__init__(manager, kind, _structure(manager, kind).as_pointer())
+
+
+@infer_getattr
+class _RecordAttributes(AttributeTemplate):  # type: ignore[misc]
+    """The types of fields."""
+
+    key = _Record
+
+    def generic_resolve(self, kind: _Record, name: str) -> Any:
+        """Return the type of a field; None if there is none of this name."""
+        return kind.kinds[kind.names.index(name)] if name in kind.names else None
+
+
+def _load(builder: Any, address: Any) -> Any:
+    """Load a value number by number, so that what is not used of an array is not loaded."""
+    kind = address.type.pointee
+    if isinstance(kind, ir.LiteralStructType | ir.ArrayType):
+        value = ir.Constant(kind, ir.Undefined)
+        for place in range(len(kind.elements) if isinstance(kind, ir.LiteralStructType) else kind.count):
+            part = _load(builder, cgutils.gep_inbounds(builder, address, 0, place))
+            value = builder.insert_value(value, part, place)
+        return value
+    value = builder.load(address)
+    # A record never changes while compiled code runs, whatever is written to its arrays: without this promise
+    # all would be loaded again after every store.
+    value.set_metadata("invariant.load", builder.module.add_metadata([]))
+    return value
+
+
+@lower_getattr_generic(_Record)  # type: ignore[untyped-decorator]
+def _field(context: Any, builder: Any, kind: _Record, value: Any, name: str) -> Any:
+    place = kind.names.index(name)
+    address = cgutils.gep_inbounds(builder, value, 0, place)
+    if isinstance(kind.kinds[place], _Record):
+        return address
+    return impl_ret_borrowed(context, builder, kind.kinds[place], _load(builder, address))
+
+
+def _fill(kind: _Record, record: Any, address: Any, c: Any, failed: Any) -> None:
+    """Write the fields of a tuple of Python into a structure."""
+    for place, field in enumerate(kind.kinds):
+        item, target = (
+            c.pyapi.tuple_getitem(record, place),
+            cgutils.gep_inbounds(c.builder, address, 0, place),
+        )
+        if isinstance(field, _Record):
+            _fill(field, item, target, c, failed)
+        else:
+            native = c.unbox(field, item)
+            c.builder.store(native.value, target)
+            with c.builder.if_then(native.is_error, likely=False):
+                c.builder.store(cgutils.true_bit, failed)
+
+
+@unbox(_Record)  # type: ignore[untyped-decorator]
+def _unbox(kind: _Record, record: Any, c: Any) -> Any:
+    """Put the structure where the call from Python keeps its variables: it lasts as long as the call."""
+    failed = cgutils.alloca_once_value(c.builder, cgutils.false_bit)
+    address = cgutils.alloca_once(c.builder, c.context.get_value_type(kind).pointee)
+    _fill(kind, record, address, c, failed)
+    return NativeValue(address, is_error=c.builder.load(failed))
+
+
+def record(cls: _Class) -> _Class:
+    """Let compiled code take a named tuple as one pointer; all named tuples in it must be records, too."""
+    if not numba.config.DISABLE_JIT:
+
+        @typeof_impl.register(cls)  # type: ignore[untyped-decorator]
+        def _(value: Any, context: Any) -> _Record:  # noqa: ARG001 - numba's calling convention
+            return _Record(cls, tuple(map(typeof, value)))
+
+    return cls
