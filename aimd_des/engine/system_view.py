@@ -9,7 +9,7 @@ from aimd_des._deprecated import renamed
 from aimd_des.dynamics.clocks import AgentClocks
 from aimd_des.dynamics.response import demand_at
 from aimd_des.dynamics.state import AgentParameters, State
-from aimd_des.dynamics.totals import average_of, observe, observe_totals, total_of, totals
+from aimd_des.dynamics.totals import average_of, observe, observe_totals, piece, total_of, totals
 from aimd_des.engine.environment import OrderedEnvironment
 from aimd_des.problem.lookup import agent_index, resource_index
 from aimd_des.problem.problem import Problem
@@ -59,7 +59,8 @@ class Readings:
             tick_weight,
         )
         self.rows = State(*([memoryview(row) for row in array] for array in state))  # type: ignore[arg-type]
-        self._now = np.empty(1)  # kept, since `moments` is called at every look
+        # Kept, since looks are many.
+        self._now, self._values = np.empty(1), piece(problem.n_resources)
 
     @property
     def law(self) -> AgentParameters:
@@ -147,7 +148,8 @@ class Readings:
             Receive the sums, in units of the resources.
         """
         self.settle()
-        observe_totals(self.state, self.parameters, self.moments(), self.tick_weight, demand, average)
+        sums = demand, average
+        observe_totals(self.state, self.parameters, self.moments(), self.tick_weight, self._values, *sums)
 
     def allocations(self) -> tuple[FloatArray, FloatArray]:
         """Read demand and average of every agent as they are now.

@@ -82,8 +82,8 @@ def _total(agents: FleetAgents, control: FleetControl, resource: int) -> float:
 
 
 @formula
-def _find_totals(agents: FleetAgents, control: FleetControl, integrals: FleetOvershoot) -> None:
-    """Bring all agents to the time of the look, and add up their demand."""
+def _catch_up(agents: FleetAgents, control: FleetControl, integrals: FleetOvershoot) -> None:
+    """Bring all agents to the time of the look."""
     now = control.now[0]
     # At one instant copies land before a look and ticks come after it: of continuous agents all that is due
     # now has been answered, of discrete ones nothing.
@@ -92,8 +92,6 @@ def _find_totals(agents: FleetAgents, control: FleetControl, integrals: FleetOve
     if integrals.lines and agents.answers.held[0] > 0:
         fold_answers(agents.answers, integrals)
     _find_moments(agents, control)
-    for j in range(control.total.shape[0]):
-        control.total[j] = _total(agents, control, j)
 
 
 @formula
@@ -132,6 +130,7 @@ def _keep(agents: FleetAgents, control: FleetControl, observed: ObservedTotals) 
         agents.parameters,
         control.moment,
         agents.tick_weight,
+        observed.values,
         observed.demand[row],
         observed.average[row],
     )
@@ -190,8 +189,9 @@ def sample(
     limits: Limits,
 ) -> int:
     """Look at phase + q * period, and let observers look, until something else is due."""
-    # For which instant the totals are those at hand: looks of several kinds at one instant share them.
-    summed = NEVER
+    # Which instant agents have been brought to, and of which the totals are at hand: looks of several kinds
+    # at one instant share both.
+    reached = summed = NEVER
     while True:
         look = control.phase + control.look[0] * control.period
         tick, row, turns = _next_tick(agents, integrals), _next_row(observed), control.turns
@@ -204,14 +204,18 @@ def sample(
             return REACHED
         if looking and _crowded(agents, control, channel):
             return NO_ROOM
+        if now != reached:
+            control.now[0] = reached = now
+            _catch_up(agents, control, integrals)
+        if not looking and keeping:
+            _keep(agents, control, observed)
+            continue
         if now != summed:
-            control.now[0] = summed = now
-            _find_totals(agents, control, integrals)
+            summed = now
+            for j in range(control.total.shape[0]):
+                control.total[j] = _total(agents, control, j)
         if not looking:
-            if keeping:
-                _keep(agents, control, observed)
-            else:
-                _measure(control, integrals, now)
+            _measure(control, integrals, now)
             continue
         # Counted before signals are sent: whoever sends them in its place does not come back to this look.
         control.look[0] += 1
@@ -221,7 +225,7 @@ def sample(
             return status
         # Continuous agents answer signals without latency before observers look at the same instant.
         if agents.tick_weight == 0.0:
-            summed = NEVER
+            reached = summed = NEVER
 
 
 @formula
@@ -257,7 +261,7 @@ def sense(
             if not _within(row, _OBSERVE, control.turns[ROW], limits):
                 return REACHED
             control.now[0] = row
-            _find_totals(agents, control, integrals)
+            _catch_up(agents, control, integrals)
             _keep(agents, control, observed)
             continue
         if not _within(now, _SENSE, j, limits):

@@ -8,6 +8,7 @@ import simpy
 from aimd_des.channel import BroadcastChannel, CompiledLink
 from aimd_des.channel.loss.kernels import refuse_loss
 from aimd_des.channel.transmit_kernel import ChannelTable
+from aimd_des.dynamics.totals import piece
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, SampledTable
 from aimd_des.engine.control_unit.base import NEVER
 from aimd_des.engine.control_unit.crossing import Unanswered, standstill
@@ -76,6 +77,7 @@ class ControlProcess:
             observer.total_demand,
             observer.total_average,
             np.zeros(1, dtype=np.int64),
+            piece(system.problem.n_resources),
         )
         self._mailbox = Mailbox(system.env)
         self._setting = 0

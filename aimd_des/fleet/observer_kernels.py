@@ -17,6 +17,10 @@ IntArray = npt.NDArray[np.int64]
 # Runs of this length are sorted by insertion before they are merged, which is faster for so few.
 _SHORT = 16
 
+# Above this number it pays to look at times before answers are compared; and how many moves are left then for
+# each: many more take longer than to merge.
+_FEW, _MOVES = 64, 8
+
 
 @record
 class FleetOvershoot(NamedTuple):
@@ -50,6 +54,7 @@ class ObservedTotals(NamedTuple):
     demand: FloatArray
     average: FloatArray
     row: IntArray  # (1,): index of the next
+    values: FloatArray  # working memory of `observe_totals`
 
 
 @formula
@@ -61,14 +66,42 @@ def _before(answers: Answers, one: int, other: int) -> bool:
 
 
 @formula
-def _insert(answers: Answers, order: IntArray, low: int, high: int) -> None:
-    """Sort a short run."""
+def _spread(answers: Answers, order: IntArray, spare: IntArray) -> None:
+    """Put answers roughly in the order of time: into intervals of equal length, as many as answers."""
+    count, earliest, latest = answers.held[0], answers.key[0], answers.key[0]
+    for row in range(count):
+        earliest, latest = min(earliest, answers.key[row]), max(latest, answers.key[row])
+    begin, length = time_of(earliest), time_of(latest) - time_of(earliest)
+    # Below 1, so that the latest falls into the last interval.
+    scale = (1.0 - 1e-9) * count / length if length > 0.0 else 0.0
+    for place in range(count):
+        spare[place] = 0
+    for row in range(count):
+        spare[int((time_of(answers.key[row]) - begin) * scale)] += 1
+    first = 0
+    for place in range(count):
+        held = spare[place]
+        spare[place] = first
+        first += held
+    for row in range(count):
+        interval = int((time_of(answers.key[row]) - begin) * scale)
+        order[spare[interval]] = row
+        spare[interval] += 1
+
+
+@formula
+def _insert(answers: Answers, order: IntArray, low: int, high: int, moves: int) -> bool:
+    """Sort a run that is short or nearly sorted; tell whether that has taken no more moves than allowed."""
     for end in range(low + 1, high):
         row, place = order[end], end
         while place > low and _before(answers, row, order[place - 1]):
             order[place] = order[place - 1]
             place -= 1
         order[place] = row
+        moves -= end - place
+        if moves < 0:
+            return False
+    return True
 
 
 @formula
@@ -86,13 +119,19 @@ def _merge(answers: Answers, source: IntArray, low: int, middle: int, high: int,
 
 @kernel
 def _sort(answers: Answers, order: IntArray, spare: IntArray) -> None:
-    """Put answers in the order of events: a merge sort of their indices, into `order`."""
+    """Put answers in the order of events, into `order`."""
     # Not NumPy's sort: it would allocate, which compiled code here cannot do.
     count = answers.held[0]
     for row in range(count):
         order[row] = row
+    if count > _FEW:
+        # Times between two looks are spread well enough, mostly, that few are not in their place then.
+        _spread(answers, order, spare)
+        if _insert(answers, order, 0, count, _MOVES * count):
+            return
+    # A merge sort, which is fast whatever the times are.
     for low in range(0, count, _SHORT):
-        _insert(answers, order, low, min(low + _SHORT, count))
+        _insert(answers, order, low, min(low + _SHORT, count), _SHORT * _SHORT)
     width = _SHORT
     while width < count:
         for low in range(0, count, 2 * width):
