@@ -314,5 +314,6 @@ def test_memory_is_bounded_by_what_is_in_flight() -> None:
             processes=[watch(until)],
             seed=1,
         ).run(until)
-    # What is in flight scatters a little more in a run of ten times the length.
-    assert rooms[5000.0] <= 1.5 * rooms[500.0]
+    # There is space for what was in flight at most, and for twice as much where it ran out.  The maximum
+    # scatters a little more in a run of ten times the length.
+    assert rooms[5000.0] <= 2.0 * 1.5 * rooms[500.0]

@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.channel.transmit_kernel import ChannelTable, put_in_order, transmit
-from aimd_des.fleet.arrays import FleetAgents, accept
+from aimd_des.fleet.accept_kernel import accept
+from aimd_des.fleet.arrays import FleetAgents
 from aimd_des.utils.jit import routine
 from aimd_des.utils.records import record
 from aimd_des.utils.validation import FloatArray

@@ -17,6 +17,7 @@ from aimd_des.engine.environment import EventKind
 from aimd_des.engine.observers import ConstantPieces, LinearPieces
 from aimd_des.engine.system import System
 from aimd_des.fleet.absent_agents import forget
+from aimd_des.fleet.accept_kernel import accept
 from aimd_des.fleet.arrays import (
     ALL_ANSWERS,
     LAST,
@@ -26,12 +27,13 @@ from aimd_des.fleet.arrays import (
     ClockArrays,
     CopyAccount,
     FleetAgents,
-    accept,
     response_buffers,
 )
-from aimd_des.fleet.control_kernels import settle_and_fold
+from aimd_des.fleet.broadcast_rows import broadcast_rows, copies_in_rows, serves
 from aimd_des.fleet.in_flight import empty_copies, enlarge, room
 from aimd_des.fleet.observer_kernels import FleetOvershoot
+from aimd_des.fleet.response_kernels import settle
+from aimd_des.fleet.row_kernels import spill
 from aimd_des.problem.costs import Costs, compiled_gradient, cost_table
 from aimd_des.results.event_log import Entry, LogEntry
 from aimd_des.utils.errors import InputError
@@ -75,7 +77,11 @@ class CompiledAgents:
         self._gradient = _compiled_gradient(problem.costs)
         response, self._response = with_address(system.response, system.parameters.response)
         ticking, numbered = system.clocks is not None, system.parameters.compensation.rule == ESTIMATED
-        copies = empty_copies(_BROADCASTS * n, m if problem.costs.separable else 1, ticking, numbered)
+        # What calls a function for each derivative has no rows of derivatives.
+        rows = broadcast_rows(self._gradient is None and serves(system), m, n)
+        # All that is in rows may have to go to the queues.
+        space = _BROADCASTS * n + copies_in_rows(rows)
+        copies = empty_copies(space, m if problem.costs.separable else 1, ticking, numbered)
         account = system.transmitter
         clocks = (np.empty(0), np.empty(0), np.empty(0)) if system.clocks is None else system.clocks.rows
         # State, law and account are the arrays of the run itself.  Compiled code writes state and account,
@@ -94,8 +100,9 @@ class CompiledAgents:
             until=system.until,
             key=system.keys[Purpose.RESPONSE],
             copies=copies,
+            rows=rows,
             account=CopyAccount(system.conditions.away, account.delivered, account.lost, account.duplicated),
-            room=room(copies),
+            room=room(copies) - copies_in_rows(rows),
             answers=_answers(0),
             reported=NO_ANSWERS,
             buffers=response_buffers(m, n),
@@ -147,7 +154,7 @@ class CompiledAgents:
     def _make_room_for_answers(self) -> None:
         if self.agents.reported != NO_ANSWERS:
             # All copies in flight may be answered at one look, on top of the answers not told of yet.
-            space = self.agents.room + TOLD_AT_ONCE
+            space = self.agents.room + copies_in_rows(self.agents.rows) + TOLD_AT_ONCE
             answers = _answers(space)
             for new, old in zip(answers, self.agents.answers, strict=True):
                 new[: len(old)] = old
@@ -177,8 +184,9 @@ class CompiledAgents:
         needed = int(copies.in_flight[0]) + rows * len(self.members)
         if needed > self.agents.room:
             # Twice as much, so that what is copied over a run is in proportion to what is sent.
-            copies = enlarge(copies, 2 * needed)
-            self.agents = self.agents._replace(copies=copies, room=room(copies))
+            in_rows = copies_in_rows(self.agents.rows)
+            copies = enlarge(copies, 2 * needed + in_rows)
+            self.agents = self.agents._replace(copies=copies, room=room(copies) - in_rows)
             self._make_room_for_answers()
 
     def settle(self) -> None:
@@ -193,7 +201,8 @@ class CompiledAgents:
                 self._position = reached
                 self.flush()
                 own = EventKind.ACT if self.agents.tick_weight else EventKind.DELIVER
-                settle_and_fold(self.agents, self.integrals, time, _limit(kind, order, own))
+                queues = 0, len(self.agents.copies.base)
+                settle(self.agents, self.integrals, *queues, time, _limit(kind, order, own))
                 if self.agents.reported != NO_ANSWERS and not self.integrals.lines:
                     self._tell(reached)
         if self._response is not None:
@@ -210,7 +219,13 @@ class CompiledAgents:
         """Take in new private costs."""
         # Whoever sets them has settled: copies that were due before are answered at the old ones.
         self._gradient = _compiled_gradient(costs)
-        self.agents = self.agents._replace(table=cost_table(costs), gradient=_address(self._gradient))
+        rows = self.agents.rows
+        if rows.enabled and self._gradient is not None:
+            for resource in range(len(rows.serving)):
+                spill(self.agents.copies, rows, resource)
+            rows = rows._replace(enabled=False)
+        table, address = cost_table(costs), _address(self._gradient)
+        self.agents = self.agents._replace(table=table, gradient=address, rows=rows)
 
     def flush(self) -> None:
         """Have changes folded in that come before those of the members."""

@@ -25,10 +25,10 @@ from aimd_des.fleet.control_state import (
     Limits,
 )
 from aimd_des.fleet.control_table import call_probability
-from aimd_des.fleet.observer_kernels import FleetOvershoot, ObservedTotals, fold_answers
+from aimd_des.fleet.observer_kernels import FleetOvershoot, ObservedTotals
 from aimd_des.fleet.response_kernels import settle
 from aimd_des.results.metrics import fold_overshoot
-from aimd_des.utils.jit import announced, formula, routine
+from aimd_des.utils.jit import announced, formula
 
 # Plain numbers, as kernels take them.
 _SENSE, _OBSERVE = int(EventKind.SENSE), int(EventKind.OBSERVE)
@@ -79,19 +79,6 @@ def _total(agents: FleetAgents, control: FleetControl, resource: int) -> float:
     return total_of(
         state.demand[resource], increase, state.anchor[resource], control.moment, agents.tick_weight
     )
-
-
-@formula
-def _catch_up(agents: FleetAgents, control: FleetControl, integrals: FleetOvershoot) -> None:
-    """Bring all agents to the time of the look."""
-    now = control.now[0]
-    # At one instant copies land before a look and ticks come after it: of continuous agents all that is due
-    # now has been answered, of discrete ones nothing.
-    settle(agents, 0, agents.copies.base.shape[0], now, 0 if agents.tick_weight > 0.0 else LAST)
-    # Answers may be folded in now: all that are earlier have been computed.
-    if integrals.lines and agents.answers.held[0] > 0:
-        fold_answers(agents.answers, integrals)
-    _find_moments(agents, control)
 
 
 @formula
@@ -206,7 +193,11 @@ def sample(
             return NO_ROOM
         if now != reached:
             control.now[0] = reached = now
-            _catch_up(agents, control, integrals)
+            # At one instant copies land before a look and ticks come after it: of continuous agents all that
+            # is due now has been answered, of discrete ones nothing.
+            limit = 0 if agents.tick_weight > 0.0 else LAST
+            settle(agents, integrals, 0, agents.copies.base.shape[0], now, limit)
+            _find_moments(agents, control)
         if not looking and keeping:
             _keep(agents, control, observed)
             continue
@@ -261,7 +252,8 @@ def sense(
             if not _within(row, _OBSERVE, control.turns[ROW], limits):
                 return REACHED
             control.now[0] = row
-            _catch_up(agents, control, integrals)
+            settle(agents, integrals, 0, agents.copies.base.shape[0], row, LAST)
+            _find_moments(agents, control)
             _keep(agents, control, observed)
             continue
         if not _within(now, _SENSE, j, limits):
@@ -272,10 +264,7 @@ def sense(
         # Others' copies stay where they are: this look reads the total of one resource, and no answer for
         # another one changes it.
         queue = 0 if agents.coupled else j
-        settle(agents, queue, queue + 1, now, LAST)
-        # Overshoot is integrated for each resource, so answers for others may be folded in at another time.
-        if integrals.lines and agents.answers.held[0] > 0:
-            fold_answers(agents.answers, integrals)
+        settle(agents, integrals, queue, queue + 1, now, LAST)
         _find_moments(agents, control)
         total = _total(agents, control, j)
         # No alarm misses a crossing: responses only lower the total, and `growth` is what all grow by.  What
@@ -298,11 +287,3 @@ def sense(
             return BROADCAST
         if not broadcast(agents, channel, j, now, control.delay, limits.acted_at, limits.acted):
             return REFUSED
-
-
-@routine
-def settle_and_fold(agents: FleetAgents, integrals: FleetOvershoot, time: float, limit: int) -> None:
-    """Let all agents answer all copies that are due, as `settle` has it, and measure."""
-    settle(agents, 0, agents.copies.base.shape[0], time, limit)
-    if integrals.lines and agents.answers.held[0] > 0:
-        fold_answers(agents.answers, integrals)

@@ -187,6 +187,15 @@ def _raise_ties(copies: CopiesInFlight, queue: int, limit: int) -> None:
 
 
 @formula
+def is_empty(copies: CopiesInFlight, queue: int) -> bool:
+    """Tell whether there is no copy in a queue."""
+    last = -1
+    for chain in range(copies.head.shape[1]):
+        last = max(last, copies.head[queue, chain])
+    return bool(last < 0)
+
+
+@formula
 def raise_due(copies: CopiesInFlight, queue: int, time: float, limit: int) -> None:
     """Put all copies of a queue that are due in its chain of those; it never goes back in time."""
     # What is due before this time is due.  What is due at this very time is due if its order number (of

@@ -34,27 +34,21 @@ from aimd_des.dynamics.responses import (
     response_probability,
 )
 from aimd_des.fleet.absent_agents import miss, subject
-from aimd_des.fleet.arrays import ALL_ANSWERS, LAST, NO_ANSWERS, FleetAgents
+from aimd_des.fleet.arrays import ALL_ANSWERS, LAST, NO_ANSWERS, FleetAgents, report
 from aimd_des.fleet.in_flight import BLOCK, DUE, FORGOTTEN, LATER
 from aimd_des.fleet.marginal_cost import marginal_cost_at
+from aimd_des.fleet.observer_kernels import FleetOvershoot, fold_answers
 from aimd_des.fleet.radix_heap import move, places, raise_due, release, time_of
+from aimd_des.fleet.row_kernels import settle_rows
 from aimd_des.problem.costs.kernels import add_terms, horner_step
-from aimd_des.utils.jit import formula, kernel, routine
+from aimd_des.utils.jit import formula, routine
 
 
 @formula
 def _report(agents: FleetAgents, place: int, resource: int, change: float) -> None:
-    """Note an answer for those who want to know of it."""
-    answers, copies = agents.answers, agents.copies
-    # There is always a row.  Only what is sent adds to answers and copies in flight together; it waits where
-    # copies have no room (`room`) or answers are more than `TOLD_AT_ONCE`, and there are rows for both.
-    row = answers.held[0]
-    answers.key[row] = copies.key[place]
-    answers.rank[row] = copies.rank[place]
-    answers.agent[row] = copies.agent[place]
-    answers.resource[row] = resource
-    answers.change[row] = change
-    answers.held[0] = row + 1
+    """Note the answer to a copy for those who want to know of it."""
+    copies = agents.copies
+    report(agents.answers, copies.key[place], copies.rank[place], copies.agent[place], resource, change)
 
 
 @formula
@@ -317,26 +311,42 @@ def _answer(agents: FleetAgents, chosen: int) -> None:
             _report(agents, place, buffers.resource[row], np.nan)
 
 
-@kernel
-def settle(agents: FleetAgents, first: int, last: int, time: float, limit: int) -> None:
+@routine
+def _settle_queue(agents: FleetAgents, queue: int, time: float, limit: int) -> None:
+    """Let all agents answer the copies in one queue that are due."""
+    copies = agents.copies
+    raise_due(copies, queue, time, limit)
+    # A round answers one copy of each agent at most; a second one finds what the first has changed.
+    while copies.head[queue, DUE] >= 0:
+        everybody = _one_broadcast(agents, queue)
+        if not everybody:
+            _find_first(agents, queue)
+        block = copies.head[queue, DUE]
+        while block >= 0:
+            chosen = _choose(agents, queue, block, everybody)
+            _weigh(agents, queue, chosen)
+            _answer(agents, chosen)
+            block = release(copies, block)
+        # All blocks of the round have been given back; those that wait are due in the next one.
+        for ends in (copies.head, copies.tail):
+            ends[queue, DUE], ends[queue, LATER] = ends[queue, LATER], -1
+
+
+@routine
+def settle(
+    agents: FleetAgents, integrals: FleetOvershoot, first: int, last: int, time: float, limit: int
+) -> None:
     """Let all agents answer the copies that are due, in the queues from `first` to the one before `last`."""
     # What is due before `time` is due; at this very time, as `raise_due` has it.  Agents are answered in the
     # order of chains, not of time: an answer reads and writes one agent's columns alone, and totals are
     # added up afterwards.
-    copies = agents.copies
     for queue in range(first, last):
-        raise_due(copies, queue, time, limit)
-        # A round answers one copy of each agent at most; a second one finds what the first has changed.
-        while copies.head[queue, DUE] >= 0:
-            everybody = _one_broadcast(agents, queue)
-            if not everybody:
-                _find_first(agents, queue)
-            block = copies.head[queue, DUE]
-            while block >= 0:
-                chosen = _choose(agents, queue, block, everybody)
-                _weigh(agents, queue, chosen)
-                _answer(agents, chosen)
-                block = release(copies, block)
-            # All blocks of the round have been given back; those that wait are due in the next one.
-            for ends in (copies.head, copies.tail):
-                ends[queue, DUE], ends[queue, LATER] = ends[queue, LATER], -1
+        if agents.rows.serving[queue]:
+            settle_rows(agents, queue, time, limit)
+        # Asked again: rows that have no space for what is left go there.
+        if not agents.rows.serving[queue]:
+            _settle_queue(agents, queue, time, limit)
+    # Answers may be folded in now: all that are earlier have been computed.  Overshoot is integrated for each
+    # resource, so answers for others may be folded in at another time.
+    if integrals.lines and agents.answers.held[0] > 0:
+        fold_answers(agents.answers, integrals)

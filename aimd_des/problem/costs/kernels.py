@@ -10,20 +10,21 @@ from aimd_des.utils.validation import FloatArray
 
 
 @formula
-def _horner_row(rows: FloatArray, argument: FloatArray, out: FloatArray) -> None:
-    """Evaluate one polynomial per agent; the passes run along agents, so that they vectorise."""
-    n, d = out.shape[0], rows.shape[0] - 1
-    top = rows[d]
+def horner_row(coefficients: FloatArray, agent: int, argument: FloatArray, out: FloatArray) -> None:
+    """Evaluate a polynomial each of consecutive agents; passes run along agents, so that they vectorise."""
+    n, d = out.shape[0], coefficients.shape[0] - 1
+    row = coefficients[d][agent:]
     for i in range(n):
-        out[i] = top[i]
+        out[i] = row[i]
     while d >= 4:  # four powers to a pass: a quarter of the loads and stores
-        first, second, third, fourth = rows[d - 1], rows[d - 2], rows[d - 3], rows[d - 4]
+        first, second = coefficients[d - 1][agent:], coefficients[d - 2][agent:]
+        third, fourth = coefficients[d - 3][agent:], coefficients[d - 4][agent:]
         for i in range(n):
             x = argument[i]
             out[i] = (((out[i] * x + first[i]) * x + second[i]) * x + third[i]) * x + fourth[i]
         d -= 4
     while d >= 1:
-        row = rows[d - 1]
+        row = coefficients[d - 1][agent:]
         for i in range(n):
             out[i] = out[i] * argument[i] + row[i]
         d -= 1
@@ -46,7 +47,7 @@ def gradient_row(
     table: CostTable, averages: FloatArray, resource: int, out: FloatArray, spare: FloatArray
 ) -> None:
     """Evaluate grad_j f_i of all agents at their averages."""
-    _horner_row(table.slopes[resource], averages[resource], out)
+    horner_row(table.slopes[resource], 0, averages[resource], out)
     m = table.quadratic.shape[0] if table.weights.shape[0] > 0 else 0
     if m > 0:
         n = out.shape[0]
@@ -58,7 +59,7 @@ def gradient_row(
         for other in range(m):
             for i in range(n):
                 spare[0, i] += table.weights[other, i] * averages[other, i]
-        _horner_row(table.sum_slopes, spare[0], spare[1])
+        horner_row(table.sum_slopes, 0, spare[0], spare[1])
         for i in range(n):
             out[i] += table.weights[resource, i] * spare[1, i]
     if table.exponentials.shape[1] + table.powers.shape[1] > 0:

@@ -1,0 +1,320 @@
+"""Agents answer a broadcast that is a row: each its own copies in the order of time, most in one pass.
+
+Agent i's copy in the row may come before or after copies of earlier broadcasts that are still listed.  So of
+what is due, listed copies that come before the row's are answered first, then the row, then the others.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from aimd_des.dynamics.averaging import accumulated_at, age_at, time_average
+from aimd_des.dynamics.response import CONTINUOUS, demand_at
+from aimd_des.dynamics.responses import is_saturated, response_probability
+from aimd_des.fleet.absent_agents import miss
+from aimd_des.fleet.arrays import ALL_ANSWERS, LAST, NO_ANSWERS, PIECE, FleetAgents, report
+from aimd_des.fleet.broadcast_rows import BroadcastRows
+from aimd_des.fleet.in_flight import CopiesInFlight
+from aimd_des.fleet.radix_heap import bits_of, is_empty, put
+from aimd_des.problem.costs.kernels import add_terms, horner_row
+from aimd_des.utils.jit import formula, routine
+from aimd_des.utils.rng import uniforms_row
+from aimd_des.utils.validation import FloatArray
+
+
+@formula
+def _is_due(arrival: float, rank: int, time: float, limit: int) -> Any:
+    # Without a branch: whether a copy is due is as good as random.
+    return (arrival < time) | ((arrival == time) & (rank < limit))
+
+
+@formula
+def _list_row(rows: BroadcastRows, resource: int, first: int, last: int, after: float) -> None:
+    """List those of some agents' copies in the row that arrive after a time."""
+    j, arrival, uniform = resource, rows.arrival[resource], rows.uniform[resource]
+    place, soonest = rows.listed[j], rows.first_listed[j]
+    for i in range(first, last):
+        time = arrival[i]
+        rows.listed_agent[j, place], rows.listed_arrival[j, place] = i, time
+        rows.listed_uniform[j, place], rows.listed_rank[j, place] = uniform[i], rows.rank[j] + i
+        waits = (time > after) & (time < np.inf)
+        place += waits
+        soonest = time if waits and time < soonest else soonest
+    rows.listed[j], rows.first_listed[j] = place, soonest
+
+
+@formula
+def _fits(rows: BroadcastRows, resource: int) -> bool:
+    """Tell whether a whole row can be listed."""
+    return bool(rows.listed[resource] + rows.arrival.shape[1] < rows.listed_agent.shape[1])
+
+
+@routine
+def spill(copies: CopiesInFlight, rows: BroadcastRows, resource: int) -> None:
+    """Put all copies about a resource into its heap; there is always room for them."""
+    j = resource
+    for place in range(rows.listed[j]):
+        key, agent = bits_of(rows.listed_arrival[j, place]), rows.listed_agent[j, place]
+        rank, uniform = rows.listed_rank[j, place], rows.listed_uniform[j, place]
+        put(copies, j, key, 0.0, 0.0, 0, agent, j, rank, uniform)
+    copies.in_flight[0] += rows.listed[j]
+    if rows.first[j] < np.inf:
+        for i in range(rows.arrival.shape[1]):
+            if rows.arrival[j, i] < np.inf:
+                key, rank = bits_of(rows.arrival[j, i]), rows.rank[j] + i
+                put(copies, j, key, 0.0, 0.0, 0, i, j, rank, rows.uniform[j, i])
+                copies.in_flight[0] += 1
+    rows.listed[j], rows.serving[j] = 0, False
+    rows.first[j] = rows.first_listed[j] = np.inf
+
+
+@formula
+def make_way(agents: FleetAgents, resource: int, copy: int) -> bool:
+    """Tell whether the copies of a broadcast may become a row, and see to it that its place is free."""
+    rows, copies = agents.rows, agents.copies
+    if not rows.enabled:
+        return False
+    # All copies about a resource are in one place, since an agent's have to be compared with each other.
+    if not rows.serving[resource]:
+        rows.serving[resource] = copy == 0 and is_empty(copies, resource)
+    elif copy != 0 or not _fits(rows, resource):
+        spill(copies, rows, resource)
+    elif rows.first[resource] < np.inf:
+        # Nobody has looked since the last broadcast, or nothing of it was due.
+        _list_row(rows, resource, 0, rows.arrival.shape[1], -np.inf)
+    return bool(rows.serving[resource])
+
+
+@formula
+def open_row(agents: FleetAgents, resource: int, number: int, arrival: FloatArray, first_rank: int) -> None:
+    """Let the copies of a broadcast be a row."""
+    rows, row = agents.rows, agents.rows.arrival[resource]
+    uniforms_row(agents.key, resource, number, 0, rows.uniform[resource])
+    first = bits_of(np.inf)
+    for i in range(row.shape[0]):
+        time = arrival[i]
+        # What does not arrive, or is for somebody else, is as if it were lost.
+        time = time if (time < agents.until) & agents.members[i] else np.inf
+        row[i] = time
+        # The least of whole numbers is found several at a time; that of floating-point numbers is not.
+        first = min(first, bits_of(time))
+    rows.first[resource] = np.int64(first).view(np.float64)
+    rows.rank[resource] = first_rank
+
+
+@formula
+def _take_due(rows: BroadcastRows, resource: int, time: float, limit: int) -> Any:
+    """Take the listed copies that are due out of the list, and count them."""
+    j, due, kept, soonest = resource, 0, 0, np.inf
+    for place in range(rows.listed[j]):
+        agent, arrival = rows.listed_agent[j, place], rows.listed_arrival[j, place]
+        uniform, rank = rows.listed_uniform[j, place], rows.listed_rank[j, place]
+        # Written to both, and counted where it belongs, which needs no branch.
+        rows.due_agent[due], rows.due_arrival[due] = agent, arrival
+        rows.due_uniform[due], rows.due_rank[due] = uniform, rank
+        rows.listed_agent[j, kept], rows.listed_arrival[j, kept] = agent, arrival
+        rows.listed_uniform[j, kept], rows.listed_rank[j, kept] = uniform, rank
+        is_due = _is_due(arrival, rank, time, limit)
+        due += is_due
+        kept += not is_due
+        soonest = arrival if arrival < soonest and not is_due else soonest
+    rows.listed[j], rows.first_listed[j] = kept, soonest
+    return due
+
+
+@formula
+def _answer_listed(agents: FleetAgents, resource: int, place: int) -> None:
+    """Let one agent answer a listed copy: Algorithm 2, the branch S = 1."""
+    j, rows, state, parameters = resource, agents.rows, agents.state, agents.parameters
+    i: Any = np.int64(rows.due_agent[place])
+    moment = rows.due_arrival[place]
+    if agents.account.away[i]:
+        miss(agents, j, i, False)
+        return
+    held, increase, since = state.demand[j, i], parameters.increase[j, i], moment - state.anchor[j, i]
+    folded = accumulated_at(state.accumulated[j, i], held, increase, since, CONTINUOUS)
+    average = time_average(folded, age_at(moment, state.origin[j, i], CONTINUOUS))
+    slopes = agents.table.slopes[j]
+    slope = slopes[slopes.shape[0] - 1, i]
+    for d in range(slopes.shape[0] - 2, -1, -1):
+        slope = slope * average + slopes[d, i]
+    slope = add_terms(agents.table, j, i, average, slope)
+    probability = response_probability(parameters.normalization[j], slope, average)
+    present, change = demand_at(held, increase, since, CONTINUOUS), np.nan
+    responds = rows.due_uniform[place] < probability
+    if responds:
+        kept = present * parameters.decrease[j, i]
+        state.demand[j, i], state.accumulated[j, i], state.anchor[j, i] = kept, folded, moment
+        state.responses[j, i] += 1
+        state.saturated[j, i] += is_saturated(parameters.response, probability, parameters.decrease[j, i])
+        change = kept - present
+    if agents.reported == ALL_ANSWERS or (agents.reported != NO_ANSWERS and responds):
+        report(agents.answers, bits_of(moment), rows.due_rank[place], i, j, change)
+
+
+@formula
+def _comes_before(rows: BroadcastRows, place: int, other: int) -> bool:
+    """Tell which of two copies that are due is the earlier one."""
+    if rows.due_arrival[place] == rows.due_arrival[other]:
+        return bool(rows.due_rank[place] < rows.due_rank[other])
+    return bool(rows.due_arrival[place] < rows.due_arrival[other])
+
+
+@formula
+def _comes_after_row(rows: BroadcastRows, resource: int, place: int) -> bool:
+    """Tell whether the agent's copy in the row comes before one that is due, and so is due itself."""
+    i = rows.due_agent[place]
+    arrival = rows.arrival[resource, i]
+    if arrival == rows.due_arrival[place]:
+        return bool(rows.rank[resource] + np.int64(i) < rows.due_rank[place])
+    return bool(arrival < rows.due_arrival[place])
+
+
+@formula
+def _answer_in_turn(agents: FleetAgents, resource: int, count: int, row_waits: bool) -> int:
+    """Answer listed copies that are due; tell how many have to wait for the row."""
+    # A round answers one copy of each agent at most, its earliest; hardly any agent has two.
+    rows, earliest = agents.rows, agents.buffers.first_key
+    while count > 0:
+        for place in range(count):
+            i = rows.due_agent[place]
+            if earliest[i] == LAST or _comes_before(rows, place, earliest[i]):
+                earliest[i] = place
+        waiting = 0
+        for place in range(count):
+            i = rows.due_agent[place]
+            if earliest[i] == place:
+                earliest[i] = LAST
+                if not (row_waits and _comes_after_row(rows, resource, place)):
+                    _answer_listed(agents, resource, place)
+                    continue
+            rows.due_agent[waiting], rows.due_arrival[waiting] = i, rows.due_arrival[place]
+            rows.due_uniform[waiting] = rows.due_uniform[place]
+            rows.due_rank[waiting] = rows.due_rank[place]
+            waiting += 1
+        if waiting == count:
+            break
+        count = waiting
+    return count
+
+
+@formula
+def _weigh_piece(agents: FleetAgents, resource: int, first: int, last: int, bound: float) -> None:
+    """Compute averages and response probabilities of some agents at their copies in the row."""
+    # A loop for each formula, over few arrays and without a branch, becomes vector instructions.  What a
+    # lost copy brings forth, at infinity, is never read.
+    j, count, buffers = resource, last - first, agents.buffers
+    arrival, held = agents.rows.arrival[j][first:last], agents.state.demand[j][first:last]
+    accumulated, anchor = agents.state.accumulated[j][first:last], agents.state.anchor[j][first:last]
+    origin, increase = agents.state.origin[j][first:last], agents.parameters.increase[j][first:last]
+    folded, average, slope = buffers.folded[:count], buffers.averages[:count], buffers.slope[:count]
+    present, probability = buffers.present[:count], buffers.probability[:count]
+    for k in range(count):
+        since = arrival[k] - anchor[k]
+        folded[k] = accumulated_at(accumulated[k], held[k], increase[k], since, CONTINUOUS)
+    for k in range(count):
+        average[k] = time_average(folded[k], age_at(arrival[k], origin[k], CONTINUOUS))
+    for k in range(count):
+        present[k] = demand_at(held[k], increase[k], arrival[k] - anchor[k], CONTINUOUS)
+    horner_row(agents.table.slopes[j], first, average, slope)
+    if agents.table.exponentials.shape[1] + agents.table.powers.shape[1] > 0:
+        for k in range(count):
+            if arrival[k] <= bound:
+                slope[k] = add_terms(agents.table, j, first + k, average[k], slope[k])
+    gamma = agents.parameters.normalization[j]
+    for k in range(count):
+        probability[k] = response_probability(gamma, slope[k], average[k])
+
+
+@formula
+def _answer_piece(agents: FleetAgents, resource: int, first: int, last: int, bound: float) -> None:
+    """Let some agents respond to their copies in the row, those that arrive up to a time, or hold."""
+    j, count, state, buffers = resource, last - first, agents.state, agents.buffers
+    arrival, uniform = agents.rows.arrival[j][first:last], agents.rows.uniform[j][first:last]
+    held, accumulated, anchor = (
+        state.demand[j][first:last],
+        state.accumulated[j][first:last],
+        state.anchor[j][first:last],
+    )
+    responses, decrease = state.responses[j][first:last], agents.parameters.decrease[j][first:last]
+    responds, saturated = buffers.resource[:count], 0
+    for k in range(count):
+        answers = (arrival[k] <= bound) & (uniform[k] < buffers.probability[k])
+        responds[k] = answers
+        saturated += answers & (buffers.probability[k] > 1.0)
+    for k in range(count):
+        kept, before = buffers.present[k] * decrease[k], held[k]
+        held[k] = kept if responds[k] != 0 else before
+    for k in range(count):
+        folded, before = buffers.folded[k], accumulated[k]
+        accumulated[k] = folded if responds[k] != 0 else before
+    for k in range(count):
+        moment, before = arrival[k], anchor[k]
+        anchor[k] = moment if responds[k] != 0 else before
+    for k in range(count):
+        responses[k] += responds[k]
+    if saturated > 0:
+        for k in range(count):
+            above = is_saturated(agents.parameters.response, buffers.probability[k], decrease[k])
+            state.saturated[j, first + k] += responds[k] != 0 and above
+
+
+@formula
+def _report_piece(agents: FleetAgents, resource: int, first: int, last: int, bound: float) -> None:
+    """Note the answers of some agents for those who want to know of them."""
+    j, rows, buffers, decrease = resource, agents.rows, agents.buffers, agents.parameters.decrease[resource]
+    for k in range(last - first):
+        i, change = first + k, np.nan
+        if buffers.resource[k] != 0:
+            change = buffers.present[k] * decrease[i] - buffers.present[k]
+        elif agents.reported != ALL_ANSWERS or not rows.arrival[j, i] <= bound:
+            continue
+        report(agents.answers, bits_of(rows.arrival[j, i]), rows.rank[j] + i, i, j, change)
+
+
+@formula
+def _miss_absent(agents: FleetAgents, resource: int, time: float, limit: int) -> None:
+    """Take note of copies in the row that have landed where nobody is."""
+    away, anybody = agents.account.away, False
+    for i in range(away.shape[0]):
+        anybody |= away[i]
+    if anybody:
+        row, rank = agents.rows.arrival[resource], agents.rows.rank[resource]
+        for i in range(away.shape[0]):
+            if away[i] and _is_due(row[i], rank + i, time, limit):
+                miss(agents, resource, i, False)
+                row[i] = np.inf
+
+
+@formula
+def _answer_row(agents: FleetAgents, resource: int, time: float, limit: int) -> None:
+    """Answer what is due of the row, list the rest, and set the row free."""
+    rows, n = agents.rows, agents.members.shape[0]
+    _miss_absent(agents, resource, time, limit)
+    # At this very time the copies of the first agents are due, whose order numbers are below the limit.
+    split, first = min(max(limit - rows.rank[resource], 0), n), 0
+    while first < n:
+        last = min(first + PIECE, split if first < split else n)
+        bound = time if first < split else np.nextafter(time, -np.inf)
+        _weigh_piece(agents, resource, first, last, bound)
+        _answer_piece(agents, resource, first, last, bound)
+        if agents.reported != NO_ANSWERS:
+            _report_piece(agents, resource, first, last, bound)
+        _list_row(rows, resource, first, last, bound)
+        first = last
+    rows.first[resource] = np.inf
+
+
+@routine
+def settle_rows(agents: FleetAgents, resource: int, time: float, limit: int) -> None:
+    """Let all agents answer the copies about a resource that are due, unless they have to go to its heap."""
+    rows, j = agents.rows, resource
+    answering, waiting = rows.first[j] <= time, 0
+    if answering and not _fits(rows, j):
+        spill(agents.copies, rows, j)
+        return
+    if rows.first_listed[j] <= time:
+        waiting = _answer_in_turn(agents, j, _take_due(rows, j, time, limit), answering)
+    if answering:
+        _answer_row(agents, j, time, limit)
+        _answer_in_turn(agents, j, waiting, False)

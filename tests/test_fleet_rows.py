@@ -1,0 +1,209 @@
+"""Broadcasts that are rows: the same bits as with every copy in a heap, and heaps where rows cannot serve."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from aimd_des import (
+    BroadcastChannel,
+    Crossing,
+    Fleet,
+    PolynomialCosts,
+    Problem,
+    Recording,
+    Result,
+    Sampled,
+    Simulation,
+    averaging,
+    compensation,
+    latency,
+    responses,
+)
+from aimd_des.channel import Broadcast, Copies
+from aimd_des.engine.delivery import ProcessGenerator
+from aimd_des.engine.environment import EventKind
+from aimd_des.engine.system import System
+from aimd_des.fleet import compiled_agents
+from aimd_des.fleet.broadcast_rows import BroadcastRows
+from aimd_des.fleet.compiled_agents import CompiledAgents
+from aimd_des.interventions.prices import set_costs
+from models import smart_cameras
+from tests.conftest import TERMS, problems, quietly, random_problem
+from tests.support.configurations import (
+    Configuration,
+    assert_same,
+    both,
+    channels,
+    configurations,
+    networks,
+    one_kind,
+)
+from tests.test_fleet import own_costs, own_problem
+
+#: What a run with rows is made of; any control unit, loss, latency, order of links, intervention, recording.
+ROWED = configurations(
+    problem=problems(("polynomial", "polynomial", *TERMS)),
+    dynamics=("continuous",),
+    averaging=lambda problem, dynamics, until: st.none(),
+    response=lambda problem, dynamics, until: st.none(),
+    compensation=lambda problem, dynamics, until: st.none(),
+    channel=lambda problem, dynamics, until: one_kind(
+        channels(problem.n_agents).map(lambda channel: replace(channel, duplication=0.0)),
+        channels(problem.n_agents, latency=st.builds(latency.Exponential, st.floats(0.1, 4.0))),
+        networks(problem.n_agents),
+    ),
+)
+
+
+@contextmanager
+def without_rows() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiled_agents, "serves", lambda system: False)
+        yield
+
+
+@settings(max_examples=150)
+@given(ROWED)
+def test_rows_and_heaps_do_the_same(configuration: Configuration) -> None:
+    processes, rows = configuration.both()
+    with without_rows():
+        heaps = configuration.run(agents=Fleet)
+    assert_same(processes, rows)
+    assert_same(heaps, rows)
+
+
+@settings(max_examples=30)
+@given(
+    ROWED.map(lambda one: replace(one, until=9.5)),
+    st.builds(random_problem, st.integers(0, 999), st.integers(250, 600), st.just(2)),
+)
+def test_rows_of_several_pieces(configuration: Configuration, problem: Any) -> None:
+    channel = BroadcastChannel(
+        latency.Exponential(0.5 + configuration.seed % 3), 0.1, fifo=bool(configuration.seed % 2)
+    )
+    parts = {name: configuration.parts[name] for name in ("control_unit", "recording")}
+    system = Configuration(
+        problem, configuration.seed, 9.5, {"dynamics": "continuous", "channel": channel, **parts}
+    )
+    rows = system.run(agents=Fleet)
+    with without_rows():
+        assert_same(system.run(agents=Fleet), rows)
+
+
+def rows_of(problem: Any, until: float, **parts: Any) -> tuple[list[BroadcastRows], Result]:
+    """The rows of a fleet, as a process finds them ten times during a run."""
+    found: list[BroadcastRows] = []
+
+    def look(system: System) -> ProcessGenerator:
+        for q in range(1, 11):
+            yield system.env.at(until * q / 11.0, EventKind.INTERVENE)
+            fleet = system.collective
+            assert isinstance(fleet, CompiledAgents)
+            found.append(fleet.agents.rows._replace(serving=fleet.agents.rows.serving.copy()))
+
+    usual = {"dynamics": "continuous", "control_unit": Crossing(1.0), "seed": 1, "agents": Fleet}
+    parts["processes"] = [look, *parts.get("processes", ())]
+    return found, quietly(Simulation(problem, **{**usual, **parts}).run, until)
+
+
+LATE = BroadcastChannel(latency.Exponential(0.5), 0.1)
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {},
+        {"control_unit": Sampled()},
+        {"channel": BroadcastChannel(latency.Exponential(0.5), 0.1, fifo=True)},
+        {"recording": Recording(events=True)},
+    ],
+    ids=["crossing", "sampled", "fifo", "log"],
+)
+def test_the_papers_rule_is_answered_in_rows(parts: dict[str, Any]) -> None:
+    found, result = rows_of(smart_cameras(seed=0), 60.0, **{"channel": LATE, **parts})
+    assert result.account.responses.sum() > 100
+    assert all(rows.enabled for rows in found)
+    # At first nothing is sent: demand grows to the capacities.
+    assert all(rows.serving.all() for rows in found[-3:])
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"dynamics": "discrete", "control_unit": Sampled()},
+        {"averaging": averaging.Window(10.0)},
+        {"averaging": averaging.Forgetting(10.0)},
+        {"averaging": averaging.Polynomial(2.0)},
+        {"response": responses.EventNormalised()},
+        {"response": responses.Derandomised()},
+        {"compensation": compensation.KnownLoss(0.1)},
+        {"channel": BroadcastChannel(latency.Exponential(0.5), 0.1, duplication=0.2)},
+    ],
+    ids=lambda parts: next(iter(parts)),
+)
+def test_other_rules_are_answered_from_heaps(parts: dict[str, Any]) -> None:
+    found, result = rows_of(smart_cameras(seed=0), 20.0, **{"channel": LATE, **parts})
+    assert result.account.responses.sum() > 10
+    assert not any(rows.enabled or rows.serving.any() for rows in found)
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [random_problem(1, 5, 2, "coupled"), own_problem(own_costs(compiled=True, separable=True))],
+    ids=["coupled", "called"],
+)
+def test_costs_without_rows_of_derivatives_are_answered_from_heaps(problem: Problem) -> None:
+    found, result = rows_of(problem, 100.0, channel=LATE)
+    assert result.account.responses.sum() > 10
+    assert not any(rows.enabled or rows.serving.any() for rows in found)
+
+
+def test_with_many_broadcasts_in_flight_copies_go_to_the_heap() -> None:
+    far = BroadcastChannel(latency.Exponential(20.0), 0.1)
+    found, rows = rows_of(smart_cameras(seed=0), 100.0, channel=far)
+    assert all(row.enabled for row in found)
+    assert not found[-1].serving.any()
+    with without_rows():
+        assert_same(rows_of(smart_cameras(seed=0), 100.0, channel=far)[1], rows)
+
+
+def test_new_costs_without_a_table_end_rows() -> None:
+    called = own_costs(compiled=True, separable=True)
+    tabled = PolynomialCosts([2], (1.0 + np.arange(4.0))[:, None, None] * np.ones((4, 2, 1)))
+
+    def reprice(system: System) -> ProcessGenerator:
+        yield system.env.at(50.25, EventKind.INTERVENE)
+        set_costs(system, called)
+
+    problem = Problem(own_problem(called).resources, tabled)
+    found, rows = rows_of(problem, 88.0, channel=LATE, processes=[reprice])
+    assert found[4].serving.all()
+    assert not found[-1].enabled
+    assert not found[-1].serving.any()
+    with without_rows():
+        assert_same(rows_of(problem, 88.0, channel=LATE, processes=[reprice])[1], rows)
+
+
+class Twice:
+    """A user's channel: of every other broadcast only second copies arrive, of the others both."""
+
+    def open(self, n_agents: int, keys: Any) -> "Twice":
+        self.n = n_agents
+        return self
+
+    def transmit(self, broadcast: Broadcast, departure: float) -> Copies:
+        first = np.full(self.n, np.inf if broadcast.number % 2 else departure + 0.75)
+        return Copies(first, departure + 0.25 * (1.0 + np.arange(self.n)))
+
+
+def test_second_copies_are_no_rows() -> None:
+    parts = {"dynamics": "continuous", "control_unit": Crossing(1.0), "seed": 3, "channel": Twice()}
+    processes, fleet = both(random_problem(1, 6, 2), 30.0, **parts)
+    assert fleet.account.duplicated.sum() > 10
+    assert_same(processes, fleet)
