@@ -64,3 +64,15 @@ def test_the_price_is_the_scatter_that_theory_has(way: str, runs: Any) -> None:
     ordinary = float(theory.averaging_spread(0.53, 0.025, 0.7, **case.memory))
     less = float(theory.averaging_spread(0.53, 0.025, 0.7, **longer)) / ordinary * scatter["theory"]
     assert abs(scatter["mean"] - less) > allowed
+
+
+@pytest.mark.slow
+def test_mean_dynamics_recover_as_runs_do(runs: Any) -> None:
+    found = row(runs, "forgetting", 0.0, "recovery by mean dynamics")
+    allowed = Z * found["standard_error"] + RESOLUTION + DOUBT
+    assert abs(found["mean"] - found["theory"]) < allowed
+    # Negative control: as if all of the capacity were used.
+    case, _ = runs["forgetting", 0.0]
+    assert abs(found["mean"] - closed_form(case, plain=True)) > allowed
+    for way, ramp in (("window", 0.0), ("forgetting", RAMP)):
+        assert "recovery by mean dynamics" not in [made["measure"] for made in rows_of(*runs[way, ramp])]

@@ -60,6 +60,7 @@ class Found(NamedTuple):
     level: FloatArray
     average: FloatArray
     error: FloatArray
+    recovery: float  # of the level, as the result measures it
 
 
 @lru_cache
@@ -104,6 +105,16 @@ def filling(problem: Problem) -> float:
     return 0.5 * float(problem.capacity[0] / problem.increase.sum())
 
 
+@lru_cache
+def by_mean_dynamics(case: Drop) -> float:
+    """Predict the recovery of the level after a step from the balance of growth and cuts."""
+    before, after = (
+        theory.convergence(_problem(case.costs, share), "continuous", averaging=case.averaging)
+        for share in (1.0, LEFT)
+    )
+    return float(theory.recovery(before, after, case.age).time("level", within=WITHIN)[0])
+
+
 def mean_field(case: Drop) -> FloatArray:
     """Follow the means alone, (r, n) each grain: demand is shared as averages ask for, averages follow."""
     problem, steps = _problem(case.costs), round(case.until / GRAIN)
@@ -145,7 +156,8 @@ def measure(case: Drop, seed: int) -> Found:
     ).run(case.until)
     seen = result.observations
     tracked = result.tracking["relative_error"].to_numpy()
-    return Found(seen.total_average[:, 0] / capacity, seen.average[:, 0, :], tracked)
+    recovery = float(result.recovery(within=WITHIN)["recovery_time"].to_numpy()[-1])
+    return Found(seen.total_average[:, 0] / capacity, seen.average[:, 0, :], tracked, recovery)
 
 
 def _last_outside(values: FloatArray, start: float, grain: float) -> float:
@@ -215,4 +227,9 @@ def rows_of(case: Drop, found: list[Found]) -> list[dict[str, Any]]:
     }
     made = [estimate(labels, name, pair, len(found), wanted) for name, (pair, wanted) in measured.items()]
     made[0]["plain_theory"] = closed_form(case, plain=True)
+    # The past of a window is not followed there, and a ramp is no step.
+    if case.way != "window" and not case.ramp:
+        pair = mean_and_error([run.recovery for run in found])
+        name, wanted = "recovery by mean dynamics", by_mean_dynamics(case)
+        made.insert(1, estimate(labels, name, pair, len(found), wanted))
     return made

@@ -29,6 +29,7 @@ from scenarios.common.measure import run_all
 from scenarios.common.tables import shown
 
 _LEVEL, _SHARES, _SCATTER = "recovery of the level", "recovery of the shares", "scatter of an average"
+_DYNAMICS = "recovery by mean dynamics"
 # Recorded times that the figure shows, over the age at the drop.
 _SHOWN = 1.6
 
@@ -127,6 +128,13 @@ def _listed(values: dict[str, float], digits: int = 0) -> str:
     return f"{first}, {second} and {third}"
 
 
+def _followed(table: pd.DataFrame) -> str:
+    """List what the mean dynamics give for steps."""
+    rows = table[table["measure"] == _DYNAMICS].set_index(["costs", "way"])["theory"]
+    pairs = (f"{rows[costs, WAYS[0]]:.0f} and {rows[costs, WAYS[2]]:.0f}" for costs in (QUADRATIC, PAPER))
+    return "; ".join(pairs) + " periods"
+
+
 def _findings(table: pd.DataFrame, age: float) -> list[str]:
     level, steep = _numbers(table, _LEVEL), _numbers(table, _LEVEL, PAPER)
     plain = _numbers(table, _LEVEL, column="plain_theory")
@@ -137,11 +145,16 @@ def _findings(table: pd.DataFrame, age: float) -> list[str]:
     bent = _numbers(table, _SCATTER, PAPER)["forgetting"]
     damped = _numbers(table, _SCATTER, PAPER, "theory")["forgetting"]
     left = {way: 100 * value for way, value in _numbers(table, "error left in one run").items()}
+    steps = table[table["measure"] == _DYNAMICS]
+    apart = float((steps["mean"] / steps["theory"] - 1.0).abs().max())
     return sentences(f"""
         - Quadratic costs, drop at age {age:g}: the sum of the averages is within 5 % of the new capacity
           after {_listed(level)} periods (cumulative, window, forgetting). Theory is within {100 * off:.1f} %
           of this, of ramps and of the paper's memory, given what is used by prediction; as if all of the
           capacity were used it is {100 * min(long):.0f} to {100 * max(long):.0f} % too long.
+        - The mean dynamics, `theory.recovery`, know nothing of this but the problems: they give
+          {_followed(table)} (cumulative and forgetting; quadratic costs, then the paper's memory), within
+          {100 * apart:.1f} % of what `Result.recovery` measures.
         - Shares of quadratic costs recover in {_listed(_numbers(table, _SHARES))} periods, those of the
           paper's memory in {_listed(_numbers(table, _SHARES, PAPER))}, its sum in {_listed(steep)}: the
           optimum is not only scaled there.
