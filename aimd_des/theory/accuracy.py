@@ -222,8 +222,8 @@ class Convergence:
         Expected
             ``sum_i |average - optimum|`` over the capacity of each resource, (m,) or (k, m); a pure number.
             The totals of averages, which hardly differ between runs, are those of the mean, predicted to
-            about 0.1 % of the capacity.  Where capacity that is not used makes up the error, as it does in long
-            runs, the interval is narrower than that.
+            about 0.1 % of the capacity.  Where capacity that is not used makes up the error, as in long runs,
+            the interval is narrower than that.
         """
         return self._expected(at, used=False)
 
