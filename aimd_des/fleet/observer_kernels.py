@@ -17,9 +17,8 @@ IntArray = npt.NDArray[np.int64]
 # Runs of this length are sorted by insertion before they are merged, which is faster for so few.
 _SHORT = 16
 
-# Above this number it pays to look at times before answers are compared; and how many moves are left then for
-# each: many more take longer than to merge.
-_FEW, _MOVES = 64, 8
+# How many moves are left for each answer once all are roughly in order: many more take longer than to merge.
+_MOVES = 8
 
 
 @record
@@ -124,7 +123,7 @@ def _sort(answers: Answers, order: IntArray, spare: IntArray) -> None:
     count = answers.held[0]
     for row in range(count):
         order[row] = row
-    if count > _FEW:
+    if count > _SHORT:
         # Times between two looks are spread well enough, mostly, that few are not in their place then.
         _spread(answers, order, spare)
         if _insert(answers, order, 0, count, _MOVES * count):

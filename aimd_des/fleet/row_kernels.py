@@ -262,14 +262,18 @@ def _answer_piece(agents: FleetAgents, resource: int, first: int, last: int, bou
 @formula
 def _report_piece(agents: FleetAgents, resource: int, first: int, last: int, bound: float) -> None:
     """Note the answers of some agents for those who want to know of them."""
-    j, rows, buffers, decrease = resource, agents.rows, agents.buffers, agents.parameters.decrease[resource]
+    j, rows, buffers, answers = resource, agents.rows, agents.buffers, agents.answers
+    arrival, decrease = rows.arrival[j][first:last], agents.parameters.decrease[j][first:last]
+    # As `report` has it, without a branch: written in any case, and counted if somebody wants to know of it.
+    # There is a row for that, since lists have a place that is never filled.
+    everybody, row = agents.reported == ALL_ANSWERS, answers.held[0]
     for k in range(last - first):
-        i, change = first + k, np.nan
-        if buffers.resource[k] != 0:
-            change = buffers.present[k] * decrease[i] - buffers.present[k]
-        elif agents.reported != ALL_ANSWERS or not rows.arrival[j, i] <= bound:
-            continue
-        report(agents.answers, bits_of(rows.arrival[j, i]), rows.rank[j] + i, i, j, change)
+        responds, present = buffers.resource[k], buffers.present[k]
+        answers.key[row], answers.rank[row] = bits_of(arrival[k]), rows.rank[j] + first + k
+        answers.agent[row], answers.resource[row] = first + k, j
+        answers.change[row] = present * decrease[k] - present if responds != 0 else np.nan
+        row += np.int64(arrival[k] <= bound) if everybody else responds
+    answers.held[0] = row
 
 
 @formula
