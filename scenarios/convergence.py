@@ -55,7 +55,8 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     """Run the paper's system with its rule and with cures, in time, and over latency and loss."""
     curves, points = (2, 2) if quick else (12, 4)
     steps = (100, 300, 1000) if quick else (100, 300, 1000, 3000, 10_000, 30_000)
-    lags, losses = ((0, 5), (0.0,)) if quick else ((0, 5, 10, 20), (0.0, 0.2, 0.4))
+    lags = (0, 5) if quick else (0, 2, 5, 7, 10, 15, 20)
+    losses = (0.0,) if quick else (0.0, 0.1, 0.2, 0.3, 0.4)
     in_time = [_Case(*channel, name, steps) for channel in _CHANNELS for name in _WAYS]
     over_all = [
         _Case(lag, loss, name, steps[-1:])
