@@ -25,6 +25,7 @@ from scenarios.common.command import Finding, write
 from scenarios.common.measure import Measures, Run, measure, measure_all, run_draws
 from scenarios.common.systems import memory_alone, spread
 from scenarios.common.tables import over_draws, summarise, summarise_draws
+from scenarios.theory_table import accuracy as accuracy_rows
 from scenarios.theory_table import losses
 from scenarios.theory_table import signals as signal_rows
 from scenarios.theory_table.rows import Row, Rule, Size, digest, frame, markdown
@@ -59,7 +60,7 @@ FIGURES = {
 }
 
 # The claims at a fifth of the size of the table in the docs: seeds 0 to 3.
-SMALL = Size(4, until=1200.0, start=400.0, steps=6000, critical_until=300.0, halvings=6, agents=240)
+SMALL = Size(4, 1200.0, 400.0, 6000, critical_until=300.0, halvings=6, agents=240, long=1e5, accuracy=0.01)
 # Standard errors by which a mean may lie beyond a bound on which the truth itself lies: by Student's t
 # with 3 degrees of freedom, once in 200.
 Z = 6.0
@@ -306,3 +307,22 @@ def test_spread_values_have_the_mean_halfway_and_no_order() -> None:
     assert values.min() == 0.0
     assert values.max() == 0.6
     assert abs(np.corrcoef(values, np.arange(60))[0, 1]) < 0.3
+
+
+@pytest.mark.parametrize("wide", [1.0, 1.3])
+def test_rows_of_accuracy_measure_what_theory_has(wide: float) -> None:
+    """Made-up runs, which are as theory says, keep all claims; with too much noise they do not."""
+    case, at = accuracy_rows._CASES[0], np.round(np.geomspace(1000.0, 1e5, 9))
+    problem = smart_cameras(0)
+    expected = theory.convergence(problem)
+    draws = np.random.default_rng(0).standard_normal((30, problem.n_resources, problem.n_agents))
+    runs = np.empty((30, len(at), problem.n_agents, problem.n_resources))
+    for q, (time, average) in enumerate(zip(at.tolist(), expected.average(at), strict=True)):
+        values, vectors = np.linalg.eigh(expected.covariance(time))
+        root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+        runs[:, q] = average + wide * np.einsum("jik,rjk->rij", root, draws)
+    table = frame(accuracy_rows._rows_of(case, SMALL, at, runs))
+    held = table.groupby("formula", sort=False)["holds"].apply(lambda column: set(column) == {"yes"})
+    assert held.all() == (wide == 1.0)
+    scatter = table[table["formula"].str.startswith("Standard deviation")]["holds"]
+    assert set(scatter) == {"yes" if wide == 1.0 else "no"}

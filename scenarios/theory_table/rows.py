@@ -24,6 +24,9 @@ class Size:
     critical_until: float  # Length of runs in the search for the critical loss
     halvings: int  # Steps of that search
     agents: int  # In that search
+    # Length of the runs whose accuracy is measured, and the misallocation that they are to come down to.
+    long: float
+    accuracy: float
 
 
 @dataclass(frozen=True)
