@@ -1,123 +1,223 @@
-"""What does latency do, and what does a longer hold-off do about it?
+"""What does latency do, and which hold-off goes with it?
 
-Every peak rises by n alpha d, the growth over the latency d, and no hold-off changes that. What a
-hold-off must not do is starve the agents: it must stay below 1 / rho (1.6 periods here) whatever
-the latency. One that is as long as the latency lets demand run away from latency 2 on. A short one
-repeats signals that are still on their way, which costs bits and little else.
+A hold-off is bounded from both sides.  It must stay below 1 / rho, or signals do not suffice; and a short one
+sends d / r signals before the first of them acts, which nobody can call back.  They take
+X = (d / r) n alpha / (rho C) of the capacity.  Up to X = 0.7 shares are as right as without latency; beyond,
+demand falls far below the capacity again and again, and cameras with small shares get too much.  The limit
+cycle of theory has all of it.  Peaks rise by n alpha d, and by more where the hold-off is near 1 / rho.
 """  # noqa: D400 - a question
 
 from functools import partial
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import Crossing, theory
-from aimd_des.plots import shared_legend
+from aimd_des import BroadcastChannel, InputError, Problem, solve_optimum, theory
+from aimd_des.lowlevel import FloatArray
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import Run, measure_all
+from scenarios.common.measure import distance, late, run_draws, run_late
 from scenarios.common.systems import held, memory_alone, rate
-from scenarios.common.tables import pick, shown
+from scenarios.common.tables import number, over_draws, pick, shown, summarise_draws
 
-_PROBLEM = memory_alone()
-_MATCHED = "hold-off = latency"
-_HOLD_OFFS = {f"hold-off {value:g}": value for value in (0.5, 1.0, 5.0)}
-
+MEASURES = ("signals", "utilisation", "misallocation", "smallest", "level", "above")
+_START, _SHORT, _LONG = 1_000.0, 5_000.0, 20_000.0
+# Up to this X shares are about as right as without latency.
+_RIGHT = 0.7
+# Looks at total demand a period, for the level that it exceeds for 1 % of the time.
+_LOOKS = 2
 _PANELS = (
-    ("peak", "highest total demand over capacity", "(a) Every period of latency lifts the peak"),
-    ("utilisation", "mean total demand over capacity", "(b) A long hold-off lets demand run away"),
-    ("signals", "signals per control period", "(c) Signals"),
+    ("misallocation", 100.0, "distance from the optimum (%)", "(a) Signals on their way put shares wrong"),
+    ("smallest", 100.0, "held by the smallest third (% of optimum)", "(b) Who holds little gets too much"),
+    ("utilisation", 1.0, "mean total demand over capacity", "(c) Beyond 1 / rho demand runs away"),
+    ("signals", 1.0, "signals per control period", "(d) Short hold-offs repeat signals"),
 )
 
 
+class Case(NamedTuple):
+    """A point: latency and hold-off, in control periods."""
+
+    latency: float
+    hold_off: float
+    span: float  # of the run, after its start
+
+
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Run memory of the paper's system with latencies from 0 to 20 periods, for several hold-offs."""
-    replications, until = (2, 240.0) if quick else (12, 1500.0)
-    latencies = (0.0, 1.0, 5.0, 20.0) if quick else (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0)
-    cases: list[tuple[dict[str, Any], Run]] = []
-    for latency in latencies:
-        matched = {_MATCHED: latency} if latency > 0.0 else {}
-        for name, hold_off in {**_HOLD_OFFS, **matched}.items():
-            labels = {"setting": name, "latency": latency, "hold_off": hold_off}
-            unit = Crossing(hold_off)
-            cases.append((labels, Run(_PROBLEM, until, until // 3, "continuous", unit, latency)))
-    table, _ = measure_all(cases, replications, seed, quick, runs)
-    table["theory"] = [_expected(row) for row in table.to_dict("records")]
-    settings = {"seed": seed, "replications": replications, "until": until}
-    printed = shown(
-        table[table["measure"].isin([name for name, *_ in _PANELS])], ["setting", "latency", "measure"]
-    )
+    """Run memory of the paper's system over latencies and hold-offs, with draws of the costs."""
+    draws = 2 if quick else 10
+    cases = _cases(quick)
+    rows = [
+        {**case._asdict(), "draw": draw, **dict(zip(MEASURES, one, strict=True))}
+        for case, outcomes in run_draws(measure, cases, draws, 1, seed, quick, runs)
+        for draw, (one,) in enumerate(outcomes)
+    ]
+    table = summarise_draws(rows, list(Case._fields))
+    table["taken"] = [taken(row["latency"], row["hold_off"]) for row in table.to_dict("records")]
+    problems = [memory_alone(draw=draw) for draw in range(seed, seed + draws)]
+    expected = {
+        case: pd.DataFrame([expect(problem, case.latency, case.hold_off) for problem in problems]).mean()
+        for case in cases
+    }
+    table["theory"] = [
+        expected[Case(row["latency"], row["hold_off"], row["span"])].get(row["measure"], np.nan)
+        for row in table.to_dict("records")
+    ]
+    settings = {"seed": seed, "draws": draws, "start": _START, "span": _SHORT, "longer": _LONG}
+    printed = shown(table, ["latency", "hold_off", "span", "measure"])
     return Finding("delay", settings, table, printed, _findings(table), {"delay": partial(_figure, table)})
 
 
-def _lift(latency: float) -> float:
-    lift = theory.peak_lift(_PROBLEM.n_agents, _PROBLEM.increase[0], latency)
-    return float(lift[0] / _PROBLEM.capacity[0])
+def _cases(quick: bool) -> list[Case]:
+    if quick:
+        return [Case(*where, 1_000.0) for where in product((0.0, 2.0, 10.0), (0.1, 0.5, 1.0, 2.0))]
+    latencies, hold_offs = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 30.0), (0.1, 0.25, 0.5, 1.0, 1.4, 2.0)
+    cases = [Case(*where, _SHORT) for where in product(latencies, hold_offs)]
+    return [*cases, *(Case(*where, _LONG) for where in product((0.0, 2.0, 10.0), (0.1, 1.0)))]
 
 
-def _expected(row: dict[Any, Any]) -> float:
-    """Predict one number of the table; NaN where theory assumes what does not hold."""
-    latency, hold_off, measure = row["latency"], row["hold_off"], row["measure"]
-    if measure == "peak":
-        return 1.0 + _lift(latency)
-    suffices = rate(_PROBLEM) * hold_off < 1.0
-    if measure not in ("signals", "utilisation") or (suffices and hold_off < latency):
-        return np.nan  # more than one signal is on its way for one excess
-    return held(_PROBLEM, hold_off=hold_off, latency=latency)[int(measure == "utilisation")]
+def taken(latency: float, hold_off: float) -> float:
+    """Compute X, what signals on their way take of the capacity."""
+    problem = memory_alone()
+    lift = theory.peak_lift(problem.n_agents, problem.increase[0], latency)
+    return float(lift[0] / problem.capacity[0]) / (rate(problem) * hold_off)
+
+
+def smallest(problem: Problem, average: FloatArray) -> float:
+    """Compute what the third with the smallest shares holds, over their optimum for what is used."""
+    best = solve_optimum(problem, capacity=average.sum(axis=0)).allocation[:, 0]
+    third = np.argsort(best)[: len(best) // 3]
+    return float(average[third].sum() / best[third].sum())
+
+
+def measure(case: Case, draw: int, seed: int) -> tuple[float, ...]:
+    """Run one draw of the costs; give the measures, by `MEASURES`."""
+    problem, until = memory_alone(draw=draw), _START + case.span
+    looks = np.arange(_START, until, 1.0 / _LOOKS)
+    channel = BroadcastChannel(latency=case.latency)
+    result = run_late(problem, case.hold_off, channel, (_START, until), seed, looks)
+    seen = late(result, _START)
+    totals = result.observations.total_demand[:, 0] / problem.capacity[0]
+    return (
+        seen.signals,
+        seen.utilisation,
+        float(distance(problem, seen.average)[0]),
+        smallest(problem, seen.average),
+        float(np.quantile(totals, 0.99)) - 1.0 - _lift(problem, case.latency),
+        seen.time_above,
+    )
+
+
+def _lift(problem: Problem, latency: float) -> float:
+    return float(theory.peak_lift(60, problem.increase[0], latency)[0] / problem.capacity[0])
+
+
+def expect(problem: Problem, latency: float, hold_off: float) -> dict[str, float]:
+    """Predict signals, use and shares: by the limit cycle, or where demand comes to rest beyond 1 / rho."""
+    try:
+        found = theory.limit_cycle(problem, hold_off, latency)
+    except InputError:
+        rest = held(problem, hold_off=hold_off, latency=latency)
+        return {"signals": rest.signals, "utilisation": rest.utilisation}
+    return {
+        "signals": float(found.signals[0]),
+        "utilisation": float(found.utilisation[0]),
+        "misallocation": float(distance(problem, found.allocation)[0]),
+        "smallest": smallest(problem, found.allocation),
+    }
 
 
 def _figure(table: pd.DataFrame) -> Figure:
-    figure, panels = figures.panels(1, 3, (13.0, 4.6))
-    for axes, (measure, label, title) in zip(panels, _PANELS, strict=True):
-        _draw(axes, pick(table, measure=measure), measure)
-        figures.dress(axes, title, "latency (control periods)", label, numbers="y")
-    shared_legend(figure)
+    figure, panels = figures.panels(2, 2, (11.0, 9.0))
+    short = pick(table, span=table["span"].min())
+    for place, (axes, (measure, scale, label, title)) in enumerate(zip(panels, _PANELS, strict=True)):
+        rows = pick(short, measure=measure)
+        if place < 2:
+            _draw(axes, rows[(rows["latency"] > 0.0) & (rows["hold_off"] < 1.5)], "latency", "taken", scale)
+            named = r"X = (d / r) n$\alpha$ / ($\rho$ C)"
+            limits: dict[str, Any] = {"xscale": "log", "xlim": (0.02, 30.0)}
+        else:
+            _draw(axes, rows, "hold_off", "latency", scale)
+            named, limits = "latency (control periods)", {}
+        if measure in ("misallocation", "signals"):
+            limits["yscale"] = "log"
+        figures.dress(axes, title, named, label, numbers="y", **limits)
+    plain = number(short, measure="misallocation", latency=0.0, hold_off=1.0)
+    figures.level(panels[0], 100.0 * plain)
+    figures.named(panels[0], "without latency", ":", linewidth=1.0)
+    figures.level(panels[1], 100.0)
+    figures.level(panels[2], 1.0)
+    for axes in panels:
+        axes.legend(fontsize="small", frameon=False, ncols=2)
     return figure
 
 
-def _draw(axes: Axes, table: pd.DataFrame, measure: str) -> None:
-    for place, name in enumerate([*_HOLD_OFFS, _MATCHED]):
-        rows = pick(table, setting=name)
-        look: dict[str, Any] = {"linestyle": ":", "linewidth": 0.8, "markersize": 8.0 - 1.2 * place}
-        figures.points(axes, rows["latency"], rows, place, name, **look)
-        if measure != "peak":
-            figures.theory(axes, rows["latency"], rows, place)
-    if measure == "peak":
-        axes.plot([0.0, 20.0], [1.0 + _lift(0.0), 1.0 + _lift(20.0)], color=figures.REFERENCE, linewidth=1.5)
-    figures.named(axes, "theory")
+def _draw(axes: Axes, rows: pd.DataFrame, by: str, along: str, scale: float) -> None:
+    for place, value in enumerate(sorted(rows[by].unique())[-6:]):
+        mine = rows[rows[by] == value].sort_values(along)
+        figures.points(axes, mine[along], mine, place, f"{by.replace('_', '-')} {value:g}", scale=scale)
+        figures.theory(axes, mine[along], mine, place, scale=scale)
+    figures.named(axes, "theory, without noise")
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
-    peaks = pick(table, setting="hold-off 0.5", measure="peak")
-    gap = float((peaks["mean"] - peaks["theory"]).abs().max())
-    longest = float(table["latency"].max())
-    short, unit = (
-        pick(table, setting=name, measure="utilisation")["mean"] for name in ("hold-off 0.5", "hold-off 1")
-    )
-    signals = pick(table, setting="hold-off 0.5", measure="signals")
-    long = pick(table, setting="hold-off 5", measure="utilisation")["mean"]
-    matched = pick(table, setting=_MATCHED, measure="utilisation")
-    rho = rate(_PROBLEM)
-    away = matched.loc[matched["hold_off"] * rho >= 1.0]
+    short = pick(table, span=table["span"].min())
+    least, last, two, ten = float(short["hold_off"].min()), float(short["latency"].max()), 2.0, 10.0
+
+    def say(measure: str, latency: float, hold_off: float = least) -> str:
+        scale, digits = (100.0, 1) if measure in ("misallocation", "smallest") else (1.0, 2)
+        where: dict[str, Any] = {"measure": measure, "latency": latency, "hold_off": hold_off}
+        known = number(short, "theory", **where)
+        told = "" if np.isnan(known) else f", theory {scale * known:.{digits}f}"
+        return f"{over_draws(short, scale, digits, **where)}{told}"
+
+    wrong = pick(short, measure="misallocation")
+    floor = number(wrong, latency=0.0, hold_off=1.0)
+    late = wrong[(wrong["latency"] > 0.0) & (wrong["hold_off"] <= 1.0)]
+    right = 100.0 * (late.loc[late["taken"] <= _RIGHT, "mean"] - floor)
+    off = 100.0 * late.loc[late["taken"].between(1.2, 1.6), "mean"]
     return sentences(f"""
-        - With hold-off 0.5 the highest peak is 1 + n alpha d / C to within {100 * gap:.1f} points of the
-          capacity, up to {peaks["mean"].max():.2f} of it at latency {longest:g}.
-        - What the hold-off must not do is starve the agents: {rho:.2f} signals per unit of time are needed,
-          so it must stay below {1.0 / rho:.2f}, whatever the latency. With hold-off 5 the mean demand is
-          {long.mean():.2f} of the capacity; a hold-off as long as the latency runs away from latency
-          {away["latency"].min():g} on, to {away["mean"].max():.1f} of the capacity.
-        - A hold-off shorter than the latency repeats signals that are still on their way: with hold-off 0.5
-          up to {signals["mean"].max():.2f} signals per unit of time instead of {signals["mean"].iloc[0]:.2f},
-          and the mean demand lies between {short.min():.2f} and {short.max():.2f} of the capacity (hold-off
-          1: {unit.min():.2f} to {unit.max():.2f}).
+        - Hold-off {least:g}, latencies 0, {two:g} and {ten:g}: {say("signals", 0.0)};
+          {say("signals", two)}; and {say("signals", ten)} signals a period. The mean demand is
+          {say("utilisation", 0.0)}; {say("utilisation", two)}; and {say("utilisation", ten)} of the
+          capacity. Shares are {say("misallocation", 0.0)}; {say("misallocation", two)}; and
+          {say("misallocation", ten)} % off, where theory leaves out the noise.
+        - X orders what is wrong with the shares: up to X = {_RIGHT:g}, at hold-offs up to 1 and latencies
+          up to {last:g}, they are {right.min():+.1f} to {right.max():+.1f} points from what they are
+          without latency; at X of 1.2 to 1.6 they are {off.min():.1f} to {off.max():.1f} % off.
+        - The smallest third of the cameras holds {say("smallest", 0.0)} % of its optimum without latency,
+          and {say("smallest", ten)} % at latency {ten:g} with hold-off {least:g}.
+        - Beyond 1 / rho, {1.0 / rate(memory_alone()):.2f}, demand runs away whatever the latency: with
+          hold-off 2 to {say("utilisation", 0.0, 2.0)} of the capacity without latency, and to
+          {say("utilisation", ten, 2.0)} at latency {ten:g}.
+        - The level that demand exceeds for 1 % of the time is the line 1 + n alpha d / C and, in points of
+          the capacity, {_above(short, 0.0)} without latency and {_above(short, ten)} at latency {ten:g}.
+        - Age: in runs of {table["span"].max():,.0f} instead of {short["span"].min():,.0f} shares are
+          {_aged(table, 0.0, 1.0)} % off without latency, and {_aged(table, ten, least)} % at latency
+          {ten:g} with hold-off {least:g}: noise wears off, and what is wrong stays.
     """)
 
 
-main = command("delay", study, "What does latency do, and what does a longer hold-off do about it?")
+def _above(short: pd.DataFrame, latency: float) -> str:
+    rows = pick(short, measure="level", latency=latency)
+    kept = rows[rows["hold_off"].isin((0.5, 1.0, 1.4))]
+    return ", ".join(
+        f"{over_draws(rows, 100.0, 1, hold_off=hold_off)} (hold-off {hold_off:g})"
+        for hold_off in kept["hold_off"]
+    )
+
+
+def _aged(table: pd.DataFrame, latency: float, hold_off: float) -> str:
+    where = {"measure": "misallocation", "latency": latency, "hold_off": hold_off}
+    ends = (table["span"].max(), table["span"].min())
+    return " instead of ".join(over_draws(table, 100.0, 1, span=span, **where) for span in ends)
+
+
+main = command("delay", study, "What does latency do, and which hold-off goes with it?")
 
 if __name__ == "__main__":
     main()

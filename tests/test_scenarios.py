@@ -50,6 +50,7 @@ NAMES = [
     "robust_responses",
     "theory_table",
     "unusual_activity",
+    "usable",
 ]
 
 # What stands beside the tables of those that do not write one figure with their name.

@@ -23,7 +23,7 @@ __all__ = [
     "theory",
 ]
 
-MARKS = "os^Dv"
+MARKS = "os^DvP"
 
 
 def panels(rows: int, columns: int, size: tuple[float, float], **how: Any) -> tuple[Figure, list[Axes]]:

@@ -1,5 +1,6 @@
 """What the studies share beside the paper's system: a part of it, losses that differ, and its theory."""
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Literal
 
@@ -30,6 +31,12 @@ def memory_alone(n: int = 60, normalization: float = 1 / 90, draw: int = 0) -> P
     costs = full.costs
     assert isinstance(costs, PolynomialCosts)  # noqa: S101 - the model's costs are
     return Problem(full.resources[:1], PolynomialCosts(costs.exponents, costs.coefficients[:, :1]))
+
+
+def lowered(problem: Problem, threshold: float) -> Problem:
+    """Make the same problem with another threshold, for all resources."""
+    resources = [replace(resource, threshold=threshold) for resource in problem.resources]
+    return Problem(resources, problem.costs, agent_names=problem.agent_names)
 
 
 @lru_cache
