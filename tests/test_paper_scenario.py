@@ -22,8 +22,8 @@ STORED = Path(__file__).parent / "data" / "paper_quick.csv"
 RESOURCES = list(CAPACITY_EVENTS)
 FILES = {"figure1.png", "figure2.png", "figure3.png", "figure4.png", "table.csv", "table.md", "paper.json"}
 
-# Standard errors by which the mean of 20 draws may lie beyond a bound: where the truth is on the
-# bound itself, the chance of a false alarm is 0.0004 (Student's t, 19 degrees of freedom).
+# Standard errors by which the mean of 60 draws may lie beyond a bound: where the truth is on the
+# bound itself, the chance of a false alarm is 0.0001 (Student's t, 59 degrees of freedom).
 Z = 4.0
 
 
@@ -53,7 +53,7 @@ def quick() -> paper.PaperStudy:
 
 @pytest.fixture(scope="module")
 def full() -> paper.PaperStudy:
-    """20 draws of 30,000 steps, seeds 0 to 19."""
+    """60 draws of 30,000 steps, seeds 0 to 59."""
     return paper.run(*paper.FULL)
 
 
@@ -227,7 +227,7 @@ def z_above(values: np.ndarray, bound: float) -> np.ndarray:
 def test_the_papers_capacity_events_lie_within_two_standard_deviations(
     full: paper.PaperStudy, lag: int
 ) -> None:
-    """Seeds 0 to 19; the paper is one draw of its own, so the spread of draws is what it is held against."""
+    """Seeds 0 to 59; the paper is one draw of its own, so the spread of draws is what it is held against."""
     counts = by_draw(case(full, "as_run", lag), "signals")
     off = np.array(list(CAPACITY_EVENTS.values())) - counts.mean(axis=0)
     assert (np.abs(off) <= 2.0 * counts.std(axis=0, ddof=1)).all()
@@ -235,7 +235,7 @@ def test_the_papers_capacity_events_lie_within_two_standard_deviations(
 
 @pytest.mark.slow
 def test_the_printed_increase_of_disk_gives_a_sixth_of_the_papers_events(full: paper.PaperStudy) -> None:
-    """Seeds 0 to 19.  About 1,900; and what is rejected above is rejected by far."""
+    """Seeds 0 to 59.  About 1,900; and what is rejected above is rejected by far."""
     disk = by_draw(case(full, "as_printed", 1), "signals")[:, 1]
     assert abs(disk.mean() - 1900.0) <= 2.0 * disk.std(ddof=1)
     assert CAPACITY_EVENTS["disk"] - disk.mean() > 50.0 * disk.std(ddof=1)
@@ -244,7 +244,7 @@ def test_the_printed_increase_of_disk_gives_a_sixth_of_the_papers_events(full: p
 @pytest.mark.slow
 @pytest.mark.parametrize("lag", [1, 0])
 def test_capacity_events_follow_the_closed_form(full: paper.PaperStudy, lag: int) -> None:
-    """Seeds 0 to 19; ratios per draw, so the spread of the costs cancels; standard error of their mean."""
+    """Seeds 0 to 59; ratios per draw, so the spread of the costs cancels; standard error of their mean."""
     share = by_draw(case(full, "as_run", lag), "signals") / full.steps
     least, greatest = bracket(full, lag)
     assert (z_above(share / least, 1.0) > -Z).all()

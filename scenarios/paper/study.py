@@ -34,7 +34,7 @@ from scenarios.paper.text import markdown, sentences
 MARK = "paper.json"
 
 #: Steps and draws of the paper's size, and of one that takes seconds less.
-FULL = (30_000, 20)
+FULL = (30_000, 60)
 QUICK = (3_000, 4)
 
 _Increase = Literal["as_run", "as_printed"]
