@@ -9,9 +9,9 @@ from aimd_des import BroadcastChannel, Crossing, Fleet, Problem, Recording, Simu
 from aimd_des.dynamics.loss_compensation import Compensation, EstimatedLoss
 from aimd_des.study import jackknife, mean_and_error
 from aimd_des.theory import believed_loss, loss_weights, reweighted_optimum
-from scenarios.common.measure import distance
+from scenarios.common.measure import distance, run_draws
 from scenarios.common.systems import critical, memory_alone, rate, spread
-from scenarios.robust_responses.study import MEMORY
+from scenarios.robust_responses.study import MEMORY, Drawn, measure_late
 from tests.conftest import quietly
 
 # Four replications: by Student's t with 3 degrees of freedom a mean is so far off once in 200.
@@ -98,3 +98,38 @@ def test_the_chain_by_hand() -> None:
     # step on, who has lost one moves two; at p = 1/2 these are as many steps as signals heard.
     assert believed_loss(0.5, 2) == pytest.approx(0.0, abs=1e-12)
     assert believed_loss(1 / 3, 2) == pytest.approx(1 / 15, rel=1e-12)
+
+
+@pytest.fixture(scope="module")
+def late() -> dict[str, np.ndarray]:
+    """Use, misallocation and time above of draws 0 to 3 of the costs, shape (draws, 3)."""
+    cases = {
+        "short": Drawn({}, Crossing(0.25), 8.0, 0.0, 3_000.0),
+        "long": Drawn({}, Crossing(1.0), 8.0, 0.0, 3_000.0),
+        "right": Drawn({}, Crossing(0.5), 1.0, 0.0, 3_000.0, safe=1.0),
+        "wrong": Drawn({}, Crossing(0.5), 1.2, 0.0, 3_000.0, safe=1.0),
+    }
+    found = run_draws(measure_late, list(cases.values()), 4, 1, 0, quick=True)
+    return {
+        name: np.array([(one.used, one.misallocation, one.above) for (one,) in runs])
+        for name, (_, runs) in zip(cases, found, strict=True)
+    }
+
+
+@pytest.mark.slow
+def test_a_hold_off_that_is_short_against_the_latency_is_not_the_safe_one(
+    late: dict[str, np.ndarray],
+) -> None:
+    used, error = mean_and_error(late["short"].tolist())
+    assert used[0] + Z * error[0] < 0.9
+    # Paired draws: the shares of the longer one are as right as noise leaves them.
+    worse, error = mean_and_error((late["short"] - late["long"]).tolist())
+    assert worse[1] - Z * error[1] > 0.02
+
+
+@pytest.mark.slow
+def test_a_safe_threshold_bears_no_longer_latency(late: dict[str, np.ndarray]) -> None:
+    right, error = mean_and_error(late["right"].tolist())
+    assert right[2] < 0.01 + Z * error[2]
+    wrong, error = mean_and_error(late["wrong"].tolist())
+    assert wrong[2] - Z * error[2] > 0.02

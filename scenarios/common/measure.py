@@ -117,9 +117,9 @@ def distance(problem: Problem, average: FloatArray, weights: npt.ArrayLike | Non
     return metrics.relative_error(average, best.allocation)
 
 
-def sensed(problem: Problem, hold_off: float, **parts: Any) -> Simulation:
+def sensed(problem: Problem, hold_off: float | Crossing, **parts: Any) -> Simulation:
     """Set up continuous agents as a fleet, with a control unit that senses crossings."""
-    unit = Crossing(hold_off)
+    unit = hold_off if isinstance(hold_off, Crossing) else Crossing(hold_off)
     return Simulation(problem, dynamics="continuous", control_unit=unit, agents=Fleet, **parts)
 
 
@@ -143,7 +143,12 @@ class Late(NamedTuple):
 
 
 def run_late(
-    problem: Problem, hold_off: float, channel: Channel, span: tuple[float, float], seed: int, looks: Any
+    problem: Problem,
+    hold_off: float | Crossing,
+    channel: Channel,
+    span: tuple[float, float],
+    seed: int,
+    looks: Any,
 ) -> Result:
     """Run with total demand recorded at `looks`, and noted at the first instant of the span for `late`.
 
