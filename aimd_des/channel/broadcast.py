@@ -222,6 +222,10 @@ class _OpenChannel(DrawnLink):
     n_agents: int
     keys: Mapping[Purpose, Key]
 
+    def attach(self, system: object) -> None:
+        """Give the run in progress to a loss that reads it."""
+        returned_values.attach(self.loss, system)
+
     def draw(self, broadcast: Broadcast, departure: float) -> Copies:
         """Draw loss, latency and duplication of every copy."""
         draws = Draws(self.keys, broadcast.resource, broadcast.number, departure, self.n_agents)

@@ -234,6 +234,7 @@ class Simulation:
         # The observer first: agents that are compiled take over a part of its work before anything begins.
         observer = Observer(system, self.recording)
         self._populate(system, observer)
+        returned_values.attach(system.link, system)
         for intervention in self.interventions:
             _start(system.env.intervene, intervention, "process", intervention.process(system))
         for process in self.processes:

@@ -117,6 +117,13 @@ def having(field: str, value: object, methods: Sequence[str]) -> None:
         raise InputError.of(field, value, f"an object with {' and '.join(f'{name}()' for name in methods)}")
 
 
+def attach(part: object, system: object) -> None:
+    """Give the run in progress, before anything happens in it, to a part that has a method `attach`."""
+    if hasattr(part, "attach"):
+        with calling(said_by(part, "attach")):
+            part.attach(system)
+
+
 def generator(field: str, value: object) -> None:
     """Refuse what SimPy cannot run as a process."""
     if not hasattr(value, "throw"):

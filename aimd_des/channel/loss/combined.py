@@ -12,6 +12,7 @@ from aimd_des.channel.loss.kernels import TabledLoss, join
 from aimd_des.channel.loss.trace import Trace
 from aimd_des.channel.parameters import model_of, scalar_or_row
 from aimd_des.channel.random_draws import Draws
+from aimd_des.utils import returned_values
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
@@ -77,6 +78,11 @@ class _Parts:
 
     def __init__(self, processes: list[LossProcess]) -> None:
         self._processes = processes
+
+    def attach(self, system: object) -> None:
+        """Give the run in progress to the models that read it."""
+        for process in self._processes:
+            returned_values.attach(process, system)
 
     def draw(self, draws: Draws) -> BoolArray:
         """Ask every model, also for copies that another one has lost: what it remembers must be kept up."""

@@ -219,6 +219,10 @@ class _OpenNetwork:
     network: NetworkTable
     keys: Mapping[Purpose, Key]
 
+    def attach(self, system: object) -> None:
+        """Give the run in progress to a loss that reads it."""
+        returned_values.attach(self.loss, system)
+
     def transmit(self, broadcast: Broadcast, departure: float) -> Copies:
         """Draw loss and latency of every arc, and say when copies arrive."""
         draws = Draws(self.keys, broadcast.resource, broadcast.number, departure, len(self.network.latency))
