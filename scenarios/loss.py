@@ -1,12 +1,14 @@
-"""How much loss does the system survive, and whom does loss cost?
+"""How much loss is survived, how much is usable, and whom does loss cost?
 
-Loss that is the same for all changes no shares, and costs signals until there are no more
-opportunities to signal: up to 1 - rho r with hold-off r, up to 1 / (1 + rho) on the clock, where
-demand runs away. A short hold-off is what makes loss bearable. Loss that differs moves the averages
-to the optimum of reweighted costs: who hears less takes more.
+Loss that is the same for all changes no shares, and makes signals more frequent, until there are no more
+opportunities to signal: up to 1 - rho r with hold-off r, up to 1 / (1 + rho) on the clock, where demand runs
+away. Long before, demand is often above the capacity: the loss at which that is 1 % of the time is far less
+for a long hold-off. Loss that differs moves the averages to the optimum of reweighted costs, but for luck,
+which wears off, and the bias of the rule, which is less than without loss: who hears less takes more.
 """  # noqa: D400 - a question
 
-from functools import partial
+from collections.abc import Sequence
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -15,20 +17,23 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import Crossing, Sampled, theory
+from aimd_des import BroadcastChannel, Crossing, Fleet, Problem, Recording, Sampled, Simulation, theory
+from aimd_des.interventions import CapacityStep
 from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour, shared_legend
 from scenarios.common import figures
-from scenarios.common.command import Finding, command
-from scenarios.common.measure import Measures, Run, distance, distances, measure_all
-from scenarios.common.systems import critical, held, memory_alone, spread
-from scenarios.common.tables import pick, shown
+from scenarios.common.command import Finding, command, sentences
+from scenarios.common.measure import distance, late, quietly, run_draws
+from scenarios.common.systems import critical, held, memory_alone, spread, usable
+from scenarios.common.tables import number, over_draws, pick, reached, shown, summarise_draws, with_theory
 
-_PROBLEM = memory_alone()
-# Above this share of the opportunities the control unit signals at practically every one.
-_RUN_AWAY = 0.99
-_SAME = "the same for all"
+_SAME, _SPREAD = "the same for all", "spread"
 _PLAIN, _NEW = "from plain optimum", "from reweighted optimum"
+_EARLY, _LATE = "time above, first stretch", "time above"
+_CRITICAL, _USABLE = "critical loss", "usable loss"
+# The share of time above the capacity up to which a loss is usable.
+_ALLOWED = 0.01
+_LABELS = ["loss", "way", "mean_loss", "length"]
 
 
 class _Way(NamedTuple):
@@ -49,76 +54,143 @@ _WAYS = (
 )
 
 
+class _Case(NamedTuple):
+    way: _Way
+    kind: str
+    mean: float
+    # Measures are of the stretches that begin at the first two times; the run ends at the last.
+    times: tuple[float, float, float]
+
+    @property
+    def loss(self) -> float | FloatArray:
+        return self.mean if self.kind == _SAME else spread(0.0, 2.0 * self.mean)
+
+
+class _Outcome(NamedTuple):
+    signals: float
+    utilisation: float
+    above: tuple[float, float]  # share of time above the capacity, in both stretches
+    averages: tuple[FloatArray, FloatArray]  # over all of the run, at its second and third time; (n, 1)
+
+
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run memory of the paper's system with losses from 0 to 0.9, the same for all and spread over agents."""
-    replications, until = (2, 200.0) if quick else (12, 1500.0)
-    losses = [0.0, 0.3, 0.6, 0.9] if quick else np.round(np.arange(0.0, 0.95, 0.1), 2).tolist()
-    tops = [0.4, 0.8] if quick else [0.0, 0.2, 0.4, 0.6, 0.8]
-    given: list[tuple[str, _Way, float, float | FloatArray]] = [
-        (_SAME, way, loss, loss) for way in _WAYS for loss in losses
+    draws, step, tops = (2, 0.3, [0.0, 0.8]) if quick else (12, 0.05, [0.0, 0.4, 0.8])
+    short, long = ((50.0, 100.0, 300.0),) * 2 if quick else ((500, 2000, 6000), (1000, 9000, 90_000))
+    losses = np.round(np.arange(0.0, 0.95, step), 2).tolist()
+    cases = [_Case(way, _SAME, loss, short) for way in _WAYS for loss in losses]
+    cases += [_Case(way, _SPREAD, 0.5 * top, long) for way in _WAYS[1:] for top in tops]
+    found = run_draws(_run, cases, draws, 1, seed, quick, runs)
+    rows = [
+        {**row, "draw": seed + draw}
+        for case, outcomes in found
+        for draw, (one,) in enumerate(outcomes)
+        for row in _rows(case, one, seed + draw)
     ]
-    same = len(given)
-    given += [("spread", way, top / 2, spread(0.0, top)) for way in _WAYS[1:] for top in tops]
-    cases: list[tuple[dict[str, Any], Run]] = [
-        (
-            {"loss": kind, "way": way.name, "mean_loss": mean},
-            Run(_PROBLEM, until, until // 3, way.dynamics, way.unit, way.latency, loss),
-        )
-        for kind, way, mean, loss in given
+    rows += [
+        {"loss": _SAME, "way": way.name, "mean_loss": np.nan, "length": short[2], "draw": draw, **limits}
+        for way in _WAYS
+        for draw in range(seed, seed + draws)
+        for limits in [_limits(way, draw, [row for row in rows if row["draw"] == draw])]
     ]
-    table, outcomes = measure_all(cases, replications, seed, quick, runs)
-    pairs = zip(cases[same:], outcomes[same:], strict=True)
-    rows = [row for (labels, run), found in pairs for row in _distances(labels, run, found)]
-    table = pd.concat([table, pd.DataFrame(rows)], ignore_index=True)
-    table["theory"] = [_expected(row) for row in table.to_dict("records")]
-    same_measures = (table["loss"] == _SAME) & table["measure"].isin(["signals", "utilisation"])
-    settings = {"seed": seed, "replications": replications, "until": until}
-    printed = shown(
-        table[same_measures | table["measure"].isin([_PLAIN, _NEW])],
-        ["loss", "way", "mean_loss", "measure"],
+    table = with_theory(summarise_draws(rows, _LABELS), _LABELS)
+    of_one = pd.Series([_expected(row, seed) for row in table.to_dict("records")], dtype=float)
+    table["theory"] = table["theory"].fillna(of_one)
+    settings = {"seed": seed, "draws": draws, "until": short[2], "until_spread": long[2]}
+    printed = shown(table[~table["measure"].isin(["signals", _EARLY])], [*_LABELS, "measure"])
+    return Finding(
+        "loss", settings, table, printed, _findings(table), {"loss": partial(_figure, table, seed)}
     )
-    return Finding("loss", settings, table, printed, _findings(table), {"loss": partial(_figure, table)})
 
 
-def _distances(labels: dict[str, Any], run: Run, found: list[Measures]) -> list[dict[str, Any]]:
-    """Measure how far the mean of the averages is from both optima, in one more pair of measures."""
-    share: FloatArray | float = 0.0
-    if run.dynamics == "discrete":
-        share = np.mean([measures.signals for measures in found], axis=0)
-    weights = theory.loss_weights(np.asarray(run.loss)[:, None], share)
-    averages, labels = [measures.average for measures in found], {**labels, "resource": "memory"}
-    return distances(labels, _PROBLEM, averages, {_PLAIN: None, _NEW: weights})
+def _run(case: _Case, draw: int, seed: int) -> _Outcome:
+    problem, (early, start, until) = memory_alone(draw=draw), case.times
+    simulation = Simulation(
+        problem,
+        dynamics=case.way.dynamics,
+        control_unit=case.way.unit,
+        channel=BroadcastChannel(case.way.latency, case.loss),
+        agents=Fleet,
+        # The capacity is set to what it is: totals are integrated exactly from there on.
+        interventions=[CapacityStep("memory", time, float(problem.capacity[0])) for time in (early, start)],
+        seed=seed,
+        recording=Recording(demand="end", allocations=[start]),
+    )
+    result = quietly(simulation, until)
+    found, seen = late(result, start), result.observations
+    above = float(seen.stretches[-2].overshoot().time[0]), found.time_above
+    return _Outcome(found.signals, found.utilisation, above, (seen.average[0].T, seen.average[-1].T))
 
 
-def _critical(way: _Way) -> float:
-    return critical(_PROBLEM, way.hold_off, way.dynamics)
+def _rows(case: _Case, found: _Outcome, draw: int) -> list[dict[str, Any]]:
+    """List what is measured of one run, and what theory has for how far its averages are from the optima."""
+    labels: dict[str, Any] = {"loss": case.kind, "way": case.way.name, "mean_loss": case.mean}
+    _, start, until = case.times
+    if case.kind == _SAME:
+        measures = {"signals": found.signals, "utilisation": found.utilisation}
+        return [{**labels, "length": until, **measures, _EARLY: found.above[0], _LATE: found.above[1]}]
+    problem = memory_alone(draw=draw)
+    share = found.signals if case.way.dynamics == "discrete" else 0.0
+    optima = {_PLAIN: None, _NEW: theory.loss_weights(np.asarray(case.loss)[:, None], share)}
+    settled = _settled(case.way.name, case.mean, draw)
+    rows = []
+    for length, average in zip((start, until), found.averages, strict=True):
+        for name, weights in optima.items():
+            off = float(distance(problem, average, weights)[0])
+            known = float(distance(problem, settled, weights)[0])
+            rows.append({**labels, "length": length, name: off, f"theory of {name}": known})
+    return [{**rows[k], **rows[k + 1]} for k in (0, 2)]
 
 
-def _held(way: _Way, loss: float) -> theory.SteadyTotal:
-    return held(_PROBLEM, way.dynamics, hold_off=way.hold_off, latency=way.latency, loss=loss)
+@lru_cache(maxsize=1024)
+def _settled(name: str, mean: float, draw: int) -> FloatArray:
+    """Compute where averages settle with losses that are spread, (n, 1)."""
+    way = next(way for way in _WAYS if way.name == name)
+    loss = spread(0.0, 2.0 * mean)
+    return theory.convergence(
+        memory_alone(draw=draw), way.dynamics, latency=way.latency, loss=loss
+    ).steady.average
 
 
-def _expected(row: dict[Any, Any]) -> float:
-    """Predict one number of the table; NaN where there is no formula."""
+def _limits(way: _Way, draw: int, rows: Sequence[dict[str, Any]]) -> dict[str, float]:
+    """Find the loss that is usable and the critical one, of one draw."""
+    chosen = [row for row in rows if row["way"] == way.name and row["loss"] == _SAME]
+    losses, above = (np.array([row[name] for row in chosen]) for name in ("mean_loss", _LATE))
+    problem = memory_alone(draw=draw)
+    limits = {_CRITICAL: critical(problem, way.hold_off, way.dynamics)}
+    if way.dynamics == "continuous":
+        limits[_USABLE] = reached(losses, above, _ALLOWED)
+    return limits
+
+
+def _expected(row: dict[Any, Any], seed: int) -> float:
+    """Predict what is the same for all draws but for some per cent, for the first of them."""
     way, measure = next(way for way in _WAYS if way.name == row["way"]), row["measure"]
-    if row["loss"] == _SAME:
-        place = {"signals": 0, "utilisation": 1}.get(measure)
-        return np.nan if place is None else _held(way, row["mean_loss"])[place]
-    if measure != _PLAIN:
-        return 0.0 if measure == _NEW else np.nan
-    loss = spread(0.0, 2.0 * row["mean_loss"])
-    expected = theory.predict(_PROBLEM, way.dynamics, latency=way.latency, loss=loss)
-    return float(distance(_PROBLEM, expected.allocation)[0])
+    if measure in {"signals", "utilisation"}:
+        return _held(way, row["mean_loss"], seed)[int(measure == "utilisation")]
+    return usable(_problem(seed), way.hold_off) if measure == _USABLE else np.nan
 
 
-def _figure(table: pd.DataFrame) -> Figure:
+def _held(way: _Way, loss: float, draw: int) -> theory.SteadyTotal:
+    setting = {"hold_off": way.hold_off, "latency": way.latency, "loss": loss}
+    return held(_problem(draw), way.dynamics, **setting)
+
+
+@lru_cache
+def _problem(draw: int) -> Problem:
+    return memory_alone(draw=draw)
+
+
+def _figure(table: pd.DataFrame, seed: int) -> Figure:
     figure, (left, middle, right) = figures.panels(1, 3, (13.0, 4.6))
-    _draw_same(left, table, "signals")
-    _draw_same(middle, table, "utilisation")
+    _draw_same(left, table, _LATE, seed)
+    _draw_same(middle, table, "utilisation", seed)
     _draw_spread(right, table)
     x = "probability of loss, the same for all"
-    title, label = "(a) Signals, until all opportunities are used", "signals, share of the opportunities"
-    figures.dress(left, title, x, label, numbers="y", xlim=(-0.02, 0.92), ylim=(0.0, 1.08))
+    figures.level(left, 100 * _ALLOWED)
+    title, label = "(a) Usable loss is less than critical loss", "time above the capacity (%)"
+    figures.dress(left, title, x, label, numbers="", xlim=(-0.02, 0.92), yscale="symlog", ylim=(0.0, 130.0))
+    left.set_yticks([0, 1, 10, 100], ["0", "1", "10", "100"])
     figures.level(middle, 1.0)
     title, label = "(b) Demand: held, then it runs away", "mean total demand over capacity"
     figures.dress(middle, title, x, label, numbers="y", xlim=(-0.02, 0.92))
@@ -128,24 +200,32 @@ def _figure(table: pd.DataFrame) -> Figure:
     return figure
 
 
-def _draw_same(axes: Axes, table: pd.DataFrame, measure: str) -> None:
+def _draw_same(axes: Axes, table: pd.DataFrame, measure: str, seed: int) -> None:
     for place, way in enumerate(_WAYS):
-        rows, turn = pick(table, loss=_SAME, way=way.name, measure=measure), _critical(way)
-        scale = way.hold_off if measure == "signals" else 1.0
-        grid = np.union1d(np.linspace(0.0, 0.9, 31), [turn - 1e-6, turn])
-        line = np.array([_held(way, loss)[int(measure != "signals")] for loss in grid]) * scale
-        for side in (grid < turn, grid >= turn):
-            axes.plot(grid[side], line[side], color=colour(place), linewidth=1.5)
+        rows = pick(table, loss=_SAME, way=way.name, measure=measure)
+        turn = number(table, way=way.name, measure=_CRITICAL)
         axes.axvline(turn, color=colour(place), linewidth=1.0, linestyle="--")
+        if measure == "utilisation":
+            turn = critical(_problem(seed), way.hold_off, way.dynamics)
+            grid = np.union1d(rows["mean_loss"], [turn - 1e-6, turn])
+            line = np.array([_held(way, loss, seed).utilisation for loss in grid])
+            for side in (grid < turn, grid >= turn):
+                axes.plot(grid[side], line[side], color=colour(place), linewidth=1.5)
+        elif way.dynamics == "continuous":
+            known = number(table, "theory", way=way.name, measure=_USABLE)
+            axes.axvline(known, color=colour(place), linewidth=1.8, linestyle=":")
+        scale = 1.0 if measure == "utilisation" else 100.0
         figures.points(axes, rows["mean_loss"], rows, place, way.name, scale=scale)
     figures.named(axes, "theory")
     figures.named(axes, "critical loss by theory", "--", linewidth=1.0)
+    figures.named(axes, "usable loss by theory", ":", linewidth=1.8)
 
 
 def _draw_spread(axes: Axes, table: pd.DataFrame) -> None:
+    longest = table.loc[table["loss"] == _SPREAD, "length"].max()
     for place, way in enumerate(_WAYS[1:], start=1):
         for measure, face in ((_PLAIN, colour(place)), (_NEW, "white")):
-            rows = pick(table, loss="spread", way=way.name, measure=measure)
+            rows = pick(table, loss=_SPREAD, way=way.name, measure=measure, length=longest)
             figures.points(axes, rows["mean_loss"], rows, place, scale=100.0, markerfacecolor=face)
             figures.theory(axes, rows["mean_loss"], rows, place, scale=100.0)
     figures.named(axes, "from the plain optimum", "o")
@@ -155,26 +235,38 @@ def _draw_spread(axes: Axes, table: pd.DataFrame) -> None:
 def _findings(table: pd.DataFrame) -> list[str]:
     found = []
     for way in _WAYS:
-        rows = pick(table, loss=_SAME, way=way.name, measure="signals")
-        away = rows.loc[rows["mean"] * way.hold_off >= _RUN_AWAY, "mean_loss"]
-        held = rows.loc[rows["mean"] * way.hold_off < _RUN_AWAY, "mean_loss"]
-        span = f"between {held.max():g} and {away.min():g}" if len(away) else f"above {held.max():g}"
-        found.append(
-            f"{way.name}: from a loss {span} on, signals take up practically all opportunities and demand "
-            f"runs away; theory puts the critical loss at {_critical(way):.2f}."
-        )
+        survived = over_draws(table, way=way.name, measure=_CRITICAL)
+        text = f"{way.name}: the critical loss is {survived} by theory"
+        if way.dynamics == "continuous":
+            known = number(table, "theory", way=way.name, measure=_USABLE)
+            text += (
+                f"; demand is above the capacity for 1 % of the time at a loss of"
+                f" {over_draws(table, way=way.name, measure=_USABLE)}, theory {known:.2f}"
+            )
+        found.append(text + ".")
+    spread_rows = table[table["loss"] == _SPREAD]
+    lengths, top = np.unique(spread_rows["length"]), spread_rows["mean_loss"].max()
     for way in _WAYS[1:]:
-        plain, new = (pick(table, loss="spread", way=way.name, measure=name) for name in (_PLAIN, _NEW))
+
+        def off(measure: str, loss: float, length: float, name: str = way.name) -> str:
+            wanted: dict[str, Any] = {"loss": _SPREAD, "way": name, "mean_loss": loss, "length": length}
+            wanted["measure"] = measure
+            return f"{over_draws(table, 100.0, **wanted)} % after {length:g}"
+
+        def bias(measure: str, loss: float, name: str = way.name) -> str:
+            wanted = {"loss": _SPREAD, "way": name, "mean_loss": loss, "measure": measure}
+            return f"{100 * number(table, 'theory', **wanted):.2f} % in the end by theory"
+
+        new, none = (" and ".join(off(_NEW, loss, length) for length in lengths) for loss in (top, 0.0))
         found.append(
-            f"{way.name}, loss spread from 0 to {2 * plain['mean_loss'].iloc[-1]:g}: averages are "
-            f"{100 * plain['mean'].iloc[-1]:.1f} % from the plain optimum and "
-            f"{100 * new['mean'].iloc[-1]:.1f} % from that of the reweighted costs: who hears less takes "
-            "more."
+            f"{way.name}, loss spread from 0 to {2 * top:g}: averages are {off(_PLAIN, top, lengths[-1])}"
+            f" from the plain optimum ({bias(_PLAIN, top)}), and from that of the reweighted costs {new}"
+            f" ({bias(_NEW, top)}). Without loss they are {none} from the optimum ({bias(_NEW, 0.0)})."
         )
-    return found
+    return sentences("- " + "\n- ".join(found))
 
 
-main = command("loss", study, "How much loss does the system survive, and whom does loss cost?")
+main = command("loss", study, "How much loss is survived, how much is usable, and whom does loss cost?")
 
 if __name__ == "__main__":
     main()

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from aimd_des.study import mean_and_error, replicate
-from scenarios.unusual_activity.runs import Seen, Size, fluid, groups, measure, reached, shares
+from scenarios.common.tables import reached
+from scenarios.unusual_activity.runs import Seen, Size, fluid, groups, measure, shares
 
 SIZE = Size(24, 200.0, 450.0, 460.0, 10.0)
 # By Student's t with 23 degrees of freedom, beyond once in 2,000 means.

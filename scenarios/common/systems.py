@@ -6,12 +6,15 @@ from typing import Literal
 
 import numpy as np
 
-from aimd_des import PolynomialCosts, Problem, solve_optimum, theory
+from aimd_des import InputError, PolynomialCosts, Problem, solve_optimum, theory
 from aimd_des.lowlevel import FloatArray
 from models.smart_cameras import smart_cameras
 
 # Elasticities of costs that are as steep as each other.
 _ALIKE = 1e-6
+
+# How closely a usable loss is found, and a threshold that is hardly below the capacity.
+_HALVINGS, _HARDLY = 6, 5e-4
 
 #: Of a single resource; the walks that it takes last tenths of a second, so what has been predicted is kept.
 held = lru_cache(theory.steady_total)
@@ -61,3 +64,24 @@ def critical(
 ) -> float:
     """Compute the loss up to which demand is held; 0 where signals do not suffice even without loss."""
     return float(theory.critical_loss(rate(problem), dynamics, hold_off=hold_off))
+
+
+def usable(problem: Problem, hold_off: float, latency: float = 0.0) -> float:
+    """Find the loss up to which the problem's threshold is low enough for 1 % of the time above the capacity.
+
+    By theory; 0 where it is not even without loss.
+    """
+    gamma = float(problem.threshold[0])
+    needed = theory.needed_rate(problem, capacity=gamma * problem.capacity)
+    low, high = 0.0, float(theory.critical_loss(needed, hold_off=hold_off)[0])
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        try:
+            safe = theory.safe_threshold(
+                problem, "continuous", latency=latency, hold_off=hold_off, loss=middle
+            )
+            enough = float(safe[0]) >= gamma - _HARDLY
+        except InputError:  # so near the critical loss that signals do not suffice
+            enough = False
+        low, high = (middle, high) if enough else (low, middle)
+    return low

@@ -10,6 +10,8 @@ from scipy.stats import t as student
 from aimd_des import study
 from aimd_des.lowlevel import FloatArray
 
+_THEORY = "theory of "
+
 
 def summarise(rows: Sequence[Mapping[str, Any]], labels: Sequence[str]) -> pd.DataFrame:
     """Reduce rows of single replications, labels and numbers, to means: a measure after the other."""
@@ -31,6 +33,15 @@ def summarise_draws(rows: Sequence[Mapping[str, Any]], labels: Sequence[str]) ->
     table = study.summarise(frame, labels, measures, draws="draw").drop(columns=["low", "high"])
     place = table["measure"].astype(str).map(measures.index)
     return table.iloc[np.argsort(place, kind="stable")].reset_index(drop=True)
+
+
+def with_theory(table: pd.DataFrame, labels: Sequence[str]) -> pd.DataFrame:
+    """Put measures that are called "theory of" another beside that, as a column, and leave out empty rows."""
+    known = table["measure"].str.startswith(_THEORY)
+    expected = table[known].assign(measure=table["measure"].str.removeprefix(_THEORY))
+    expected = expected[[*labels, "measure", "mean"]].rename(columns={"mean": "theory"})
+    found = table[~known & table["mean"].notna()]
+    return found.merge(expected, "left", [*labels, "measure"]).reset_index(drop=True)
 
 
 def estimate(
@@ -60,6 +71,16 @@ def numbers(table: pd.DataFrame, column: str = "mean", **wanted: object) -> Floa
 def number(table: pd.DataFrame, column: str = "mean", **wanted: object) -> float:
     """Look up one number: of the first row that has these labels."""
     return float(numbers(table, column, **wanted)[0])
+
+
+def reached(places: FloatArray, values: FloatArray, level: float) -> float:
+    """Find where values come to a level for the first time, interpolated; NaN if they never do."""
+    above = np.flatnonzero(values >= level)
+    if len(above) == 0 or above[0] == 0:
+        return np.nan if len(above) == 0 else float(places[0])
+    k = int(above[0])
+    slope = (values[k] - values[k - 1]) / (places[k] - places[k - 1])
+    return float(places[k - 1] + (level - values[k - 1]) / slope)
 
 
 def said(table: pd.DataFrame, scale: float = 1.0, digits: int = 2, **wanted: object) -> str:

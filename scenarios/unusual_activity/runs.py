@@ -141,13 +141,3 @@ def expected_scatter(agents: list[int], name: str, size: Size) -> float:
         **memory,
     )
     return float(young * np.sqrt(np.mean(spread**2)))
-
-
-def reached(times: FloatArray, progress: FloatArray, part: float) -> float:
-    """Find when a part of the way has been made for the first time, interpolated; NaN if it never is."""
-    above = np.flatnonzero(progress >= part)
-    if len(above) == 0 or above[0] == 0:
-        return np.nan if len(above) == 0 else float(times[0])
-    k = int(above[0])
-    slope = (progress[k] - progress[k - 1]) / (times[k] - times[k - 1])
-    return float(times[k - 1] + (part - progress[k - 1]) / slope)

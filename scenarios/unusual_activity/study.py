@@ -17,7 +17,7 @@ from aimd_des.study import jackknife, replicate
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
 from scenarios.common.systems import alike, elasticity
-from scenarios.common.tables import estimate, number, said, shown
+from scenarios.common.tables import estimate, number, reached, said, shown
 from scenarios.unusual_activity.runs import (
     AVERAGINGS,
     PROBLEM,
@@ -28,7 +28,6 @@ from scenarios.unusual_activity.runs import (
     fluid,
     groups,
     measure,
-    reached,
     shares,
 )
 
