@@ -38,6 +38,7 @@ NAMES = [
     "churn",
     "city",
     "clocks",
+    "congested_channel",
     "continuous_vs_discrete",
     "convergence",
     "delay",

@@ -16,6 +16,7 @@ from aimd_des.theory.classics import (
     square_root_law,
     synchronised_utilisation,
 )
+from aimd_des.theory.congestion import Congestion, congestion
 from aimd_des.theory.fluid import Flow, Spell, flow
 from aimd_des.theory.losses import compensated_probability, critical_loss, loss_weights, runaway_multiplier
 from aimd_des.theory.prediction import Prediction, predict
@@ -35,6 +36,7 @@ from aimd_des.theory.thresholds import partition_runaway, safe_threshold
 __all__ = [
     "BurstRunaway",
     "Churn",
+    "Congestion",
     "Convergence",
     "Expected",
     "Flow",
@@ -52,6 +54,7 @@ __all__ = [
     "churn",
     "clock_offset",
     "compensated_probability",
+    "congestion",
     "convergence",
     "critical_loss",
     "elasticity",

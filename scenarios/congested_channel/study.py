@@ -1,0 +1,295 @@
+"""The study: what is run, and what is made of it."""
+
+from collections.abc import Sequence
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from aimd_des import theory
+from aimd_des.plots import colour
+from scenarios.common import figures
+from scenarios.common.command import Finding, command, sentences
+from scenarios.common.measure import distance, run_draws
+from scenarios.common.tables import (
+    number,
+    numbers,
+    over_draws,
+    pick,
+    reached,
+    shown,
+    summarise_draws,
+    with_theory,
+)
+from scenarios.congested_channel.runs import (
+    Constant,
+    Excess,
+    Holding,
+    Law,
+    Load,
+    Overflow,
+    Shares,
+    Silence,
+    load,
+    shares,
+    system_of,
+)
+
+_BASE = 0.2
+_EXCESS, _OVERFLOW, _SAME = "base + excess", "overflow", "the base alone"
+_KEPT, _LOWER = "base + excess, 0.4 kept", "base + excess, threshold 0.9"
+_LIMIT = 0.95
+_LAWS: dict[str, Law] = {
+    _EXCESS: Excess(_BASE, _LIMIT),
+    _OVERFLOW: Overflow(_BASE),
+    _SAME: Constant(_BASE),
+    _KEPT: Excess(_BASE, 0.6),
+    _LOWER: Excess(_BASE, _LIMIT),
+}
+# Who is cut off for so long has a load far beyond every turning load.
+_LONG = 60.0
+# A load that is not back: below it are all that demand has under control.
+_AWAY = 1.2
+# How near the turning load chance may decide.
+_NEAR, _HALF = 0.1, 0.5
+_SILENCE, _REST, _SHARES = "comes back", "rest", "distance (%)"
+_LABELS = ["experiment", "loss", "hold_off", "x", "length"]
+_OWN, _EQUAL = "in proportion to holdings", "the same for all"
+
+
+class _Size(NamedTuple):
+    draws: int
+    silences: tuple[float, ...]
+    hold_offs: tuple[float, ...]
+    after: float
+    limits: tuple[float, ...]
+    lengths: tuple[float, ...]
+    shares: tuple[float, ...]
+    ends: tuple[float, float]
+
+
+_FULL = _Size(
+    draws=10,
+    silences=(0.0, 2.0, 4.0, 6.0, 7.0, 8.0, 10.0, 12.0, 14.0, 16.0, 20.0),
+    hold_offs=(1.0, 0.5, 0.25),
+    after=400.0,
+    limits=(0.95, 0.9),
+    lengths=(500.0, 2000.0),
+    shares=(0.05, 0.1, 0.2),
+    ends=(1000.0, 3000.0),
+)
+_QUICK = _Size(2, (0.0, 8.0, 16.0), (1.0, 0.5), 150.0, (0.95,), (300.0,), (0.2,), (100.0, 200.0))
+
+
+def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
+    """Run memory of the paper's system with losses that depend on demand."""
+    size = _QUICK if quick else _FULL
+    silences = _silences(size)
+    rests = [
+        Silence(Excess(_BASE, limit), hold_off, _LONG, after=length)
+        for limit in size.limits
+        for hold_off in size.hold_offs[:2]
+        for length in size.lengths
+    ]
+    holdings = [Holding(share, own, ends=size.ends) for share in size.shares for own in (True, False)]
+    jobs = partial(run_draws, draws=size.draws, replications=1, seed=seed, quick=quick, runs=runs)
+    rows = [
+        row
+        for (law, case), (_, found) in zip(silences, jobs(load, [case for _, case in silences]), strict=True)
+        for row in _silence_rows(law, case, found, seed)
+    ]
+    rows += [row for case, found in jobs(load, rests) for row in _rest_rows(case, found, seed)]
+    table = pd.concat(
+        [
+            summarise_draws(rows, _LABELS),
+            summarise_draws(
+                [row for case, found in jobs(shares, holdings) for row in _share_rows(case, found, seed)],
+                _LABELS,
+            ),
+        ],
+        ignore_index=True,
+    )
+    table = with_theory(table, _LABELS)
+    settings = {"seed": seed, **size._asdict()}
+    printed = shown(table[table["measure"].isin([_SILENCE, _REST, _SHARES])], [*_LABELS, "measure"], ".3f")
+    drawn = {"congested_channel": partial(_figure, table, size, seed)}
+    return Finding("congested_channel", settings, table, printed, _findings(table, size, seed), drawn)
+
+
+def _silences(size: _Size) -> list[tuple[str, Silence]]:
+    """List silences: all hold-offs with loss that grows, the longest one with what helps."""
+    cases = [(_EXCESS, hold_off) for hold_off in size.hold_offs]
+    cases += [(law, size.hold_offs[0]) for law in (_OVERFLOW, _SAME, _LOWER)]
+    cases += [(_KEPT, size.hold_offs[1])]
+    return [
+        (law, Silence(_LAWS[law], hold_off, silence, 0.9 if law == _LOWER else 1.0, size.after))
+        for law, hold_off in cases
+        for silence in size.silences
+    ]
+
+
+@lru_cache(maxsize=1024)
+def _congestion(law: Law, hold_off: float, draw: int) -> theory.Congestion:
+    return theory.congestion(system_of(draw), law, hold_off=hold_off)
+
+
+def _silence_rows(
+    law: str, case: Silence, found: Sequence[Sequence[Load]], seed: int
+) -> list[dict[str, Any]]:
+    rows = []
+    for draw, (one,) in enumerate(found, start=seed):
+        gap = one.lifted - _congestion(case.law, case.hold_off, draw).turning
+        back = one.last < _AWAY
+        right = back == (gap < 0.0)
+        labels: dict[str, Any] = {
+            "experiment": "silence",
+            "loss": law,
+            "hold_off": case.hold_off,
+            "x": case.silence,
+        }
+        measures = {"lifted": one.lifted, _SILENCE: float(back), "as predicted": float(right)}
+        clear = float(right) if abs(gap) > _NEAR else np.nan
+        rows.append({**labels, "length": case.after, "draw": draw, **measures, "clearly predicted": clear})
+    return rows
+
+
+def _rest_rows(case: Silence, found: Sequence[Sequence[Load]], seed: int) -> list[dict[str, Any]]:
+    rows = []
+    for draw, (one,) in enumerate(found, start=seed):
+        rests = _congestion(case.law, case.hold_off, draw).rests
+        labels = {"experiment": "rest", "loss": _EXCESS, "hold_off": case.hold_off, "x": _limit(case.law)}
+        expected = rests[-1] if rests else np.nan
+        rows.append(
+            {**labels, "length": case.after, "draw": draw, _REST: one.last, "theory of rest": expected}
+        )
+    return rows
+
+
+def _limit(law: Law) -> float:
+    return law.limit if isinstance(law, Excess) else np.nan
+
+
+def _share_rows(case: Holding, found: Sequence[Sequence[Shares]], seed: int) -> list[dict[str, Any]]:
+    rows = []
+    for draw, (one,) in enumerate(found, start=seed):
+        for length, average in zip(case.ends, one.average, strict=True):
+            labels = {"experiment": "shares", "loss": _OWN if case.own else _EQUAL, "hold_off": case.hold_off}
+            off = 100 * float(distance(system_of(draw), average[:, None])[0])
+            rows.append({**labels, "x": case.share, "length": length, "draw": draw, _SHARES: off})
+    return rows
+
+
+def _figure(table: pd.DataFrame, size: _Size, seed: int) -> Figure:
+    figure, (left, middle, right) = figures.panels(1, 3, (14.0, 4.8))
+    _draw_rests(left, table, size, seed)
+    _draw_back(middle, table, size, seed)
+    for place, loss in enumerate((_OWN, _EQUAL)):
+        rows = pick(table, measure=_SHARES, loss=loss, length=size.ends[-1])
+        figures.points(right, rows["x"], rows, place, f"loss {loss}", fmt="os"[place] + "-")
+    x, y = "loss of who holds the capacity over n", "distance from the optimum for what is used (%)"
+    title = "(c) Who holds more loses more, and takes more"
+    figures.dress(right, title, x, y, ylim=(0.0, None), xlim=(0.0, None))
+    for axes in (left, middle, right):
+        axes.legend(frameon=False, fontsize="small")
+    return figure
+
+
+def _draw_rests(axes: Axes, table: pd.DataFrame, size: _Size, seed: int) -> None:
+    """Draw where demand rests, and from where it does not come back, over the hold-off."""
+    hold_offs = np.linspace(0.03, 1.2, 40 if len(size.limits) > 1 else 8)
+    for place, limit in enumerate(size.limits):
+        known = [_congestion(Excess(_BASE, limit), float(r), seed) for r in hold_offs]
+        rest = [found.rests[-1] if found.rests else np.nan for found in known]
+        turning = [found.turning if found.rests else np.nan for found in known]
+        axes.plot(hold_offs, rest, color=colour(place), linewidth=1.5)
+        axes.plot(hold_offs, turning, ":", color=colour(place), linewidth=1.8)
+        rows = pick(table, measure=_REST, x=limit, length=size.lengths[-1])
+        figures.points(axes, rows["hold_off"], rows, place, f"rest, loss at most {limit:g}")
+    figures.level(axes, 1.0, "-")
+    figures.named(axes, "theory: rest")
+    figures.named(axes, "theory: turning load", ":", linewidth=1.8)
+    x, y = "hold-off (periods)", "total demand over capacity"
+    figures.dress(axes, "(a) Two steady states: at the capacity, far above it", x, y, ylim=(0.5, 7.0))
+
+
+def _draw_back(axes: Axes, table: pd.DataFrame, size: _Size, seed: int) -> None:
+    """Draw how many runs come back, over the load to which the silence has lifted demand."""
+    kinds = [(_EXCESS, hold_off) for hold_off in size.hold_offs]
+    kinds += [(_OVERFLOW, size.hold_offs[0]), (_SAME, size.hold_offs[0])]
+    for place, (loss, hold_off) in enumerate(kinds):
+        where: dict[str, Any] = {"loss": loss, "hold_off": hold_off}
+        lifted = numbers(table, measure="lifted", **where)
+        rows = pick(table, measure=_SILENCE, **where)
+        label = f"{loss}, hold-off {hold_off:g}"
+        figures.points(axes, lifted, rows, place, label, fmt=figures.MARKS[place] + "-", linewidth=1.0)
+        turning = _congestion(_LAWS[loss], hold_off, seed).turning
+        if np.isfinite(turning):
+            axes.axvline(turning, color=colour(place), linestyle=":", linewidth=1.8)
+    x, y = "load as the silence ends (capacity = 1)", "share of runs that come back"
+    title = "(b) Who passes the turning load stays away"
+    figures.dress(axes, title, x, y, ylim=(-0.05, 1.08), xlim=(0.45, 2.0))
+
+
+def _survived(table: pd.DataFrame, law: str, hold_off: float) -> float:
+    """Find the silence after which half of the runs stay away."""
+    rows = pick(table, measure=_SILENCE, loss=law, hold_off=hold_off)
+    return reached(rows["x"].to_numpy(), 1.0 - rows["mean"].to_numpy(), _HALF)
+
+
+def _turning(size: _Size, seed: int, law: str, hold_off: float) -> str:
+    found = [_congestion(_LAWS[law], hold_off, draw).turning for draw in range(seed, seed + size.draws)]
+    return f"{min(found):.2f} to {max(found):.2f}"
+
+
+def _findings(table: pd.DataFrame, size: _Size, seed: int) -> list[str]:
+    slow, fast = size.hold_offs[0], size.hold_offs[-1]
+    rests = "; ".join(
+        f"{over_draws(table, measure=_REST, x=limit, hold_off=slow, length=size.lengths[-1])}"
+        f" (theory {number(table, 'theory', measure=_REST, x=limit, hold_off=slow):.2f}) where loss is at"
+        f" most {limit:g}"
+        for limit in size.limits
+    )
+    right, clear = (numbers(table, measure=name) for name in ("as predicted", "clearly predicted"))
+    weights = numbers(table, "draws", measure="clearly predicted")
+    quiet = pick(table, measure=_SILENCE, x=0.0, hold_off=slow)
+    left = [100 * (1.0 - number(quiet, loss=law)) for law in (_EXCESS, _LOWER)]
+    helped = {
+        (law, hold_off): _survived(table, law, hold_off)
+        for law, hold_off in [(_EXCESS, slow), (_EXCESS, fast), (_LOWER, slow)]
+    }
+    always = [(_OVERFLOW, slow), (_SAME, slow), (_KEPT, size.hold_offs[1])]
+    back = [numbers(table, measure=_SILENCE, loss=law, hold_off=r).mean() for law, r in always]
+    top = size.shares[-1]
+
+    def off(loss: str, share: float, length: float) -> str:
+        return over_draws(table, 1.0, 1, measure=_SHARES, loss=loss, x=share, length=length)
+
+    longer = "; ".join(f"{off(_OWN, top, end)} after {end:,.0f}" for end in size.ends)
+    return sentences(f"""
+        - Where loss is {_BASE:g} plus the excess over the capacity, demand that has passed the turning load
+          does not come back: by theory that is at {_turning(size, seed, _EXCESS, slow)} of the capacity with
+          hold-off {slow:g} and at {_turning(size, seed, _EXCESS, fast)} with {fast:g}. Theory says rightly of
+          {100 * right.mean():.0f} % of the runs whether they come back, and of
+          {100 * float(clear @ weights) / float(weights.sum()):.1f} % of those that are more than {_NEAR:g}
+          away from it.
+        - What does not come back rests, with hold-off {slow:g}, at a load of {rests}.
+        - Without a silence {left[0]:.0f} % of the runs with hold-off {slow:g} leave the capacity within
+          {size.after:g} periods, and {left[1]:.0f} % with threshold 0.9, which takes more signals to hold.
+        - Half of the runs survive a silence of {helped[_EXCESS, slow]:.1f} periods with hold-off {slow:g},
+          {helped[_LOWER, slow]:.1f} with that and threshold 0.9, and {helped[_EXCESS, fast]:.1f} with
+          hold-off {fast:g}. After silences of up to {size.silences[-1]:g} {100 * back[0]:.0f} % come
+          back where the
+          channel drops the share that overflows, {100 * back[1]:.0f} % where loss does not grow, and
+          {100 * back[2]:.0f} % with hold-off {size.hold_offs[1]:g} where 0.4 of the signals always pass.
+        - Where an agent loses signals in proportion to what it holds, averages are
+          {off(_OWN, size.shares[0], size.ends[-1])} % from the optimum with a loss of {size.shares[0]:g}, and
+          with {top:g} {longer} periods; the same loss for all leaves
+          {off(_EQUAL, top, size.ends[-1])} %.
+    """)
+
+
+main = command("congested_channel", study, "Can signals be lost to the excess that they report?")
