@@ -20,12 +20,12 @@ def nights(case: Case) -> list[Night]:
 
 @pytest.fixture(scope="module")
 def perfect() -> list[Night]:
-    return nights(Case(lossy=False))
+    return nights(Case(late=False, lossy=False))
 
 
 @pytest.fixture(scope="module")
 def lossy() -> list[Night]:
-    return nights(Case(lossy=True))
+    return nights(Case(late=True, lossy=True))
 
 
 def measured(runs: list[Night], name: str) -> FloatArray:
@@ -39,7 +39,7 @@ def error(values: FloatArray) -> float:
 def test_meters_agree_with_the_averages_over_the_stay() -> None:
     # The average over the stay times the stay is the energy, exactly. A meter that reads by the minute
     # takes a fall for a slope: an answer is off by at most 0.15 of the demand times a minute, either way.
-    result, garage = run(Case(lossy=True), 8, 240, seed=0)
+    result, garage = run(Case(late=True, lossy=True), 8, 240, seed=0)
     stay = (garage.gone - garage.vehicles.arrival) / 60.0
     exact = result.average_at_end[:, 0] * stay
     answers = result.account.responses[0]
@@ -51,7 +51,7 @@ def test_meters_agree_with_the_averages_over_the_stay() -> None:
     assert early.all()
     assert (garage.energy >= garage.vehicles.energy).all()
     # Negative control: the same with averages that forget is no energy.
-    other, forgetful = run(Case(lossy=True, forgets=True), 8, 240, seed=0)
+    other, forgetful = run(Case(late=True, lossy=True, forgets=True), 8, 240, seed=0)
     hours = (forgetful.gone - forgetful.vehicles.arrival) / 60.0
     assert np.abs(other.average_at_end[:, 0] * hours / forgetful.energy - 1.0).max() > 0.1
 
@@ -70,7 +70,7 @@ def test_lost_signals_are_replaced_by_more_signals(perfect: list[Night], lossy: 
 
 @pytest.mark.slow
 def test_the_threshold_of_theory_prevents_overload(lossy: list[Night]) -> None:
-    lowered, name = nights(Case(lossy=True, lowered=True)), "minutes above capacity"
+    lowered, name = nights(Case(late=True, lossy=True, lowered=True)), "minutes above capacity"
     above = measured(lowered, name)
     allowed = np.array([found.expected[name] for found in lowered])
     assert (above - allowed).mean() < -Z * error(above - allowed)
@@ -79,3 +79,15 @@ def test_the_threshold_of_theory_prevents_overload(lossy: list[Night]) -> None:
     assert excess.mean() > Z * error(excess)
     for runs in (lossy, lowered):
         assert (measured(runs, "energy missing") == 0.0).all()
+
+
+@pytest.mark.slow
+def test_late_signals_are_a_part_of_why_vehicles_are_full_earlier(
+    perfect: list[Night], lossy: list[Night]
+) -> None:
+    """Latency alone brings something in every night, and less than latency and loss together."""
+    name = "hours to spare"
+    late = measured(nights(Case(late=True, lossy=False)), name) - measured(perfect, name)
+    both = measured(lossy, name) - measured(perfect, name)
+    assert (late > 0.0).all()
+    assert late.mean() < both.mean()

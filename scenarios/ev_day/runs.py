@@ -11,7 +11,7 @@ import numpy as np
 from aimd_des import BroadcastChannel, Problem, Recording, Result, theory
 from aimd_des.averaging import Cumulative, Forgetting
 from aimd_des.interventions import CapacityProfile, Join, leave
-from aimd_des.latency import Exponential
+from aimd_des.latency import Constant, Exponential
 from aimd_des.loss import Bernoulli
 from aimd_des.lowlevel import EventKind, FloatArray, ProcessGenerator, System
 from models.ev_charging import Vehicles, capacity_left, daily_base_load, ev_charging, vehicle_schedule
@@ -34,7 +34,9 @@ SPAN = (600.0, 780.0)
 class Case(NamedTuple):
     """What is run."""
 
-    lossy: bool  # whether signals are late and get lost
+    # Whether signals are late, and whether they get lost.
+    late: bool
+    lossy: bool
     forgets: bool = False  # whether averages forget, or are over all of the stay
     lowered: bool = False  # whether the threshold is lowered to the one that theory gives
 
@@ -100,13 +102,13 @@ def run(case: Case, n: int, step: int, seed: int) -> tuple[Result, Garage]:
         setting = {"latency": _LATENCY, "hold_off": _HOLD_OFF, "exceedance": _EXCEEDANCE}
         gamma = theory.safe_threshold(problem, "continuous", loss=LOSS, **setting)
         problem = Problem([replace(problem.resources[0], threshold=float(gamma[0]))], problem.costs)
-    bad = BroadcastChannel(latency=Exponential(_LATENCY), loss=Bernoulli(LOSS))
+    latency = Exponential(_LATENCY) if case.late else Constant(0.0)
     minutes, base_load = daily_base_load(step)
     garage = Garage(vehicles)
     result = sensed(
         problem,
         _HOLD_OFF,
-        channel=bad if case.lossy else BroadcastChannel(),
+        channel=BroadcastChannel(latency, Bernoulli(LOSS if case.lossy else 0.0)),
         averaging=Forgetting(_MEMORY) if case.forgets else Cumulative(),
         interventions=[
             CapacityProfile("power", minutes, capacity_left(base_load, n * _HOUSES)),

@@ -16,14 +16,19 @@ from scenarios.common.tables import number, numbers, shown, summarise
 from scenarios.ev_day.runs import LOOKS, LOSS, SHARES, SPAN, TIMES, Case, Night, night
 
 _PERFECT, _LOSSY, _LOWERED = "perfect", "late and lossy", "late and lossy, lower threshold"
+_LATE_ALONE, _LOST_ALONE = "late alone", "lossy alone"
 _STAY, _FORGET, _NOBODY = "all of the stay", "forgetting", "uncontrolled"
 _CASES = {
-    (_PERFECT, _STAY): Case(lossy=False),
-    (_LOSSY, _STAY): Case(lossy=True),
-    (_LOSSY, _FORGET): Case(lossy=True, forgets=True),
-    (_LOWERED, _STAY): Case(lossy=True, lowered=True),
+    (_PERFECT, _STAY): Case(late=False, lossy=False),
+    (_LOSSY, _STAY): Case(late=True, lossy=True),
+    (_LOSSY, _FORGET): Case(late=True, lossy=True, forgets=True),
+    (_LOWERED, _STAY): Case(late=True, lossy=True, lowered=True),
+    (_LATE_ALONE, _STAY): Case(late=True, lossy=False),
+    (_LOST_ALONE, _STAY): Case(late=False, lossy=True),
 }
 _BAD, _OTHER, _LOW = "lossy minus perfect", "forgetting minus all of the stay", "lower threshold minus not"
+_LATER, _FEWER = "late alone minus perfect", "lossy alone minus perfect"
+_PAIRS = ((_BAD, 1, 0), (_OTHER, 2, 1), (_LOW, 3, 1), (_LATER, 4, 0), (_FEWER, 5, 0))
 _ABOVE, _SIGNALS, _SPARE = "minutes above capacity", "signals, 22:00 to 1:00", "hours to spare"
 _ERROR, _USED = "error of averages", "used, 22:00 to 1:00"
 
@@ -52,7 +57,7 @@ def _table(nights: list[list[Night]]) -> pd.DataFrame:
     for _, uncontrolled, capacity, _ in (run.lines for run in nights[0]):
         above, peak = 5.0 * float((uncontrolled > capacity).sum()), float((uncontrolled / capacity).max())
         rows.append({"channel": _NOBODY, "average": "", _ABOVE: above, "peak": peak})
-    for name, one, other in ((_BAD, 1, 0), (_OTHER, 2, 1), (_LOW, 3, 1)):
+    for name, one, other in _PAIRS:
         for left, right in zip(nights[one], nights[other], strict=True):
             gaps = {key: left.measures[key] - right.measures[key] for key in (_SIGNALS, _SPARE)}
             rows.append({"channel": name, "average": "", **gaps})
@@ -166,10 +171,10 @@ def _findings(table: pd.DataFrame) -> list[str]:
           up to {mean(_NOBODY, "peak"):.1f} times; with one bit, late and lossy, for {both(_LOSSY, _ABOVE)}
           minutes, by up to {100 * mean(_LOSSY, "peak") - 100:.1f} %; with a perfect channel for
           {both(_PERFECT, _ABOVE)}.
-        - The bad channel takes {ratio:.2f} times the signals, where 1 / (1 - p) is {rate:.2f}. Demand that
-          falls late is nearer to the capacity, {100 * mean(_LOSSY, _USED):.1f} % of it instead of
+        - The bad channel takes {ratio:.2f} times the signals, where 1 / (1 - p) is {rate:.2f}. It leaves
+          demand nearer to the capacity, {100 * mean(_LOSSY, _USED):.1f} % of it instead of
           {100 * mean(_PERFECT, _USED):.1f} %, and vehicles are full {both(_BAD, _SPARE, 60.0)} minutes
-          earlier.
+          earlier: {both(_LATER, _SPARE, 60.0)} by latency alone, {both(_FEWER, _SPARE, 60.0)} by loss alone.
         - With the threshold that theory gives, {mean(_LOWERED, "threshold"):.3f}, the capacity is exceeded
           for {mean(_LOWERED, _ABOVE):.2f} minutes, of {allowed:.1f} allowed, and vehicles are full
           {both(_LOW, _SPARE, -60.0)} minutes later.
