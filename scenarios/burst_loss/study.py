@@ -1,187 +1,272 @@
 """The study: what is run, and what is made of it."""
 
+from collections.abc import Sequence
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.optimize import brentq
 
 from aimd_des import theory
-from aimd_des.plots import colour, shared_legend
-from scenarios.burst_loss.runs import Bursts, Outcome, measure, run_one, share_of_smallest
+from aimd_des.plots import colour
+from scenarios.burst_loss.runs import Answer, Bursts, Outcome, answer, measure, run_one, share_of_smallest
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import distance, run_all, table_of
-from scenarios.common.systems import memory_alone, rate
-from scenarios.common.tables import number, pick, shown
+from scenarios.common.measure import distance, run_draws
+from scenarios.common.systems import memory_alone
+from scenarios.common.tables import number, over_draws, pick, shown, summarise_draws, with_theory
 
-_PROBLEM = memory_alone()
 _LOSS = 0.2
 _HOLD_OFF = 0.25
-_LINKS = ("each link for itself", "all links together")
-_BURSTS = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 20.0, 40.0, 80.0, 160.0)
+_OWN, _COMMON = "each link for itself", "all links together"
+_WAYS = ("nothing", "known loss", "5 bits", "8 bits")
+# n alpha / C, the capacities that demand grows by in a period.
+_GROWTH = 60 * 0.025 / 32.0
 # Theory of bursts that all have together is for those much longer than the hold-off.
 _LONG = 1.0
 _SHOWN = 20.0
-# Of longer bursts there are few in a run.
-_MANY = 40.0
-_MEASURES = tuple(name for name in Outcome._fields if name != "average")
-_PLAIN = "from plain optimum"
-_PRINTED = ("signals", "peak", "time_above", "excess", "run_away_peak", "excursion", "smallest")
+_OFF = "misallocation"
+_LABELS = ["links", "loss", "burst", "length"]
+_PRINTED = ("time_above", "high", "run_away_peak", "smallest", _OFF)
 # Where links without a burst are drawn on a logarithmic axis.
-_NONE = 0.04
+_NONE = 0.3
+
+
+class _Size(NamedTuple):
+    draws: int
+    losses: tuple[float, ...]
+    held: tuple[float, ...]  # n p alpha B / C, the capacity that is held by links that are bad
+    bursts: tuple[float, ...]  # of all links together
+    start: float
+    ends: tuple[float, ...]
+    ways: tuple[str, ...]
+    means: tuple[float, ...]
+    answered: tuple[float, ...]  # mean bursts under which agents make good
+    until: float  # of those runs
+
+
+_FULL = _Size(
+    draws=10,
+    losses=(0.1, 0.2, 0.4),
+    held=(0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.7),
+    bursts=(0.0, 1.0, 3.0, 10.0, 20.0, 40.0, 80.0),
+    start=1000.0,
+    ends=(4000.0, 13_000.0),
+    ways=_WAYS,
+    means=(0.25, 0.4),
+    answered=(0.0, 10.0, 40.0),
+    until=5000.0,
+)
+_QUICK = _Size(
+    2, (0.1, 0.4), (0.0, 0.2), (0.0, 20.0), 100.0, (400.0,), _WAYS[1:3], (0.25,), (0.0, 10.0), 400.0
+)
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run memory of the paper's system with bursts of loss of many lengths, on each link and on all."""
-    replications, until = (2, 400.0) if quick else (20, 6000.0)
-    bursts = (0.0, 1.0, 20.0) if quick else _BURSTS
+    size = _QUICK if quick else _FULL
     cases = [
-        Bursts(_PROBLEM, links == _LINKS[1], _LOSS, burst, _HOLD_OFF, until, until / 3)
-        for links in _LINKS
-        for burst in bursts
+        Bursts(False, loss, round(held / (loss * _GROWTH), 6), _HOLD_OFF, until, size.start)
+        for loss in size.losses
+        for held in size.held
+        for until in size.ends
     ]
-    pairs = run_all(measure, cases, replications, seed, quick, runs)
-    table = pd.concat([_rows(case, found) for case, found in pairs], ignore_index=True)
-    chosen = table["measure"].isin([*_PRINTED, _PLAIN])
-    settings = {"seed": seed, "replications": replications, "until": until}
-    printed = shown(table[chosen], ["links", "burst", "measure"])
-    drawn = {"burst_loss": partial(_figure, table, seed)}
-    return Finding("burst_loss", settings, table, printed, _findings(table), drawn)
+    cases += [
+        Bursts(True, _LOSS, burst, _HOLD_OFF, until, size.start)
+        for burst in size.bursts
+        for until in size.ends
+    ]
+    answers = [
+        Answer(way, mean, burst, size.until)
+        for way in size.ways
+        for mean in size.means
+        for burst in (size.answered if mean == size.means[0] else size.answered[:1])
+    ]
+    jobs = partial(run_draws, draws=size.draws, replications=1, seed=seed, quick=quick, runs=runs)
+    rows = [row for case, found in jobs(measure, cases) for row in _rows(case, found, seed)]
+    rows += [
+        {"links": way, "loss": mean, "burst": burst, "length": end, "draw": seed + draw, _OFF: one}
+        for (way, mean, burst, end), found in jobs(answer, answers)
+        for draw, (one,) in enumerate(found)
+    ]
+    table = with_theory(summarise_draws(rows, _LABELS), _LABELS)
+    settings = {"seed": seed, **size._asdict()}
+    printed = shown(table[table["measure"].isin(_PRINTED)], [*_LABELS, "measure"])
+    drawn = {"burst_loss": partial(_figure, table, size, seed)}
+    return Finding("burst_loss", settings, table, printed, _findings(table, size), drawn)
 
 
-def _rows(run: Bursts, found: list[Outcome]) -> pd.DataFrame:
-    labels: dict[str, Any] = {"links": _LINKS[int(run.common)], "burst": run.burst}
-    return table_of(labels, _PROBLEM, found, _MEASURES, {_PLAIN: None}, _expected(run))
+def _rows(run: Bursts, found: Sequence[Sequence[Outcome]], seed: int) -> list[dict[str, Any]]:
+    rows = []
+    for draw, (one,) in enumerate(found, start=seed):
+        labels: dict[str, Any] = {
+            "links": _COMMON if run.common else _OWN,
+            "loss": run.loss,
+            "burst": run.burst,
+        }
+        known = _expected(run.common, run.loss, run.burst, draw)
+        expected = {f"theory of {name}": value for name, value in known.items()}
+        rows.append({**labels, "length": run.until, "draw": draw, **one._asdict(), **expected})
+    return rows
 
 
-def _expected(run: Bursts) -> dict[str, float]:
-    """Predict what there is a formula for."""
-    if run.common and run.burst < _LONG:
+@lru_cache(maxsize=1024)
+def _expected(common: bool, loss: float, burst: float, draw: int) -> dict[str, float]:
+    """Predict what there is a formula for, and what does not depend on the length of a run."""
+    problem = memory_alone(draw=draw)
+    if common and burst < _LONG:
         return {}
-    if run.common:
-        span = run.until - run.start
-        known = theory.burst_runaway(_PROBLEM, run.loss, run.burst, hold_off=run.hold_off, span=span)
+    if common:
+        known = theory.burst_runaway(problem, loss, burst, hold_off=_HOLD_OFF, span=_LONG)
         if known is None:
             return {}
-        found = known._asdict()
-        allocation, away = found.pop("allocation"), 0.0  # what is used is shared as ever
-    else:
-        allocation, signals = theory.burst_shares(_PROBLEM, run.loss, run.burst)
-        if not signals * run.hold_off < 1.0:  # also where it is not a number
-            return {}
-        found, away = {"signals": signals}, float(distance(_PROBLEM, allocation)[0])
-    return {**found, "smallest": share_of_smallest(_PROBLEM, allocation), _PLAIN: away}
+        found = {
+            name: getattr(known, name) for name in ("time_above", "excess", "run_away_peak", "excursion")
+        }
+        return {**found, "smallest": share_of_smallest(problem, known.allocation), _OFF: 0.0}
+    allocation, signals = theory.burst_shares(problem, loss, burst)
+    if not signals * _HOLD_OFF < 1.0:  # also where it is not a number
+        return {}
+    away = float(distance(problem, allocation)[0])
+    return {"signals": signals, "smallest": share_of_smallest(problem, allocation), _OFF: away}
 
 
-_PANELS = (
-    ("peak", "highest total demand over capacity", "(b) Only bursts in common run away"),
-    (
-        "time_above",
-        "share of time above capacity",
-        "(c) In common: above for p of the time, and a little more",
-    ),
-    ("smallest", "share of memory held by the 20 smallest", "(d) Long bursts level the shares"),
-)
-
-
-def _figure(table: pd.DataFrame, seed: int) -> Figure:
-    figure, panels = figures.panels(2, 2, (13.0, 8.4))
+def _figure(table: pd.DataFrame, size: _Size, seed: int) -> Figure:
+    figure, panels = figures.panels(2, 3, (14.5, 8.4))
     _draw_demand(panels[0], seed)
-    for axes, (name, label, title) in zip(panels[1:], _PANELS, strict=True):
-        _draw(axes, pick(table, measure=name), name, title, label)
-    shared_legend(figure)
+    common = pick(table, links=_COMMON, length=size.ends[-1])
+    _draw_levels(panels[1], common)
+    _draw_shares(panels[2], common, table, size)
+    held = "n p α B / C, the capacity that bad links hold"
+    _draw_held(panels[3], table, size, "time_above")
+    title = "(d) Bursts of each link: overload"
+    figures.dress(panels[3], title, held, "time above the capacity (%)", ylim=(-3.0, 103.0))
+    _draw_held(panels[4], table, size, "smallest")
+    title = "(e) Bursts of each link level the shares"
+    figures.dress(panels[4], title, held, "memory held by the 20 smallest (%)")
+    _draw_answers(panels[5], table, size)
+    for axes in panels:
+        axes.legend(frameon=False, fontsize="small")
     return figure
 
 
 def _draw_demand(axes: Axes, seed: int) -> None:
     """Draw total demand of one run each, with the same luck."""
-    for place, links in enumerate(_LINKS):
-        run = Bursts(_PROBLEM, links == _LINKS[1], _LOSS, _SHOWN, _HOLD_OFF, 1200.0, 200.0)
-        demand = run_one(run, seed, np.arange(200.0, 1200.0, 0.5)).demand
-        axes.plot(demand["time"], demand["total"] / _PROBLEM.capacity[0], color=colour(place), linewidth=1.0)
+    for place, links in enumerate((_OWN, _COMMON)):
+        run = Bursts(links == _COMMON, _LOSS, _SHOWN, _HOLD_OFF, 1200.0, 200.0)
+        demand = run_one(run, seed, seed, np.arange(200.0, 1200.0, 0.5)).demand
+        total = demand["total"] / 32.0
+        axes.plot(demand["time"], total, color=colour(place), linewidth=1.0, label=links)
     figures.level(axes, 1.0)
     title = f"(a) One run with bursts of {_SHOWN:g} in the mean"
     figures.dress(axes, title, "time (control periods)", "total demand over capacity", numbers="x")
 
 
-def _draw(axes: Axes, table: pd.DataFrame, measure: str, title: str, label: str) -> None:
-    for place, links in enumerate(_LINKS):
-        rows = pick(table, links=links)
-        burst = np.maximum(rows["burst"], _NONE)
-        figures.theory(axes, burst, rows, place)
-        figures.points(axes, burst, rows, place, links)
-    figures.named(axes, "theory")
-    axes.axvline(_longest(), color=colour(0), linewidth=1.0, linestyle="--")
-    figures.named(axes, "longest burst that is held", "--", color=colour(0), linewidth=1.0)
-    limits: dict[str, Any] = {"peak": {"yscale": "log"}, "time_above": {"ylim": (-0.02, 1.0)}}
+def _bursts(axes: Axes, title: str, label: str, **limits: Any) -> None:
     across = "mean length of a burst (control periods)"
-    figures.dress(axes, title, across, label, numbers="y", xscale="log", **limits.get(measure, {}))
-    axes.set_xticks([_NONE, 0.1, 1.0, 10.0, 100.0], ["no bursts", "0.1", "1", "10", "100"])
+    figures.dress(axes, title, across, label, numbers="y", xscale="log", **limits)
+    axes.set_xticks([_NONE, 1.0, 10.0, 100.0], ["none", "1", "10", "100"])
 
 
-def _hopeless() -> float:
-    """Compute the mean burst with which links that are bad hold all of the capacity."""
-    return float(_PROBLEM.capacity[0] / (_PROBLEM.increase.sum() * _LOSS))
+def _draw_levels(axes: Axes, common: pd.DataFrame) -> None:
+    names = {"high": "exceeded for 1 % of the time", "run_away_peak": "mean end of an excursion"}
+    for place, (measured, label) in enumerate(names.items()):
+        found, lift = pick(common, measure=measured), float(measured == "run_away_peak")
+        rows = found.assign(mean=found["mean"] + lift, theory=found["theory"] + lift)
+        burst = np.maximum(rows["burst"], _NONE)
+        figures.points(axes, burst, rows, place, label)
+        figures.theory(axes, burst, rows, place)
+    figures.named(axes, "theory")
+    figures.level(axes, 1.0)
+    _bursts(axes, "(b) In common: demand runs away", "total demand over capacity", ylim=(0.0, None))
 
 
-@lru_cache
-def _longest() -> float:
-    """Find the mean burst, each link for itself, from which on signals do not suffice."""
-
-    def idle(burst: float) -> float:
-        return 1.0 - theory.burst_shares(_PROBLEM, _LOSS, burst)[1] * _HOLD_OFF
-
-    return float(brentq(idle, 1.0, 0.95 * _hopeless(), xtol=0.01))
-
-
-def _findings(table: pd.DataFrame) -> list[str]:
-    own, common = _LINKS
-
-    def at(links: str, measure: str, burst: float, column: str = "mean") -> float:
-        return number(table, column, links=links, measure=measure, burst=burst)
-
-    bursts = sorted(table["burst"].unique())
-    held = [burst for burst in bursts if burst <= _SHOWN]
-    peak = max(at(own, "peak", burst) for burst in held)
-    small = {burst: 100 * at(own, "smallest", burst) for burst in (0.0, held[-1], bursts[-1])}
-    away = {links: 100 * at(links, _PLAIN, _SHOWN) for links in _LINKS}
-    turn, turn_theory, excursion = (
-        at(common, *wanted)
-        for wanted in (("run_away_peak", _SHOWN), ("run_away_peak", _SHOWN, "theory"), ("excursion", _SHOWN))
+def _draw_shares(axes: Axes, common: pd.DataFrame, table: pd.DataFrame, size: _Size) -> None:
+    own = pick(
+        table, links=_OWN, loss=_LOSS if _LOSS in size.losses else size.losses[0], length=size.ends[-1]
     )
-    gaps = [
-        abs(at(common, "excess", burst) / at(common, "excess", burst, "theory") - 1.0)
-        for burst in bursts
-        if _LONG <= burst <= _MANY
-    ]
+    for place, (links, all_rows) in enumerate(((_OWN, own), (_COMMON, common))):
+        rows = pick(all_rows, measure=_OFF)
+        burst = np.maximum(rows["burst"], _NONE)
+        figures.points(axes, burst, rows, place, links, scale=100.0)
+        figures.theory(axes, burst, rows, place, scale=100.0)
+    figures.named(axes, "theory")
+    _bursts(axes, "(c) Shares", "distance from the optimum (%)")
+
+
+def _draw_held(axes: Axes, table: pd.DataFrame, size: _Size, measured: str) -> None:
+    for place, loss in enumerate(size.losses):
+        rows = pick(table, links=_OWN, loss=loss, length=size.ends[-1], measure=measured)
+        held = loss * _GROWTH * rows["burst"]
+        figures.points(axes, held, rows, place, f"loss {loss:g}", scale=100.0)
+        figures.theory(axes, held, rows, place, scale=100.0)
+    if measured == "smallest":
+        figures.named(axes, "theory")
+
+
+def _draw_answers(axes: Axes, table: pd.DataFrame, size: _Size) -> None:
+    for place, way in enumerate(size.ways):
+        rows = pick(table, links=way, loss=size.means[0], measure=_OFF)
+        look = {"fmt": f"{figures.MARKS[place]}-", "linewidth": 1.0}
+        figures.points(axes, np.maximum(rows["burst"], _NONE), rows, place, way, scale=100.0, **look)
+    title = f"(f) Making good for losses from 0 to {2 * size.means[0]:g}"
+    _bursts(axes, title, "distance from the optimum (%)", ylim=(0.0, None))
+
+
+def _findings(table: pd.DataFrame, size: _Size) -> list[str]:
+    end, some = size.ends[-1], size.held[3] if len(size.held) > 3 else size.held[-1]
+
+    def own(measured: str, held: float, scale: float = 100.0, digits: int = 1, length: float = end) -> str:
+        return ", ".join(
+            over_draws(
+                table,
+                scale,
+                digits,
+                links=_OWN,
+                loss=loss,
+                burst=round(held / (loss * _GROWTH), 6),
+                length=length,
+                measure=measured,
+            )
+            for loss in size.losses
+        )
+
+    def common(measured: str, burst: float, scale: float = 1.0, digits: int = 2, length: float = end) -> str:
+        wanted = {"links": _COMMON, "burst": burst, "length": length, "measure": measured}
+        expected = number(table, "theory", **wanted)
+        known = "" if np.isnan(expected) else f", theory {scale * expected:.{digits}f}"
+        return over_draws(table, scale, digits, **wanted) + known
+
+    def made_good(mean: float, burst: float) -> str:
+        found = {
+            way: over_draws(table, 100.0, 1, links=way, loss=mean, burst=burst, measure=_OFF)
+            for way in size.ways
+        }
+        return ", ".join(f"{off} with {way}" for way, off in found.items())
+
+    losses, last = ", ".join(f"{loss:g}" for loss in size.losses), size.bursts[-1]
+    lengths = "; ".join(
+        f"the highest is {common('peak', _SHOWN, length=length)} by {length:g}" for length in size.ends
+    )
+    answered = "; ".join(f"{made_good(size.means[0], burst)} at B = {burst:g}" for burst in size.answered)
     return sentences(f"""
-        - Each link for itself: with bursts of up to {held[-1]:g} the highest peak is {100 * (peak - 1):.1f} %
-          above the capacity. The twenty smallest hold {small[0.0]:.1f} % without, {small[held[-1]]:.1f} % at
-          {held[-1]:g} and {small[bursts[-1]]:.1f} % at {bursts[-1]:g}, with
-          {100 * at(own, "time_above", bursts[-1]):.0f} % of the time above the capacity. Theory puts the
-          longest burst that is held at {_longest():.0f}, and at {_hopeless():.0f} for any hold-off.
-        - All links together: bursts of {_SHOWN:g} end {turn:.2f} of the capacity above it in the mean (theory
-          {turn_theory:.2f}, n alpha B / C {_SHOWN / _LOSS / _hopeless():.2f}), an excursion lasts
-          {excursion:.1f}, {100 * at(common, "time_above", _SHOWN):.0f} % of the time is above, and the
-          highest peak is {at(common, "peak", _SHOWN):.1f} of the capacity.
-        - The mean excess is within {100 * max(gaps):.0f} % of theory for bursts from {_LONG:g} to
-          {min(_MANY, bursts[-1]):g}; at {_SHOWN:g} it is {at(common, "excess", _SHOWN):.3f} of the capacity,
-          and {_first_order(_SHOWN):.3f} by the formula of first order.
-        - Shares at {_SHOWN:g} are {away[own]:.1f} % from the optimum with bursts of each link (theory
-          {100 * at(own, "from plain optimum", _SHOWN, "theory"):.1f}) and {away[common]:.1f} % with bursts of
-          all.
+        - Each link for itself: what orders bursts is the part of the capacity that bad links hold,
+          n p alpha B / C. Where it is {some:g}, with losses of {losses}, demand is above the capacity for
+          {own("time_above", some)} % of the time and the twenty smallest hold
+          {own("smallest", some)} %; where it is {size.held[-1]:g},
+          {own("time_above", size.held[-1])} and {own("smallest", size.held[-1])} %;
+          without bursts {own("time_above", 0.0)} and {own("smallest", 0.0)} %.
+        - All links together: bursts of {_SHOWN:g} end {common("run_away_peak", _SHOWN)} of the capacity above
+          it in the mean, {common("time_above", _SHOWN, 100.0, 1)} % of the time is above, and the level that
+          is exceeded for 1 % of the time is {common("high", _SHOWN)}; {lengths}.
+        - Shares with bursts of all links are {common(_OFF, 0.0, 100.0, 1)} % from the optimum without bursts,
+          {common(_OFF, _SHOWN, 100.0, 1)} at {_SHOWN:g} and {common(_OFF, last, 100.0, 1)} at {last:g}.
+        - Losses spread from 0 to {2 * size.means[0]:g}, averages in % from the optimum: {answered}. With
+          independent losses from 0 to {2 * size.means[-1]:g} they are {made_good(size.means[-1], 0.0)}.
     """)
-
-
-def _first_order(burst: float) -> float:
-    """Compute n alpha B p (1 - p) / (1 - p - rho r) over the capacity."""
-    lift = _PROBLEM.increase.sum() * burst / _PROBLEM.capacity[0]
-    return float(lift * _LOSS * (1.0 - _LOSS) / (1.0 - _LOSS - rate(_PROBLEM) * _HOLD_OFF))
 
 
 main = command("burst_loss", study, "Does it matter whether losses come in bursts?")
