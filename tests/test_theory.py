@@ -203,6 +203,19 @@ def test_every_peak_is_lifted_by_the_growth_over_the_latency(latency: float) -> 
     assert run.peaks == pytest.approx(40.0 + float(theory.peak_lift(40, 0.05, latency)), rel=1e-12)
 
 
+def test_a_mixture_of_latencies_is_lifted_until_enough_have_heard() -> None:
+    alike = theory.mixture_lift(0.02, [2.0] * 20, rate=0.5, hold_off=1.0)
+    assert alike == pytest.approx(float(theory.peak_lift(20, 0.02, 2.0)))
+    # Half hear at once, and rho r = 0.8: demand rises at the rate 1 - 0.5 / 0.8 until the others hear at 4.
+    assert theory.mixture_lift(0.02, [0.0, 4.0], 0.8, 1.0) == pytest.approx(2 * 0.02 * 4.0 * 0.375)
+    # Spread evenly up to 4, and rho r = 0.5: the integral of 1 - u / (4 * 0.5) up to 2 is 1.
+    assert theory.mixture_lift(1.0, np.linspace(0.0, 4.0, 4001), 0.5, 1.0) / 4001 == pytest.approx(
+        1.0, abs=1e-3
+    )
+    # Who grows more weighs more.
+    assert theory.mixture_lift([3.0, 1.0], [0.0, 4.0], 0.8, 1.0) == pytest.approx(4.0 * (4.0 - 3.0 / 0.8))
+
+
 def test_a_control_unit_that_samples_sees_peaks_up_to_a_period_later() -> None:
     run = run_continuous(mixed_problem(probability=0.4), 2000.0, 0, latency=0.5, period=1.0)
     lift = run.peaks - 40.0
@@ -890,6 +903,11 @@ def test_constants_of_the_square_root_law() -> None:
         (lambda: theory.price_in_bits(2, 1.0, 0.0), "capacity"),
         (lambda: theory.peak_lift(2, 1.0, -1.0), "latency"),
         (lambda: theory.peak_lift(2, 1.0, 1.0, period=-1.0), "period"),
+        (lambda: theory.mixture_lift(1.0, [-1.0, 1.0], 0.5, 1.0), r"latency\[0\]"),
+        (
+            lambda: theory.mixture_lift(1.0, [0.0, 1.0], 0.5, 2.0),
+            "hold_off = 2.0: must be below 1 / rate = 2",
+        ),
         (lambda: theory.clock_offset(0.0), "share"),
         (lambda: theory.clock_offset(0.5, lag=-1), "lag"),
         (lambda: theory.loss_weights(0.5, 1.0), "signal_share"),

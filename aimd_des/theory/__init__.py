@@ -24,6 +24,7 @@ from aimd_des.theory.recovery import Recovery, recovery
 from aimd_des.theory.relay import LimitCycle, hold_off_bounds, limit_cycle
 from aimd_des.theory.signals import (
     clock_offset,
+    mixture_lift,
     peak_lift,
     price_in_bits,
     signal_rate,
@@ -64,6 +65,7 @@ __all__ = [
     "hold_off_bounds",
     "limit_cycle",
     "loss_weights",
+    "mixture_lift",
     "needed_rate",
     "partition_runaway",
     "peak_lift",

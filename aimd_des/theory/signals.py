@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from aimd_des.theory.arguments import arguments
 from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
 
@@ -180,11 +181,61 @@ def peak_lift(
     Everybody goes on growing for d after the crossing.  Exact for continuous agents whenever one signal
     brings demand back below the threshold; where a small cut makes a second one necessary, that
     peak is higher by the growth over the hold-off, less the first cut.  On the discrete clock the
-    latency counts in whole steps, rounded up, and the period is 1.  If latencies differ, the lift
-    lies between those of the smallest and the largest.
+    latency counts in whole steps, rounded up, and the period is 1.  Of latencies that differ see
+    `mixture_lift`.
     """
     n, alpha, delay, look = arguments(n_agents=n_agents, increase=increase, latency=latency, period=period)
     return np.asarray(n * alpha * (delay + look))
+
+
+def mixture_lift(increase: npt.ArrayLike, latency: npt.ArrayLike, rate: float, hold_off: float) -> float:
+    """How far total demand rises above its threshold where agents hear at different times.
+
+    Parameters
+    ----------
+    increase : array_like, shape (n,)
+        alpha_i; a number stands for all agents.
+    latency : array_like, shape (n,)
+        d_i >= 0, the same for all copies that an agent hears, in units of time.
+    rate : float
+        rho, the signals per unit of time that are needed at the capacity (`needed_rate`).
+    hold_off : float
+        r > 0, of a control unit that senses crossings; rho r must be below 1.
+
+    Returns
+    -------
+    float
+        The largest sum_i alpha_i (t - max(t - d_i, 0) / (rho r)) over t >= 0, in units of the resource.
+
+    Raises
+    ------
+    InputError
+        If an argument is outside its range, or signals do not suffice.
+
+    Notes
+    -----
+    In balance agent i gives back alpha_i / rho at each signal that it hears.  While demand is above the
+    threshold there are 1 / r of them per unit of time, so that the total rises at the rate
+    sum_i alpha_i (1 - [d_i < t] / (rho r)), until the share rho r of the growth belongs to agents that hear.
+    If all latencies are d, it is n alpha d; a mixture is milder than its mean.  For continuous agents and a
+    crossing with nothing on its way, in the mean.  Neglects what is still on its way from crossings before,
+    which lowers the peak, and that those who hear first are emptied while the others wait, which raises it
+    where the longest latency is not short beside r / ((1 - beta) lambda).
+
+    Examples
+    --------
+    >>> mixture_lift(0.5, [2.0, 2.0], rate=0.5, hold_off=1.0), mixture_lift(0.5, [0.0, 4.0], 0.5, 1.0)
+    (2.0, 0.0)
+    """
+    alpha, delay = arguments(increase=increase, latency=latency)
+    needed = validation.number("rate", rate, low=0.0, low_open=True)
+    pause = validation.number("hold_off", hold_off, low=0.0, low_open=True)
+    if needed * pause >= 1.0:
+        raise InputError.of("hold_off", hold_off, f"below 1 / rate = {1.0 / needed:g}: signals must suffice")
+    # The sum is concave in t and bends at latencies only.
+    bends = np.append(0.0, np.unique(delay))
+    heard = np.maximum(bends[:, None] - delay.ravel(), 0.0) / (needed * pause)
+    return float((alpha.ravel() * (bends[:, None] - heard)).sum(axis=1).max())
 
 
 def clock_offset(share: npt.ArrayLike, lag: int = 0) -> FloatArray:
