@@ -50,6 +50,7 @@ NAMES = [
     "responses",
     "robust_responses",
     "theory_table",
+    "unequal_delays",
     "unusual_activity",
     "usable",
 ]
