@@ -41,6 +41,7 @@ NAMES = [
     "congested_channel",
     "continuous_vs_discrete",
     "convergence",
+    "cures",
     "delay",
     "delay_loss",
     "ev_day",

@@ -1,0 +1,314 @@
+"""What is the cheapest cure for loss and delay?
+
+Cures are compared at the same bits per unit of time, by Gamma, and at the same risk, by the threshold: total
+demand is above the capacity for about 1 % of the time.  Who knows its loss needs no other cure: signals sent
+once and answered 1 / (1 - p) times as often beat signals sent three times.  Who does not can infer it from
+signals that are sent twice, without running numbers.  Against latency no bit helps: what helps is a hold-off
+that repeats less of what is still on its way.
+"""  # noqa: D400 - a question
+
+import dataclasses
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from aimd_des import BroadcastChannel, Crossing, Fleet, Problem, Recording, Simulation
+from aimd_des.compensation import Compensation, EstimatedLoss, KnownLoss
+from aimd_des.lowlevel import FloatArray
+from aimd_des.plots import colour
+from aimd_des.responses import CustomResponse, Derandomised, EventNormalised, Response
+from scenarios.common import figures
+from scenarios.common.command import Finding, command
+from scenarios.common.measure import distance, quietly, run_draws
+from scenarios.common.systems import memory_alone, rate
+from scenarios.common.tables import number, numbers, over_draws, pick, shown, summarise_draws
+
+_N = 60
+_HOLD_OFF, _LONG = 0.25, 1.0
+# Above the capacity for at most so much of the time.
+_RISK = 0.01
+# Runs by which a threshold is chosen, with seeds of their own, and the lowest one.
+_PILOTS, _PILOT, _FLOOR, _PILOT_SEED = 3, 0.25, 0.05, 500
+_LOOKS = 0.1
+# Copies of one signal leave together; another signal leaves a hold-off later at the earliest.
+_SAME_SIGNAL = 0.5 * _HOLD_OFF
+# Beyond this share of what a hold-off admits signals are short.
+_LOAD = 0.8
+
+LOSS, DELAY, BOTH = "loss 0 to 0.5", "latency 5", "both"
+_LATENCY = {LOSS: 0.25, DELAY: 5.0, BOTH: 5.0}
+# Bits per unit of time that cures may take at most where they are compared.
+BUDGET = {LOSS: 1.5, DELAY: 1.5, BOTH: 2.0}
+
+
+@numba.njit  # type: ignore[untyped-decorator]
+def _inferring(normalization: float, slope: float, average: float, age: float, memory: FloatArray) -> float:
+    """Respond to the first copy of a signal as one who infers its loss from second ones.
+
+    Of signals that are heard at all both copies arrive with probability (1 - p) / (1 + p), and p**2 of all
+    signals are not heard.  Memory: when the last signal was heard, how many were, and how many of them twice.
+    """
+    if memory[1] > 0.0 and age - memory[0] < _SAME_SIGNAL:
+        memory[2] += 1.0
+        return 0.0
+    twice = (memory[2] + 1.0) / (memory[1] + 1.0)
+    memory[0] = age
+    memory[1] += 1.0
+    lost = (1.0 - twice) / (1.0 + twice)
+    return normalization * slope / average / (1.0 - lost * lost)  # type: ignore[no-any-return]
+
+
+class Cure(NamedTuple):
+    """What is done."""
+
+    copies: int = 1  # of each signal
+    hold_off: float = _HOLD_OFF
+    response: Response | None = None
+    known: bool = False  # agents know their loss
+    number_bits: int = 0  # of the running number by which they count what they lose
+    both_heard: bool = False  # agents hear each copy; else they do not tell one from several
+
+    @property
+    def bits(self) -> int:
+        """Bits of a broadcast."""
+        return self.copies * (1 + self.number_bits)
+
+    def channel(self, latency: float, loss: FloatArray) -> BroadcastChannel:
+        """Make the channel: a signal is lost if all its copies are, each for itself."""
+        second = (1.0 - loss) / (1.0 + loss) if self.both_heard else 0.0
+        return BroadcastChannel(latency=latency, loss=loss**self.copies, duplication=second)
+
+    def compensation(self, loss: FloatArray) -> Compensation | None:
+        """Make what agents do about what they lose."""
+        if self.known:
+            return KnownLoss(loss**self.copies)
+        return EstimatedLoss(self.number_bits) if self.number_bits else None
+
+
+NOTHING, THRICE, TWICE = "nothing", "sent three times", "sent twice"
+KNOWN, COUNTED, INFERRED = "known loss", "counted loss, 5 bits", "inferred from two copies"
+EVENTS, FRACTIONAL, WAIT = "event-normalised", "fractional cuts", "hold-off 1"
+_INFERS = CustomResponse(_inferring, memory=3)
+_EXACT = Derandomised("events")
+CURES: dict[str, dict[str, Cure]] = {
+    LOSS: {
+        NOTHING: Cure(),
+        THRICE: Cure(copies=3),
+        TWICE: Cure(copies=2),
+        KNOWN: Cure(known=True),
+        COUNTED: Cure(number_bits=5),
+        INFERRED: Cure(copies=2, response=_INFERS, both_heard=True),
+        EVENTS: Cure(response=EventNormalised()),
+        FRACTIONAL: Cure(response=_EXACT),
+        f"{KNOWN}, {FRACTIONAL}": Cure(known=True, response=_EXACT),
+    },
+    DELAY: {
+        NOTHING: Cure(),
+        WAIT: Cure(hold_off=_LONG),
+        EVENTS: Cure(response=EventNormalised()),
+        FRACTIONAL: Cure(response=_EXACT),
+        f"{WAIT}, {FRACTIONAL}": Cure(hold_off=_LONG, response=_EXACT),
+    },
+    BOTH: {
+        NOTHING: Cure(),
+        THRICE: Cure(copies=3),
+        WAIT: Cure(hold_off=_LONG),
+        f"{WAIT}, {THRICE}": Cure(copies=3, hold_off=_LONG),
+        f"{WAIT}, {INFERRED}": Cure(copies=2, hold_off=_LONG, response=_INFERS, both_heard=True),
+        f"{WAIT}, {KNOWN}": Cure(hold_off=_LONG, known=True),
+        f"{WAIT}, {KNOWN}, {FRACTIONAL}": Cure(hold_off=_LONG, known=True, response=_EXACT),
+    },
+}
+# What is run for longer, too: its errors are bias, or luck that is left.
+_LONGER = (NOTHING, THRICE, KNOWN, f"{KNOWN}, {FRACTIONAL}")
+_LABELS = ("setting", "cure", "over_gamma", "until")
+
+
+class Case(NamedTuple):
+    """A setting and a cure, 1 / Gamma, and the end in units of time."""
+
+    setting: str
+    cure: str
+    over_gamma: float
+    until: float
+
+    @property
+    def possible(self) -> bool:
+        """Whether the hold-off admits the signals that are needed, below a threshold for the latency."""
+        cure, plain = CURES[self.setting][self.cure], memory_alone(normalization=1.0 / self.over_gamma)
+        lift = float(plain.increase.sum() / plain.capacity[0]) * _LATENCY[self.setting]
+        heard = 1.0 if self.setting == DELAY or cure.known else 1.0 - np.mean(losses(0) ** cure.copies)
+        return bool(rate(with_threshold(plain, 1.0 - lift)) / heard * cure.hold_off < _LOAD)
+
+
+class Outcome(NamedTuple):
+    """What is measured of one run after its start."""
+
+    bits: float  # per unit of time
+    misallocation: float
+    utilisation: float
+    above: float  # share of the time above the capacity
+    saturated: float  # share of the responses with a probability above 1
+    threshold: float
+
+
+def with_threshold(problem: Problem, threshold: float) -> Problem:
+    """Make the same problem with another threshold."""
+    return Problem([dataclasses.replace(problem.resources[0], threshold=threshold)], problem.costs)
+
+
+def losses(draw: int) -> FloatArray:
+    """Draw who loses how much, (n,)."""
+    return np.random.default_rng([2028, draw]).permutation(np.linspace(0.0, 0.5, _N))
+
+
+def measure(case: Case, draw: int, seed: int) -> Outcome:
+    """Choose the threshold for the risk by pilot runs, then run and measure."""
+    threshold = 1.0
+    for pilot in range(_PILOTS):
+        high, _ = _run(case, draw, seed + _PILOT_SEED + pilot, threshold, _PILOT * case.until)
+        threshold = float(np.clip(threshold + 1.0 - high, _FLOOR, 1.0))
+    return _run(case, draw, seed, threshold, case.until)[1]
+
+
+def _run(case: Case, draw: int, seed: int, threshold: float, until: float) -> tuple[float, Outcome]:
+    """Run with a threshold; also gives what the total is above for the share of the time that is the risk."""
+    cure, loss = CURES[case.setting][case.cure], np.zeros(_N) if case.setting == DELAY else losses(draw)
+    problem = with_threshold(memory_alone(normalization=1.0 / case.over_gamma, draw=draw), threshold)
+    looks = np.arange(until / 4.0, until, _LOOKS)
+    simulation = Simulation(
+        problem,
+        dynamics="continuous",
+        control_unit=Crossing(cure.hold_off),
+        channel=cure.channel(_LATENCY[case.setting], loss),
+        agents=Fleet,
+        response=cure.response,
+        compensation=cure.compensation(loss),
+        seed=seed,
+        recording=Recording(demand=looks, overshoot=False),
+    )
+    result = quietly(simulation, until)
+    total = result.observations.total_demand[:, 0] / problem.capacity[0]
+    signals = (result.signals_sent.time >= until / 4.0).sum() / (0.75 * until)
+    account = result.account
+    return float(np.quantile(total, 1.0 - _RISK)), Outcome(
+        bits=float(signals * cure.bits),
+        misallocation=float(distance(problem, result.average_at_end)[0]),
+        utilisation=float(total.mean()),
+        above=float((total > 1.0).mean()),
+        saturated=float(account.saturated.sum() / max(account.responses.sum(), 1)),
+        threshold=threshold,
+    )
+
+
+def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
+    """Run memory alone with every cure, for several Gamma."""
+    draws, until = (2, 100.0) if quick else (12, 5000.0)
+    scales = (45.0, 140.0) if quick else (45.0, 80.0, 140.0, 250.0)
+    cases = [
+        Case(setting, cure, scale, until)
+        for setting, cures in CURES.items()
+        for cure in cures
+        for scale in scales
+    ]
+    cases += [Case(LOSS, cure, scales[1], 4.0 * until) for cure in _LONGER]
+    pairs = run_draws(measure, [case for case in cases if case.possible], draws, 1, seed, quick, runs)
+    rows = [
+        {**case._asdict(), "draw": draw, **one._asdict()}
+        for case, found in pairs
+        for draw, (one,) in enumerate(found)
+    ]
+    table = summarise_draws([*rows, *_at_budget(rows, until)], _LABELS).assign(theory=np.nan)
+    settings = {"seed": seed, "draws": draws, "until": until}
+    printed = shown(_shown(table), ["setting", "cure", "measure"], ".3f")
+    drawn = {"cures": partial(_figure, table, until)}
+    return Finding("cures", settings, table, printed, _findings(table, until, scales[1]), drawn)
+
+
+def _shown(table: pd.DataFrame) -> pd.DataFrame:
+    budget = pick(table, over_gamma=np.nan)
+    return budget[budget["measure"].isin(["bits", "misallocation", "utilisation"])]
+
+
+def _at_budget(rows: Sequence[dict[str, Any]], until: float) -> list[dict[str, Any]]:
+    """Interpolate what every draw has with the bits of its setting; 1 / Gamma is not a number there.
+
+    A cure that does not get by with so few has no numbers; one that cannot use as many has those of its
+    smallest Gamma.
+    """
+    frame, made = pd.DataFrame(rows), []
+    frame = frame[frame["until"] == until]
+    for (setting, cure, draw), part in frame.groupby(["setting", "cure", "draw"], sort=False):
+        ordered = part.sort_values("bits")
+        bits, budget = np.log(ordered["bits"]), np.log(BUDGET[str(setting)])
+        labels = {"setting": setting, "cure": cure, "over_gamma": np.nan, "until": until, "draw": draw}
+        found = {name: float(np.interp(budget, bits, ordered[name], left=np.nan)) for name in Outcome._fields}
+        made.append({**labels, **found, "bits": float(np.exp(np.interp(budget, bits, bits, left=np.nan)))})
+    return made
+
+
+def _figure(table: pd.DataFrame, until: float) -> Figure:
+    figure, panels = figures.panels(2, 3, (14.0, 8.6))
+    usual = table[(table["until"] == until) & table["over_gamma"].notna()]
+    for column, (setting, cures) in enumerate(CURES.items()):
+        high, low = panels[column], panels[3 + column]
+        for place, cure in enumerate(cures):
+            x = numbers(usual, setting=setting, cure=cure, measure="bits")
+            look: dict[str, Any] = {"linestyle": "-", "color": colour(place)}
+            for axes, name in ((high, "misallocation"), (low, "utilisation")):
+                rows = pick(usual, setting=setting, cure=cure, measure=name)
+                figures.points(axes, x, rows, place % len(figures.MARKS), cure, scale=100.0, **look)
+        for axes in (high, low):
+            axes.axvline(BUDGET[setting], color=figures.REFERENCE, linewidth=1.0, linestyle=":")
+        letters = "abcdef"
+        shares, use = "distance from the optimum (%)", "use of the capacity (%), above it 1 % of the time"
+        across = "bits per control period"
+        figures.dress(
+            high,
+            f"({letters[column]}) {setting.capitalize()}: shares",
+            across,
+            shares,
+            xscale="log",
+            yscale="log",
+        )
+        figures.dress(low, f"({letters[3 + column]}) {setting.capitalize()}: use", across, use, xscale="log")
+        high.legend(frameon=False, fontsize="x-small")
+    return figure
+
+
+def _findings(table: pd.DataFrame, until: float, scale: float) -> list[str]:
+    budget = pick(table, over_gamma=np.nan)
+    found = []
+    for setting, cures in CURES.items():
+        compared = "; ".join(_said(budget, setting, cure) for cure in cures)
+        risk = f"at most {BUDGET[setting]:g} bits a period, above the capacity for about 1 % of the time"
+        found.append(f"{setting.capitalize()}, {risk}: {compared}.")
+    longer = []
+    for cure in _LONGER:
+        at = {"setting": LOSS, "cure": cure, "over_gamma": scale, "measure": "misallocation"}
+        ends = (over_draws(table, 100.0, 2, until=end, **at) for end in (until, 4.0 * until))
+        longer.append(f"{cure} {' and '.join(ends)}")
+    return [*found, f"Misallocation (%) after {until:g} and {4 * until:g} periods: {'; '.join(longer)}."]
+
+
+def _said(budget: pd.DataFrame, setting: str, cure: str) -> str:
+    at = {"setting": setting, "cure": cure}
+    if number(budget, "draws", measure="bits", **at) < 2.0:
+        return f"{cure}: takes more bits at every Gamma that does not saturate"
+    shares = over_draws(budget, 100.0, 2, measure="misallocation", **at)
+    use = over_draws(budget, 100.0, 1, measure="utilisation", **at)
+    above = number(budget, measure="above", **at)
+    risky = f", above the capacity for {100.0 * above:.0f} % of the time" if above > 2.0 * _RISK else ""
+    return f"{cure}: {shares} % off, {use} % used{risky}"
+
+
+main = command("cures", study, "What is the cheapest cure for loss and delay?")
+
+if __name__ == "__main__":
+    main()
