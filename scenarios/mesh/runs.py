@@ -1,32 +1,55 @@
-"""A mesh of cameras with losses on its edges, its channels, and what is measured of one run over it."""
+"""Meshes of cameras with losses on their edges, their channels, and what is measured of one run over one."""
 
-from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import networkx as nx
 import numpy as np
 
-from aimd_des import BroadcastChannel, Problem, topology
+from aimd_des import (
+    BroadcastChannel,
+    Crossing,
+    Fleet,
+    Recording,
+    Simulation,
+    solve_optimum,
+    theory,
+    topology,
+)
+from aimd_des.compensation import KnownLoss
+from aimd_des.loss import Bernoulli
 from aimd_des.lowlevel import Channel, FloatArray
-from scenarios.common.measure import late, run_late
+from scenarios.common.measure import distance, quietly
+from scenarios.common.systems import memory_alone
 
-TREE, FLOOD, OWN = "shortest-path tree", "flooding", "own links, as lossy as the tree"
+TREE, OWN = "shortest-path tree", "own links, as lossy as the tree"
+THRICE, FLOOD, KNOWN = "tree, every edge sent three times", "flooding", "tree, agents know their loss"
+WAYS = (TREE, THRICE, FLOOD, KNOWN, OWN)
 
+N = 60
+HOLD_OFF = 0.5
 #: Greatest distance of neighbours, in sides of the square.
 RADIUS = 0.2
 _LATENCY_PER_DISTANCE = 0.5
-# The first of the random networks with this radius in which everybody is within reach.
-_NETWORK_SEED = 0
+# So many seeds are tried for each draw of a network in which everybody is within reach.
+_SEEDS_A_DRAW = 1_000
+_COPIES = 3
+# Looks at the total, five of which fall into a hold-off.
+_LOOKS = 0.1
 
 
-def mesh(n_agents: int, longest_loss: float) -> Any:
+@lru_cache
+def mesh(draw: int, longest_loss: float) -> Any:
     """Scatter cameras over a square around the control unit, node 0, in a graph of networkx.
 
     The loss on an edge grows with the square of its length, to `longest_loss` on one as long as the radius.
     """
-    graph: Any = topology.random_geometric(
-        n_agents, RADIUS, latency_per_distance=_LATENCY_PER_DISTANCE, seed=_NETWORK_SEED
-    )
+    for seed in range(_SEEDS_A_DRAW * draw, _SEEDS_A_DRAW * (draw + 1)):
+        graph: Any = topology.random_geometric(
+            N, RADIUS, latency_per_distance=_LATENCY_PER_DISTANCE, seed=seed
+        )
+        if nx.is_connected(graph):
+            break
     for _, _, edge in graph.edges(data=True):
         edge["loss"] = longest_loss * (edge["latency"] / (_LATENCY_PER_DISTANCE * RADIUS)) ** 2
     return graph
@@ -51,78 +74,114 @@ class Statistics(NamedTuple):
     # estimated for a flood.
     delivery: FloatArray
     latency: FloatArray
-    # The same from draws.
-    sampled_delivery: FloatArray
-    sampled_latency: FloatArray
     transmissions: float  # copies that are sent over edges, for each broadcast
 
 
-def statistics(graph: Any, way: str, broadcasts: int) -> Statistics:
-    """Compute, or estimate from so many broadcasts, the statistics of `TREE` or `FLOOD`.
+@lru_cache
+def statistics(way: str, draw: int, longest_loss: float, broadcasts: int = 4_000) -> Statistics:
+    """Compute what becomes of broadcasts; for a flood, estimate it from so many.
 
     A node sends to all its neighbours in what it forwards over, but not back to the control unit.
     """
-    used = graph if way == FLOOD else branches(graph)
-    drawn = topology.flood(used).statistics(broadcasts, seed=0)
-    known = drawn if way == FLOOD else topology.tree(graph).statistics()
-    delivery = known["delivery"].to_numpy(dtype=np.float64)
-    reached = np.append(1.0, delivery)
+    graph = mesh(draw, longest_loss)
     if way == FLOOD:
-        onward = [used.degree(node) - (0 in used[node]) for node in used]
+        known = topology.flood(graph).statistics(broadcasts, seed=0)
+        onward = [graph.degree(node) - (0 in graph[node]) for node in graph]
     else:
+        copies, used = _COPIES if way == THRICE else 1, branches(graph)
+        known = _tree(graph, copies).statistics()
         depth = nx.single_source_shortest_path_length(used, 0)
-        onward = [sum(depth[other] > depth[node] for other in used[node]) for node in used]
-    return Statistics(
-        delivery,
-        known["latency_mean"].to_numpy(dtype=np.float64),
-        drawn["delivery"].to_numpy(dtype=np.float64),
-        drawn["latency_mean"].to_numpy(dtype=np.float64),
-        float(reached @ np.array(onward, dtype=np.float64)),
-    )
+        onward = [copies * sum(depth[other] > depth[node] for other in used[node]) for node in used]
+    delivery = known["delivery"].to_numpy(dtype=np.float64)
+    latency = known["latency_mean"].to_numpy(dtype=np.float64)
+    return Statistics(delivery, latency, float(np.append(1.0, delivery) @ np.array(onward, dtype=np.float64)))
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh:
-    """What is run."""
+def _tree(graph: Any, copies: int) -> topology.TreeChannel:
+    """Send every copy so many times over each edge: it is lost if all are."""
+    return topology.tree(graph, loss=lambda p: Bernoulli(p**copies))
 
-    problem: Problem  # one resource
-    way: str  # how broadcasts travel
-    longest_loss: float  # as of `mesh`
-    # Of the control unit; the end, and the time from which the run is measured; in units of time.
-    hold_off: float
+
+class Case(NamedTuple):
+    """How broadcasts travel, the loss as of `mesh`, and the end in units of time."""
+
+    way: str
+    longest_loss: float
     until: float
-    start: float
 
-    def channel(self) -> Channel:
+    @property
+    def start(self) -> float:
+        """From when on the run is measured."""
+        return self.until / 4.0
+
+    def channel(self, draw: int) -> Channel:
         """Make the channel; own links have the tree's probabilities and latencies, and share nothing."""
-        graph = mesh(self.problem.n_agents, self.longest_loss)
+        graph = mesh(draw, self.longest_loss)
         if self.way == FLOOD:
             return topology.flood(graph)
-        tree = topology.tree(graph)
-        if self.way == TREE:
-            return tree
-        known = tree.statistics()
-        return BroadcastChannel(
-            latency=known["latency_mean"].to_numpy(), loss=1.0 - known["delivery"].to_numpy()
-        )
+        if self.way == OWN:
+            known = statistics(TREE, draw, self.longest_loss)
+            return BroadcastChannel(latency=known.latency, loss=1.0 - known.delivery)
+        return _tree(graph, _COPIES if self.way == THRICE else 1)
 
 
 class Outcome(NamedTuple):
-    """What is measured of one run after its start."""
+    """What is measured of one run, after its start but for averages."""
 
-    # Signals per unit of time; mean and highest of total demand over the capacity, and the share of time
-    # above it.
-    signals: float
+    signals: float  # per unit of time
+    sent: float  # transmissions over edges per unit of time
     utilisation: float
-    peak: float
-    time_above: float
-    average: FloatArray  # (n, 1): in units of the resource
-    delivery: FloatArray  # (n,): share of the copies that arrived, over all of the run
+    high: float  # what total demand is below for 99 % of the time, over the capacity
+    above: float  # share of the time above the capacity
+    from_plain: float
+    from_reweighted: float
+    # Of all cameras: share over that of the optimum for what is used, and probability of delivery.
+    least: float
+    most: float
+    least_delivery: float
+    saturated: float  # share of the responses with a probability above 1
+    transmissions: float  # copies over edges for each broadcast
 
 
-def measure(run: Mesh, seed: int) -> Outcome:
-    """Run and measure."""
-    result = run_late(run.problem, run.hold_off, run.channel(), (run.start, run.until), seed, "end")
-    found, account = late(result, run.start), result.account
-    delivery = account.delivered[0] / (account.delivered[0] + account.lost[0])
-    return Outcome(found.signals, found.utilisation, found.peak, found.time_above, found.average, delivery)
+def measure(case: Case, draw: int, seed: int) -> Outcome:
+    """Run and measure, with a draw of costs and network."""
+    problem, known = memory_alone(draw=draw), statistics(case.way, draw, case.longest_loss)
+    simulation = Simulation(
+        problem,
+        dynamics="continuous",
+        control_unit=Crossing(HOLD_OFF),
+        channel=case.channel(draw),
+        agents=Fleet,
+        compensation=KnownLoss(1.0 - known.delivery) if case.way == KNOWN else None,
+        seed=seed,
+        recording=Recording(demand=np.arange(case.start, case.until, _LOOKS), overshoot=False),
+    )
+    result = quietly(simulation, case.until)
+    signals = float((result.signals_sent.time >= case.start).sum() / (case.until - case.start))
+    total = result.observations.total_demand[:, 0] / problem.capacity[0]
+    average = result.average_at_end
+    share = (average / solve_optimum(problem, capacity=average.sum(axis=0)).allocation)[:, 0]
+    heard = np.ones(N) if case.way == KNOWN else known.delivery
+    return Outcome(
+        signals,
+        signals * known.transmissions,
+        float(total.mean()),
+        float(np.quantile(total, 0.99)),
+        float((total > 1.0).mean()),
+        float(distance(problem, average)[0]),
+        float(distance(problem, average, heard)[0]),
+        float(share.min()),
+        float(share.max()),
+        float(known.delivery.min()),
+        float(result.account.saturated.sum() / result.account.responses.sum()),
+        known.transmissions,
+    )
+
+
+def expected(case: Case, draw: int) -> dict[str, float]:
+    """Predict what there is a formula for: signals per unit of time, and how far shares are shifted."""
+    problem, known = memory_alone(draw=draw), statistics(case.way, draw, case.longest_loss)
+    best = theory.reweighted_optimum(problem, np.ones(N) if case.way == KNOWN else known.delivery)
+    alpha, beta, gamma = problem.increase[0], problem.decrease[0], problem.normalization
+    signals = theory.signal_rate(alpha, beta, gamma, best.multipliers)
+    return {"signals": float(signals[0]), "from_plain": float(distance(problem, best.allocation)[0])}

@@ -1,6 +1,6 @@
 """The study: what is run, and what is made of it."""
 
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,124 +10,87 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from aimd_des import InputError, solve_optimum, theory
-from aimd_des.plots import colour, shared_legend
-from aimd_des.study import mean_and_error
+from aimd_des.plots import colour
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import distance, run_all, table_of
-from scenarios.common.systems import memory_alone
-from scenarios.common.tables import estimate, number, pick, shown
+from scenarios.common.measure import run_draws
+from scenarios.common.tables import number, over_draws, pick, shown, summarise_draws
 from scenarios.mesh.runs import (
     FLOOD,
+    KNOWN,
     OWN,
+    THRICE,
     TREE,
-    Mesh,
-    Outcome,
-    Statistics,
+    WAYS,
+    Case,
     branches,
+    expected,
     measure,
     mesh,
     statistics,
 )
 
-_PROBLEM = memory_alone()
-_HOLD_OFF = 0.5
-_WAYS = (TREE, FLOOD, OWN)
 _SHOWN = 0.3
-# To estimate what arrives by flooding.
-_BROADCASTS = 4_000
-_MEASURES = ("signals", "utilisation", "peak", "time_above")
-_PLAIN, _NEW = "from plain optimum", "from reweighted optimum"
+_LABELS = ["way", "longest_loss", "until"]
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Run memory of the paper's system over a mesh, along a tree and by flooding, with more and more loss."""
-    replications, until = (2, 300.0) if quick else (20, 4000.0)
-    losses = (0.0, _SHOWN) if quick else (0.0, 0.1, 0.2, _SHOWN, 0.4, 0.5)
-    cases = [Mesh(_PROBLEM, way, loss, _HOLD_OFF, until, until / 4) for way in _WAYS for loss in losses]
-    pairs = run_all(measure, cases, replications, seed, quick, runs)
-    parts = [_totals(case, found) for case, found in pairs]
-    parts += [_each(case, found) for case, found in pairs if case.longest_loss == _SHOWN and case.way != OWN]
-    table = pd.concat(parts, ignore_index=True)
-    settings = {"seed": seed, "replications": replications, "until": until}
-    printed = shown(table[table["agent"] < 0], ["way", "longest_loss", "measure"])
-    return Finding("mesh", settings, table, printed, _findings(table), {"mesh": partial(_figure, table)})
+    """Run memory alone over meshes, along a tree and by flooding, with more and more loss."""
+    draws, until = (2, 300.0) if quick else (12, 8000.0)
+    lossy = (0.0, _SHOWN) if quick else (0.0, 0.1, 0.2, _SHOWN, 0.5)
+    cases = [Case(way, loss, until) for way in WAYS for loss in lossy]
+    # What depends on the age of a run is seen in a shorter one.
+    cases += [Case(way, _SHOWN, until / 4.0) for way in WAYS]
+    pairs = run_draws(measure, cases, draws, 1, seed, quick, runs)
+    rows = [
+        {**case._asdict(), "draw": draw, **one._asdict()}
+        for case, found in pairs
+        for draw, (one,) in enumerate(found)
+    ]
+    known = [
+        {**case._asdict(), "draw": draw, **expected(case, draw)} for case in cases for draw in range(draws)
+    ]
+    wanted = summarise_draws(known, _LABELS)[[*_LABELS, "measure", "mean"]].rename(columns={"mean": "theory"})
+    table = summarise_draws(rows, _LABELS).merge(wanted, "left", on=[*_LABELS, "measure"])
+    settings = {"seed": seed, "draws": draws, "until": until}
+    printed = shown(pick(table, longest_loss=_SHOWN, until=until), ["way", "measure"], ".3f")
+    drawn = {"mesh": partial(_figure, table, pd.DataFrame(rows), until)}
+    return Finding("mesh", settings, table, printed, _findings(table, until), drawn)
 
 
-@lru_cache
-def _known(way: str, loss: float) -> Statistics:
-    # Of what is shown both ways are sampled; a tree needs it for nothing else.
-    many = _BROADCASTS if loss > 0.0 and (way == FLOOD or (way == TREE and loss == _SHOWN)) else 2
-    return statistics(mesh(_PROBLEM.n_agents, loss), TREE if way == OWN else way, many)
-
-
-def _totals(run: Mesh, found: list[Outcome]) -> pd.DataFrame:
-    labels = {"way": run.way, "longest_loss": run.longest_loss, "agent": -1}
-    known = _known(run.way, run.longest_loss)
-    optima = {_PLAIN: None, _NEW: known.delivery}
-    table = table_of(labels, _PROBLEM, found, _MEASURES, optima, _expected(run, known))
-    fixed = {"mean delivery": known.delivery.mean(), "transmissions": known.transmissions}
-    more = [estimate(labels, name, (value, np.nan), len(found)) for name, value in fixed.items()]
-    return pd.concat([table, pd.DataFrame(more)])
-
-
-def _expected(run: Mesh, known: Statistics) -> dict[str, float]:
-    """Predict what there is a formula for, with the mean of the latencies for all."""
-    weighted = theory.reweighted_optimum(_PROBLEM, known.delivery).allocation
-    shift = {_PLAIN: float(distance(_PROBLEM, weighted)[0]), _NEW: 0.0}
-    try:
-        # In balance everybody gives back alpha, however little of it hears: latencies count alike.
-        made = theory.predict(
-            _PROBLEM,
-            "continuous",
-            latency=float(known.latency.mean()),
-            loss=1.0 - known.delivery,
-            hold_off=run.hold_off,
-        )
-    except InputError:
-        return shift
-    return {**shift, "signals": float(made.signals[0]), "utilisation": float(made.utilisation[0])}
-
-
-def _each(run: Mesh, found: list[Outcome]) -> pd.DataFrame:
-    """List delivery, latency and share of every agent."""
-    known = _known(run.way, run.longest_loss)
-    plain = solve_optimum(_PROBLEM).allocation[:, 0] / _PROBLEM.capacity[0]
-    new = theory.reweighted_optimum(_PROBLEM, known.delivery).allocation[:, 0] / _PROBLEM.capacity[0]
-    shares = [one.average[:, 0] / one.average.sum() / plain for one in found]
-    nothing = np.full(_PROBLEM.n_agents, np.nan)
-    columns = {
-        "delivery": (*mean_and_error([one.delivery for one in found]), known.delivery),
-        "latency": (known.sampled_latency, nothing, known.latency if run.way == TREE else nothing),
-        "share over optimal share": (*mean_and_error(shares), new / plain),
-    }
-    labels = {"way": run.way, "longest_loss": run.longest_loss}
-    return pd.DataFrame(
-        [
-            estimate({**labels, "agent": agent}, name, (at, wrong), len(found), float(wanted))
-            for name, (mean, error, expected) in columns.items()
-            for agent, (at, wrong, wanted) in enumerate(zip(mean, error, expected, strict=True))
-        ]
-    )
-
-
-def _figure(table: pd.DataFrame) -> Figure:
-    figure, (network, delivery, shares, shift) = figures.panels(2, 2, (13.0, 9.0))
+def _figure(table: pd.DataFrame, rows: pd.DataFrame, until: float) -> Figure:
+    figure, (network, delivery, shift, price) = figures.panels(2, 2, (13.0, 9.4))
     _draw_network(figure, network)
-    _draw_each(delivery, table, "latency", "delivery")
-    title, heard = "(b) Far away less arrives; by flooding nearly all", "share of signals that arrive"
-    figures.dress(delivery, title, "mean latency (control periods)", heard)
-    _draw_each(shares, table, "delivery", "share over optimal share")
-    figures.level(shares, 1.0)
-    figures.dress(shares, "(c) Who hears less takes more", heard, "share of memory over optimal share")
-    _draw_shift(shift, table)
-    shared_legend(figure)
+    for place, way in enumerate((TREE, THRICE, FLOOD)):
+        known = statistics(way, 0, _SHOWN)
+        look: dict[str, Any] = {"color": colour(place), "markersize": 5.5, "label": way}
+        delivery.plot(known.latency, known.delivery, figures.MARKS[place], **look)
+    title = "(b) Far away less arrives; the network of (a)"
+    figures.dress(delivery, title, "mean latency (control periods)", "share of signals that arrive")
+    for place, way in enumerate(WAYS):
+        part = pick(table, way=way, until=until, measure="from_plain")
+        hollow = {"markerfacecolor": "none", "markersize": 10.0} if way == OWN else {}
+        figures.points(shift, 100 * part["longest_loss"], part, place, way, scale=100.0, **hollow)
+        if way in (TREE, THRICE, FLOOD):
+            figures.theory(shift, 100 * part["longest_loss"], part, place, scale=100.0)
+        single = rows[(rows["way"] == way) & (rows["until"] == until) & (rows["longest_loss"] == _SHOWN)]
+        if way != OWN:
+            look = {"color": colour(place), "label": way}
+            price.plot(single["sent"], 100 * single["from_plain"], figures.MARKS[place], **look)
+    figures.named(shift, "theory: the reweighted optimum")
+    away = "distance of the averages from the optimum (%)"
+    across = "loss on the longest edges (%)"
+    figures.dress(shift, "(c) Three copies over each edge beat flooding", across, away, ylim=(0.0, None))
+    sent = "transmissions over edges per control period"
+    title = f"(d) What it costs at {100 * _SHOWN:g} %: a point for each network"
+    figures.dress(price, title, sent, away, xscale="log", ylim=(0.0, None))
+    for axes in (delivery, shift, price):
+        axes.legend(frameon=False, fontsize="small")
     return figure
 
 
 def _draw_network(figure: Figure, axes: Axes) -> None:
-    graph = mesh(_PROBLEM.n_agents, _SHOWN)
+    graph = mesh(0, _SHOWN)
     tree = branches(graph)
     places = {node: np.array(data["pos"]) for node, data in graph.nodes(data=True)}
     for edges, shade, width in ((graph.edges, "0.75", 2.2), (tree.edges, colour(0), 3.4)):
@@ -135,7 +98,7 @@ def _draw_network(figure: Figure, axes: Axes) -> None:
         lines = [(places[u], places[v]) for u, v in edges]
         axes.add_collection(LineCollection(lines, colors=shade, linewidths=[width * part for part in kept]))
     spots = np.array([places[node] for node in graph if node != 0])
-    heard = _known(TREE, _SHOWN).delivery
+    heard = statistics(TREE, 0, _SHOWN).delivery
     look: dict[str, Any] = {"cmap": "cividis", "edgecolors": "black", "linewidths": 0.6}
     drawn = axes.scatter(spots[:, 0], spots[:, 1], 58.0, heard, zorder=3, **look)
     axes.plot(*places[0], "s", color=colour(1), markersize=11, markeredgecolor="black", zorder=4)
@@ -152,64 +115,45 @@ def _draw_network(figure: Figure, axes: Axes) -> None:
     axes.set_xticks([])
     axes.set_yticks([])
     axes.spines[:].set_visible(False)
-    axes.set_title("(a) The mesh; thin edges lose most (up to 30 %)", loc="left", fontsize="medium")
-    figures.named(axes, "edge of the tree", color=colour(0), linewidth=2.5)
-    figures.named(axes, "other edge", color="0.75", linewidth=2.0)
+    title = f"(a) A mesh; thin edges lose most (up to {100 * _SHOWN:g} %), blue ones are the tree"
+    axes.set_title(title, loc="left", fontsize="medium")
     figure.colorbar(drawn, ax=axes, shrink=0.85, label="share that arrives along the tree")
 
 
-def _draw_each(axes: Axes, table: pd.DataFrame, across: str, up: str) -> None:
-    """Draw one point for each camera, and what theory has for it."""
-    for place, way in enumerate((TREE, FLOOD)):
-        x, y = (pick(table, way=way, measure=name) for name in (across, up))
-        axes.plot(x["mean"], y["mean"], figures.MARKS[place], color=colour(place), markersize=5.5, label=way)
-        if way == TREE or up != "delivery":
-            known = x["mean"] if way == FLOOD else x["theory"]
-            axes.plot(known, y["theory"], "+", color="black", markersize=9.0, label="theory, for each camera")
+def _findings(table: pd.DataFrame, until: float) -> list[str]:
+    def say(way: str, name: str, scale: float = 1.0, digits: int = 2, **other: float) -> str:
+        at = {"longest_loss": _SHOWN, "until": until, **other}
+        return over_draws(table, scale, digits, way=way, measure=name, **at)
 
+    def theory(way: str, name: str, scale: float = 1.0) -> float:
+        return scale * number(table, "theory", way=way, measure=name, longest_loss=_SHOWN, until=until)
 
-def _draw_shift(axes: Axes, table: pd.DataFrame) -> None:
-    for place, way in enumerate(_WAYS):
-        rows = pick(table, way=way, measure=_PLAIN)
-        x, hollow = 100 * rows["longest_loss"], {"markerfacecolor": "none", "markersize": 10.0}
-        figures.points(axes, x, rows, place, way, scale=100.0, **(hollow if way == OWN else {}))
-        if way != OWN:
-            figures.theory(axes, x, rows, place, scale=100.0)
-    figures.named(axes, "theory: the reweighted optimum")
-    across, up = "loss on the longest edges (%)", "distance of the averages from the optimum (%)"
-    figures.dress(axes, "(d) Flooding brings the optimum back", across, up, ylim=(0.0, None))
-
-
-def _findings(table: pd.DataFrame) -> list[str]:
-    def at(way: str, measure: str, column: str = "mean") -> float:
-        return number(table, column, way=way, measure=measure, longest_loss=_SHOWN)
-
-    heard = {way: pick(table, way=way, measure="delivery")["mean"] for way in (TREE, FLOOD)}
-    held = "share over optimal share"
-    shares = {way: pick(table, way=way, measure=held)["mean"] for way in (TREE, FLOOD)}
-    along = pick(table, way=TREE, measure="delivery")
-    errors = (along["mean"] - along["theory"]).abs()
-    sent = {way: at(way, "transmissions") for way in (TREE, FLOOD)}
+    draws = int(number(table, "draws", way=TREE))
     found = [
-        f"{way}, {100 * _SHOWN:g} % on the longest edges: {100 * heard[way].min():.0f} to "
-        f"{100 * heard[way].max():.0f} % of the signals arrive, cameras hold {shares[way].min():.2f} to "
-        f"{shares[way].max():.2f} of their optimal shares, and averages are "
-        f"{100 * at(way, _PLAIN):.1f} % from the optimum (theory {100 * at(way, _PLAIN, 'theory'):.1f}) "
-        f"and {100 * at(way, _NEW):.1f} % from the reweighted one; {at(way, 'signals'):.2f} signals per "
-        f"unit of time (theory {at(way, 'signals', 'theory'):.2f}), utilisation "
-        f"{at(way, 'utilisation'):.3f} (theory {at(way, 'utilisation', 'theory'):.3f})."
-        for way in (TREE, FLOOD)
+        f"{way}: averages are {say(way, 'from_plain', 100.0, 1)} % from the optimum, with "
+        f"{say(way, 'transmissions', 1.0, 0)} transmissions a broadcast, {say(way, 'sent', 1.0, 0)} a period "
+        f"and {say(way, 'signals')} signals a period (theory {theory(way, 'signals'):.2f})."
+        for way in WAYS[:-1]
     ]
-    return found + sentences(f"""
-        - Deliveries along the tree are those of the formula to within {100 * errors.max():.1f} points.
-        - Links that are shared on the way: {at(TREE, "signals"):.2f} signals instead of
-          {at(OWN, "signals"):.2f}, utilisation {at(TREE, "utilisation"):.3f} instead of
-          {at(OWN, "utilisation"):.3f}, and {100 * at(TREE, "time_above"):.1f} % of the time above capacity
-          instead of {100 * at(OWN, "time_above"):.1f}.
-        - Flooding takes {sent[FLOOD]:.0f} transmissions a broadcast instead of {sent[TREE]:.0f}, and
-          {sent[FLOOD] * at(FLOOD, "signals"):.0f} per unit of time instead of
-          {sent[TREE] * at(TREE, "signals"):.0f}, as fewer signals are necessary.
-    """)
+    return [
+        f"{100 * _SHOWN:g} % on the longest edges, {draws} draws of network and costs, {until:g} periods.",
+        *found,
+        *sentences(f"""
+            - Along the tree the least that arrives at a camera is {say(TREE, "least_delivery")}; shares are
+              {say(TREE, "least")} to {say(TREE, "most")} of the optimal ones. Theory has
+              {theory(TREE, "from_plain", 100.0):.1f} % for the distance from the optimum, and averages are
+              {say(TREE, "from_reweighted", 100.0, 1)} % from the reweighted one, as without loss
+              ({say(TREE, "from_plain", 100.0, 1, longest_loss=0.0)} %). After a quarter of the time it is
+              {say(TREE, "from_plain", 100.0, 1, until=until / 4)} and, with every edge sent three times,
+              {say(THRICE, "from_plain", 100.0, 1, until=until / 4)} %.
+            - By flooding the least that arrives is {say(FLOOD, "least_delivery")}, with every edge sent three
+              times {say(THRICE, "least_delivery")}.
+            - Knowing the loss leaves {say(KNOWN, "saturated", 100.0, 1)} % of the responses at their bound.
+            - Links that are shared on the way: above the capacity for {say(TREE, "above", 100.0, 1)} % of the
+              time instead of {say(OWN, "above", 100.0, 1)}, with {say(TREE, "signals")} signals instead of
+              {say(OWN, "signals")}.
+        """),
+    ]
 
 
 main = command("mesh", study, "What does a lossy mesh do to cameras far away, and does flooding help?")
