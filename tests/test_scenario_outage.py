@@ -1,25 +1,27 @@
-"""What the study of outages is to show, at a small size: seeds 0 to 7, 20 periods, latency 0.5."""
+"""What the study of outages is to show, at a small size: draws 0 to 7, 20 periods, latency 0.5."""
 
 import math
-from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
-from aimd_des.study import mean_and_error, replicate
+from aimd_des.study import mean_and_error
 from scenarios.outage.runs import ALL, FAILOVER, HALF, OTHER, PART, Found, Outage, expected, measure
 
 # Standard errors by which a mean may be off: by Student's t with 7 degrees of freedom once in 1,000.
 Z = 5.4
-REPLICATIONS = 8
-CASES = {fault: Outage(fault, 20.0, 0.5, 100.0) for fault in (ALL, FAILOVER, PART)}
+DRAWS = 8
+CASES = {fault: Outage(fault, 20.0, 0.5, 0.25, 100.0) for fault in (ALL, FAILOVER, PART)}
+
+
+def draws(case: Outage) -> list[Found]:
+    return [measure(case, draw, 1000 * draw) for draw in range(DRAWS)]
 
 
 @pytest.fixture(scope="module")
 def runs() -> dict[str, list[Found]]:
-    jobs = [partial(measure, case) for case in CASES.values()]
-    return dict(zip(CASES, replicate(jobs, REPLICATIONS, 0, workers=1), strict=True))
+    return {fault: draws(case) for fault, case in CASES.items()}
 
 
 @pytest.mark.slow
@@ -49,3 +51,15 @@ def test_who_hears_pays(runs: dict[str, list[Found]]) -> None:
     assert min(even[0] - Z * even[1], odd[0] - Z * odd[1]) > 0.0
     small = np.mean([run.runaway for run in runs[PART]])
     assert small < 0.2 * CASES[PART].bound
+
+
+@pytest.mark.slow
+def test_a_long_hold_off_costs_the_way_back_and_what_others_can_give_way(
+    runs: dict[str, list[Found]],
+) -> None:
+    """Hold-off 1 admits a quarter of the signals: 5 periods and a point of the capacity at least."""
+    for fault, name, at_least in ((ALL, "back", 5.0), (PART, "runaway", 0.01)):
+        slow = draws(CASES[fault]._replace(hold_off=1.0))
+        pairs = zip(slow, runs[fault], strict=True)
+        mean, error = mean_and_error([getattr(one, name) - getattr(other, name) for one, other in pairs])
+        assert mean - Z * error > at_least

@@ -8,14 +8,13 @@ import numpy as np
 from aimd_des import BroadcastChannel, Recording, Result, solve_optimum, theory
 from aimd_des.interventions import CapacityStep, Failover, Intervention, Partition
 from aimd_des.lowlevel import FloatArray
-from scenarios.common.measure import sensed
+from scenarios.common.measure import quietly, sensed
 from scenarios.common.systems import memory_alone
 
-PROBLEM = memory_alone()
-N, CAPACITY = PROBLEM.n_agents, float(PROBLEM.capacity[0])
-GROWTH = float(PROBLEM.increase.sum())
-SHARE = solve_optimum(PROBLEM).allocation[:, 0]
-HOLD_OFF = 0.25
+# Growth and capacity are the same in all draws of the costs.
+_PROBLEM = memory_alone()
+N, CAPACITY = _PROBLEM.n_agents, float(_PROBLEM.capacity[0])
+GROWTH = float(_PROBLEM.increase.sum())
 # Every other camera: both halves have all kinds of costs.
 HALF, OTHER = list(range(0, N, 2)), list(range(1, N, 2))
 ALL, FAILOVER, PART = "everybody is cut off", "the control unit fails over", "half are cut off"
@@ -27,11 +26,12 @@ PACE = CAPACITY / GROWTH
 
 
 class Outage(NamedTuple):
-    """An outage: which, for how long and behind which latency, and when it begins."""
+    """An outage: which, for how long, behind which latency and with which hold-off, and when it begins."""
 
     fault: str
     duration: float
     latency: float
+    hold_off: float
     at: float
 
     @property
@@ -51,12 +51,12 @@ class Outage(NamedTuple):
     @property
     def wait(self) -> float:
         """The longest wait for a signal after the fault: a unit that takes over knows of no hold-off."""
-        return 0.0 if self.fault == FAILOVER else HOLD_OFF
+        return 0.0 if self.fault == FAILOVER else self.hold_off
 
     @property
     def bound(self) -> float:
         """The run-away over the capacity at most."""
-        silent = theory.partition_runaway(PROBLEM, self.duration, self.latency, hold_off=self.wait)
+        silent = theory.partition_runaway(_PROBLEM, self.duration, self.latency, hold_off=self.wait)
         return float(silent[0]) / CAPACITY
 
 
@@ -75,32 +75,41 @@ class Found(NamedTuple):
     extra: FloatArray
 
 
-def _run(case: Outage, seed: int, interventions: list[Intervention]) -> Result:
+@lru_cache
+def _share(draw: int) -> FloatArray:
+    """Compute the optimum of one draw of the costs, (n,)."""
+    return np.asarray(solve_optimum(memory_alone(draw=draw)).allocation[:, 0])
+
+
+def _run(case: Outage, draw: int, seed: int, interventions: list[Intervention]) -> Result:
     looks = np.arange(case.at - BEFORE, case.until, GRAIN)
-    return sensed(
-        PROBLEM,
-        HOLD_OFF,
+    simulation = sensed(
+        memory_alone(draw=draw),
+        case.hold_off,
         channel=BroadcastChannel(latency=case.latency),
         interventions=interventions,
         seed=seed,
         recording=Recording(demand=looks, allocations=looks[::COARSE]),
-    ).run(case.until)
+    )
+    return quietly(simulation, case.until)
 
 
-def measure(settled: Outage, seed: int) -> Found:
+def measure(settled: Outage, draw: int, seed: int) -> Found:
     """Run with the fault and without it, and measure what differs."""
     # Instants that fall evenly over the cycles from one signal to the next, which start alike.
-    case = settled._replace(at=settled.at + GRAIN * round(5.0 * (0.618 * seed % 1.0) / GRAIN))
-    result, without = (_run(case, seed, changes) for changes in (case.interventions, case.interventions[:1]))
-    seen = result.observations
+    case = settled._replace(at=settled.at + GRAIN * round(5.0 * (0.618 * (draw + seed) % 1.0) / GRAIN))
+    result, without = (
+        _run(case, draw, seed, changes) for changes in (case.interventions, case.interventions[:1])
+    )
+    seen, share = result.observations, _share(draw)
     last, ordinary = (one.pieces.iloc[-1] for one in (result, without))
     total = seen.total_demand[:-1, 0] / CAPACITY
     healed = round((BEFORE + case.duration) / GRAIN)
     held = total[healed:] <= 1.0
     back = float(GRAIN * (held.argmax() - 0.5)) if held.any() and not held[0] else 0.0
-    extra = (result.average_at_end - without.average_at_end)[:, 0] * case.until / SHARE
+    extra = (result.average_at_end - without.average_at_end)[:, 0] * case.until / share
     demand = seen.demand[:-1, 0]
-    sides = [demand[:, agents].sum(axis=1) / SHARE[agents].sum() for agents in (HALF, OTHER)]
+    sides = [demand[:, agents].sum(axis=1) / share[agents].sum() for agents in (HALF, OTHER)]
     return Found(
         float(last["overshoot_peak"]) - 1.0,
         float(last["overshoot_mean"] - ordinary["overshoot_mean"]) * (case.until - case.at),
@@ -112,9 +121,9 @@ def measure(settled: Outage, seed: int) -> Found:
 
 
 @lru_cache
-def _ordinary(latency: float) -> tuple[float, FloatArray]:
-    """Predict the mean total over the capacity without a fault, and the agents' response probabilities."""
-    expected = theory.predict(PROBLEM, "continuous", latency=latency, hold_off=HOLD_OFF)
+def _ordinary(latency: float, hold_off: float) -> tuple[float, FloatArray]:
+    """Predict the mean total over the capacity without a fault, and response probabilities, for draw 0."""
+    expected = theory.predict(_PROBLEM, "continuous", latency=latency, hold_off=hold_off)
     return float(expected.utilisation[0]), expected.probability[:, 0]
 
 
@@ -125,13 +134,13 @@ def expected(case: Outage) -> tuple[float, float]:
     Signals on their way keep the total at its mean until the latency is over; from then on everybody who is
     cut off grows. Agents that hear are cut at every hold-off while the total is above the capacity.
     """
-    used, probability = _ordinary(case.latency)
-    cut = (1.0 - PROBLEM.decrease[:, 0]) * probability
-    demand, alpha = used * SHARE * CAPACITY / SHARE.sum(), PROBLEM.increase[:, 0]
+    used, probability = _ordinary(case.latency, case.hold_off)
+    cut = (1.0 - _PROBLEM.decrease[:, 0]) * probability
+    demand, alpha = used * _share(0) * CAPACITY / _share(0).sum(), _PROBLEM.increase[:, 0]
     hears = np.isin(np.arange(N), OTHER) if case.fault == PART else np.zeros(N, dtype=bool)
     time, peak, heal = 0.0, -np.inf, case.duration + 0.5 * case.wait
     while time < heal:
-        step = min(HOLD_OFF, heal - time)
+        step = min(case.hold_off, heal - time)
         demand = demand + alpha * step
         time, peak = time + step, max(peak, float(demand.sum()))
         if demand.sum() > CAPACITY and time < heal:
@@ -143,6 +152,6 @@ def expected(case: Outage) -> tuple[float, float]:
         return runaway, np.nan
     demand = demand * (1.0 - cut)
     while demand.sum() > CAPACITY:
-        demand = (demand + alpha * HOLD_OFF) * (1.0 - cut)
-        back += HOLD_OFF
+        demand = (demand + alpha * case.hold_off) * (1.0 - cut)
+        back += case.hold_off
     return runaway, back

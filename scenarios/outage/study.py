@@ -10,11 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aimd_des.plots import colour, shared_legend
-from aimd_des.study import mean_and_error
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import run_all
-from scenarios.common.tables import pick, shown
+from scenarios.common.measure import run_draws
+from scenarios.common.tables import number, over_draws, pick, shown, summarise_draws
 from scenarios.outage.runs import (
     AFTER,
     ALL,
@@ -24,7 +23,6 @@ from scenarios.outage.runs import (
     FAULTS,
     GRAIN,
     HALF,
-    HOLD_OFF,
     OTHER,
     PACE,
     PART,
@@ -35,7 +33,10 @@ from scenarios.outage.runs import (
 )
 
 # What the figure shows in detail.
-_SHOWN_DURATION, _SHOWN_LATENCY = 20.0, 0.5
+_SHOWN_DURATION, _SHOWN_LATENCY, _SHORT, _LONG = 20.0, 0.5, 0.25, 1.0
+# A latency beyond both hold-offs: signals are on their way when an outage begins.
+_FAR = 5.0
+_LABELS = ["fault", "latency", "hold_off", "duration"]
 # Over how many of the last periods it is measured how halves end.
 _LATE = 30
 
@@ -47,60 +48,90 @@ def _gap(run: Found, case: Outage) -> float:
     return float(gaps[heal + round(PACE)] / gaps[heal])
 
 
-def _rows(case: Outage, found: list[Found]) -> list[dict[str, Any]]:
-    runaway, back = expected(case)
-    everybody = case.fault != PART
-    fall = 0.5 * runaway * (back - case.latency)
-    measured = {
-        "run-away": ([run.runaway for run in found], runaway),
-        "room below the bound": ([case.bound - run.runaway for run in found], np.nan),
-        "time to come back": ([run.back for run in found], back),
-        "overload": ([run.excess for run in found], 0.5 * runaway**2 * PACE + fall if everybody else np.nan),
-        "extra of the even half": ([float(run.extra[HALF].mean()) for run in found], np.nan),
-        "extra of the odd half": ([float(run.extra[OTHER].mean()) for run in found], np.nan),
+def _measures(case: Outage, run: Found) -> dict[str, float]:
+    """Measure one run: numbers in capacities, periods, and periods of an agent's own optimum."""
+    found = {
+        "run-away": run.runaway,
+        "room below the bound": case.bound - run.runaway,
+        "time to come back": run.back,
+        "overload": run.excess,
+        "extra of the even half": float(run.extra[HALF].mean()),
+        "extra of the odd half": float(run.extra[OTHER].mean()),
     }
-    if not everybody and case.duration >= _SHOWN_DURATION:
-        measured["gap left after x / alpha"] = ([_gap(run, case) for run in found], float(np.exp(-1.0)))
+    if case.fault == PART and case.duration >= _SHOWN_DURATION:
+        found["gap left after x / alpha"] = _gap(run, case)
         for side, name in enumerate(("even", "odd")):
-            ends = [float(run.holdings[-_LATE:, side].mean()) for run in found]
-            measured[f"{name} half at the end"] = (ends, np.nan)
-    labels = {"fault": case.fault, "latency": case.latency, "duration": case.duration}
-    rows = []
-    for name, (values, wanted) in measured.items():
-        mean, error = mean_and_error(values)
-        numbers = {"mean": float(mean), "standard_error": float(error), "least": min(values)}
-        rows.append({**labels, "measure": name, **numbers, "theory": wanted, "replications": len(found)})
-    return rows
+            found[f"{name} half at the end"] = float(run.holdings[-_LATE:, side].mean())
+    return found
+
+
+def _expected(case: Outage) -> dict[str, float]:
+    """Predict what there is a formula for, with the costs of draw 0."""
+    runaway, back = expected(case)
+    fall = 0.5 * runaway * (back - case.latency)
+    found = {"run-away": runaway, "time to come back": back, "gap left after x / alpha": float(np.exp(-1.0))}
+    return found if case.fault == PART else {**found, "overload": 0.5 * runaway**2 * PACE + fall}
+
+
+def _cases(quick: bool, settled: float) -> list[Outage]:
+    durations = (5.0, _SHOWN_DURATION) if quick else (2.0, 5.0, 10.0, _SHOWN_DURATION, 40.0)
+    latencies = (_SHOWN_LATENCY,) if quick else (0.0, _SHOWN_LATENCY, 1.0)
+    waits = [(latency, _SHORT, duration) for latency in latencies for duration in durations]
+    waits += [(_SHOWN_LATENCY, _LONG, duration) for duration in durations[-2:]]
+    waits += [(_FAR, hold_off, _SHOWN_DURATION) for hold_off in (_SHORT, _LONG)]
+    return [
+        Outage(fault, duration, latency, hold_off, settled)
+        for fault in FAULTS
+        for latency, hold_off, duration in waits
+    ]
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Silence memory of the paper's system for up to 40 periods, in three ways and behind three latencies."""
-    replications, settled = (2, 60.0) if quick else (16, 200.0)
-    durations = (5.0, 20.0) if quick else (2.0, 5.0, 10.0, 20.0, 40.0)
-    latencies = (0.5,) if quick else (0.0, 0.5, 1.0)
-    cases = [
-        Outage(fault, duration, latency, settled)
-        for fault in FAULTS
-        for latency in latencies
-        for duration in durations
+    """Silence memory alone for up to 40 periods, in three ways, behind latencies and with two hold-offs."""
+    draws, settled = (2, 60.0) if quick else (16, 200.0)
+    pairs = run_draws(measure, _cases(quick, settled), draws, 1, seed, quick, runs)
+    labels = {
+        case: dict(zip(_LABELS, (case.fault, case.latency, case.hold_off, case.duration), strict=True))
+        for case, _ in pairs
+    }
+    rows = [
+        {**labels[case], "draw": draw, **_measures(case, run)}
+        for case, found in pairs
+        for draw, (run,) in enumerate(found)
     ]
-    pairs = run_all(measure, cases, replications, seed, quick, runs)
-    table = pd.DataFrame([row for case, found in pairs for row in _rows(case, found)])
-    watched = {case.fault: found for case, found in pairs if case[1:3] == (_SHOWN_DURATION, _SHOWN_LATENCY)}
-    settings = {"seed": seed, "replications": replications, "settled": settled, "hold-off": HOLD_OFF}
-    printed = shown(
-        table[table["measure"].isin(["run-away", "time to come back", "overload"])],
-        ["fault", "latency", "duration", "measure"],
-        ".3f",
-    )
+    known = [
+        {**labels[case], "measure": name, "theory": value}
+        for case, _ in pairs
+        for name, value in _expected(case).items()
+    ]
+    least = [
+        {
+            **labels[case],
+            "measure": "room below the bound",
+            "least": min(case.bound - run.runaway for (run,) in found),
+        }
+        for case, found in pairs
+    ]
+    table = summarise_draws(rows, _LABELS).dropna(subset="mean")
+    for more in (known, least):
+        table = table.merge(pd.DataFrame(more), "left", on=[*_LABELS, "measure"])
+    shape = (_SHOWN_LATENCY, _SHORT, _SHOWN_DURATION)
+    watched = {
+        case.fault: [run for (run,) in found]
+        for case, found in pairs
+        if (case.latency, case.hold_off, case.duration) == shape
+    }
+    settings = {"seed": seed, "draws": draws, "settled": settled}
+    chosen = table["measure"].isin(["run-away", "time to come back", "overload"])
     drawn = {"outage": partial(_figure, table, watched)}
+    printed = shown(table[chosen], [*_LABELS, "measure"], ".3f")
     return Finding("outage", settings, table, printed, _findings(table), drawn)
 
 
 def _figure(table: pd.DataFrame, watched: dict[str, list[Found]]) -> Figure:
     figure, (left, middle, right) = figures.panels(1, 3, (13.0, 4.6))
     _draw_totals(left, watched)
-    _draw_runaways(middle, pick(table, measure="run-away", latency=_SHOWN_LATENCY))
+    _draw_runaways(middle, pick(table, measure="run-away", latency=_SHOWN_LATENCY, hold_off=_SHORT))
     _draw_halves(right, watched[PART])
     shared_legend(figure)
     return figure
@@ -156,33 +187,52 @@ def _draw_halves(axes: Axes, found: list[Found]) -> None:
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
-    everybody = table[table["fault"] != PART]
-    away = everybody[everybody["measure"] == "run-away"]
-    gap = 100 * (away["mean"] - away["theory"]).abs().max()
-    room = 100 * table.loc[table["measure"] == "room below the bound", "least"].min()
+    def say(fault: str, what: str, scale: float = 1.0, digits: int = 1, **other: float) -> str:
+        at = {"latency": _SHOWN_LATENCY, "hold_off": _SHORT, "duration": _SHOWN_DURATION, **other}
+        return over_draws(table, scale, digits, fault=fault, measure=what, **at)
 
-    def at(fault: str, what: str) -> "pd.Series[float]":
-        rows = pick(table, fault=fault, measure=what, latency=_SHOWN_LATENCY, duration=_SHOWN_DURATION)
-        return rows.iloc[0][["mean", "theory"]].astype(float)
+    def theory(fault: str, what: str, **other: float) -> float:
+        at = {"latency": _SHOWN_LATENCY, "hold_off": _SHORT, "duration": _SHOWN_DURATION, **other}
+        return number(table, "theory", fault=fault, measure=what, **at)
 
-    last, back, over = (at(ALL, what) for what in ("run-away", "time to come back", "overload"))
-    deaf, hearing = (at(PART, f"extra of the {name} half")["mean"] for name in ("even", "odd"))
-    deaf_end, hearing_end = (at(PART, f"{name} half at the end")["mean"] for name in ("even", "odd"))
-    part, left = at(PART, "run-away")["mean"], at(PART, "gap left after x / alpha")
+    away = table[(table["fault"] != PART) & (table["measure"] == "run-away")]
+    near = pick(away[away["latency"] < _FAR], hold_off=_SHORT)
+    gap = 100 * (near["mean"] - near["theory"]).abs().max()
+    far = {
+        name: 100 * number(away, name, latency=_FAR, hold_off=_SHORT, fault=ALL)
+        for name in ("mean", "theory")
+    }
+    room = {wait: 100 * pick(table, hold_off=wait)["least"].min() for wait in (_SHORT, _LONG)}
+    held = {
+        wait: f"no run exceeds it, and the nearest stays {least:.2f} % of the capacity below"
+        if least >= 0.0
+        else f"runs exceed it by up to {-least:.1f} % of the capacity"
+        for wait, least in room.items()
+    }
     return sentences(f"""
-        - {"No run exceeds" if room >= 0.0 else "Runs exceed"} n alpha (duration + latency), with the hold-off
-          added for a channel that heals; the nearest stays {room:.2f} % of the capacity below. The mean
-          run-away is half a saw tooth less, to within {gap:.1f} points: {100 * last["mean"]:.0f} % of the
-          capacity after {_SHOWN_DURATION:g} periods of silence.
-        - It is back {back["mean"]:.1f} periods after those {_SHOWN_DURATION:g} (theory {back["theory"]:.1f}),
-          as every hold-off brings a signal. The demand in excess of the capacity adds up to
-          {over["mean"]:.1f} periods of all of it (theory {over["theory"]:.1f}).
-        - Half of the agents cut off for {_SHOWN_DURATION:g} periods run away by {100 * part:.0f} % only, as
-          the others give way: those get {-hearing:.1f} periods of their share less than without the outage,
-          and the half that is cut off {deaf:.1f} more. A time x / alpha = {PACE:.0f} periods after healing
-          {left["mean"]:.2f} of the gap is left ({left["theory"]:.2f} at the rate alpha / x alone), and in the
-          last {_LATE} periods the halves hold {deaf_end:.2f} and {hearing_end:.2f} of their optimum: averages
-          remember.
+        - The run-away is at most n alpha (duration + latency), and a hold-off more where a channel heals, if
+          one signal was enough before. With hold-off {_SHORT:g} {held[_SHORT]}; with {_LONG:g}
+          {held[_LONG]}.
+        - With hold-off {_SHORT:g} and latencies up to 1 the mean run-away is that of the means, half a saw
+          tooth less, to within {gap:.1f} points: {say(ALL, "run-away", 100.0)} % after {_SHOWN_DURATION:g}
+          periods of silence with latency {_SHOWN_LATENCY:g}. At latency {_FAR:g} it is {far["mean"]:.0f} %,
+          where the means have {far["theory"]:.0f}: they leave out that the total swings by itself there.
+        - It is back {say(ALL, "time to come back")} periods after those {_SHOWN_DURATION:g} with hold-off
+          {_SHORT:g} (theory {theory(ALL, "time to come back"):.1f}), and
+          {say(ALL, "time to come back", hold_off=_LONG)} with {_LONG:g} (theory
+          {theory(ALL, "time to come back", hold_off=_LONG):.1f}): every hold-off brings a signal. The demand
+          in excess of the capacity adds up to {say(ALL, "overload")} and
+          {say(ALL, "overload", hold_off=_LONG)} periods of all of it.
+        - Half of the agents cut off for {_SHOWN_DURATION:g} periods run away by
+          {say(PART, "run-away", 100.0)} % with hold-off {_SHORT:g}, as the others give way, and by
+          {say(PART, "run-away", 100.0, hold_off=_LONG)} % with {_LONG:g}, where signals come too rarely to
+          give way. With {_SHORT:g} those who hear get {say(PART, "extra of the odd half")} periods of their
+          share more than without the outage, the half that is cut off
+          {say(PART, "extra of the even half")}.
+        - A time x / alpha = {PACE:.0f} periods after healing {say(PART, "gap left after x / alpha", 1.0, 2)}
+          of the gap is left ({theory(PART, "gap left after x / alpha"):.2f} at the rate alpha / x alone), and
+          in the last {_LATE} periods the halves hold {say(PART, "even half at the end", 1.0, 2)} and
+          {say(PART, "odd half at the end", 1.0, 2)} of their optimum: averages remember.
     """)
 
 
