@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from aimd_des import theory
-from aimd_des.study import replicate
-from scenarios.capacity_drop.runs import QUADRATIC, Drop, Found, closed_form, measure, rows_of
+from aimd_des.study import mean_and_error, replicate
+from scenarios.capacity_drop.runs import PAPER, QUADRATIC, Drop, Found, closed_form, measure, recover, rows_of
 
 # Standard errors by which a mean may be off: by Student's t with 7 degrees of freedom once in 1,000.
 Z = 5.4
@@ -76,3 +76,20 @@ def test_mean_dynamics_recover_as_runs_do(runs: Any) -> None:
     assert abs(found["mean"] - closed_form(case, plain=True)) > allowed
     for way, ramp in (("window", 0.0), ("forgetting", RAMP)):
         assert "recovery by mean dynamics" not in [made["measure"] for made in rows_of(*runs[way, ramp])]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("left", "later"), [(0.85, "window"), (0.5, "forgetting")])
+def test_which_short_memory_is_later_depends_on_the_drop(left: float, later: str) -> None:
+    """With the window of the study, and the costs of draws 0 to 7."""
+    times, theories = {}, {}
+    for way in WAYS:
+        case = Drop(PAPER, way, 0.0, 600.0, 400.0, left)
+        times[way] = np.array([recover(case, draw, 1000 * draw) for draw in range(REPLICATIONS)])
+        theories[way] = np.mean([closed_form(case._replace(draw=draw)) for draw in range(REPLICATIONS)])
+        mean, error = mean_and_error(times[way])
+        assert abs(mean - theories[way]) < Z * error + RESOLUTION + 0.03 * 400.0 / 2
+    (sooner,) = set(WAYS) - {later}
+    mean, error = mean_and_error(times[later] - times[sooner])
+    assert mean > Z * error
+    assert theories[later] > theories[sooner]

@@ -18,7 +18,7 @@ from scenarios.common.systems import memory_alone
 from scenarios.common.tables import estimate
 
 WITHIN = 0.05
-LEFT = 0.6  # of the capacity
+LEFT = 0.6  # of the capacity, unless it is said
 GRAIN = 5.0  # time between two records of all agents; totals are kept every unit
 # A window that slides by finer parts would make no difference here.
 _PARTS = 200
@@ -27,13 +27,18 @@ WAYS = ("cumulative", "window", "forgetting")
 
 
 class Drop(NamedTuple):
-    """Costs, averaging and change; `window` is the length of the window and twice the time constant."""
+    """Costs, averaging and change; `window` is the length of the window and twice the time constant.
+
+    What is left of the capacity, and the draw of the costs.
+    """
 
     costs: str
     way: str
     ramp: float
     age: float
     window: float
+    left: float = LEFT
+    draw: int = 0
 
     @property
     def memory(self) -> dict[str, float]:
@@ -64,9 +69,9 @@ class Found(NamedTuple):
 
 
 @lru_cache
-def _problem(costs: str, share: float = 1.0) -> Problem:
+def _problem(costs: str, draw: int = 0, share: float = 1.0) -> Problem:
     """Make memory alone, or costs c_i x**2 with the same optimum, with a share of the capacity."""
-    problem = memory_alone(normalization=1 / 180)
+    problem = memory_alone(normalization=1 / 180, draw=draw)
     if costs == QUADRATIC:
         best = solve_optimum(problem)
         factors = best.multipliers[0] / (2.0 * best.allocation[:, 0])
@@ -76,9 +81,9 @@ def _problem(costs: str, share: float = 1.0) -> Problem:
 
 
 @lru_cache
-def used(costs: str, share: float) -> float:
+def used(costs: str, draw: int, share: float) -> float:
     """Predict the mean total demand, in units of the resource."""
-    problem = _problem(costs, share)
+    problem = _problem(costs, draw, share)
     return float(theory.predict(problem, "continuous").utilisation[0] * problem.capacity[0])
 
 
@@ -88,11 +93,11 @@ def closed_form(case: Drop, *, plain: bool = False) -> float:
 
     Plain: as if all of the capacity were used from the first instant on.
     """
-    problem = _problem(case.costs)
-    before, after, within = float(problem.capacity[0]), LEFT * float(problem.capacity[0]), WITHIN
+    problem = _problem(case.costs, case.draw)
+    before, after, within = float(problem.capacity[0]), case.left * float(problem.capacity[0]), WITHIN
     if not plain:
-        within = (1.0 + WITHIN) * after / used(case.costs, LEFT) - 1.0
-        before, after = used(case.costs, 1.0), used(case.costs, LEFT)
+        full, left = (used(case.costs, case.draw, share) for share in (1.0, case.left))
+        before, after, within = full, left, (1.0 + WITHIN) * after / left - 1.0
         if case.way == "cumulative":
             before *= 1.0 - filling(problem) / (case.age + (0.5 * (case.ramp + 1.0) if case.ramp else 0.0))
     steps = round(case.ramp) or None
@@ -109,22 +114,23 @@ def filling(problem: Problem) -> float:
 def by_mean_dynamics(case: Drop) -> float:
     """Predict the recovery of the level after a step from the balance of growth and cuts."""
     before, after = (
-        theory.convergence(_problem(case.costs, share), "continuous", averaging=case.averaging)
-        for share in (1.0, LEFT)
+        theory.convergence(_problem(case.costs, case.draw, share), "continuous", averaging=case.averaging)
+        for share in (1.0, case.left)
     )
     return float(theory.recovery(before, after, case.age).time("level", within=WITHIN)[0])
 
 
 def mean_field(case: Drop) -> FloatArray:
     """Follow the means alone, (r, n) each grain: demand is shared as averages ask for, averages follow."""
-    problem, steps = _problem(case.costs), round(case.until / GRAIN)
+    problem, steps = _problem(case.costs, case.draw), round(case.until / GRAIN)
     start = theory.predict(problem, "continuous").allocation[:, 0]
     history = [start] * (round(case.age / GRAIN) + 1)
     average = start * (1.0 - filling(problem) / case.age) if case.way == "cumulative" else start.copy()
     kept = [average] * len(history)
     for step in range(len(history), steps + 1):
         part = min((step * GRAIN - case.age) / case.ramp, 1.0) if case.ramp else 1.0
-        total = (1.0 - part) * used(case.costs, 1.0) + part * used(case.costs, LEFT)
+        full, left = (used(case.costs, case.draw, share) for share in (1.0, case.left))
+        total = (1.0 - part) * full + part * left
         wanted = average / problem.costs.gradient(average[:, None])[:, 0]
         demand = wanted * total / wanted.sum()
         history.append(demand)
@@ -139,8 +145,8 @@ def mean_field(case: Drop) -> FloatArray:
 
 def measure(case: Drop, seed: int) -> Found:
     """Run once, and keep what is looked at."""
-    problem = _problem(case.costs)
-    capacity = LEFT * float(problem.capacity[0])
+    problem = _problem(case.costs, case.draw)
+    capacity = case.left * float(problem.capacity[0])
     change = (
         CapacityRamp("memory", case.age, case.age + case.ramp, capacity, steps=round(case.ramp))
         if case.ramp
@@ -160,6 +166,12 @@ def measure(case: Drop, seed: int) -> Found:
     return Found(seen.total_average[:, 0] / capacity, seen.average[:, 0, :], tracked, recovery)
 
 
+def recover(case: Drop, draw: int, seed: int) -> float:
+    """Measure how long the level takes with a draw of the costs."""
+    drawn = case._replace(draw=draw)
+    return _last_outside(measure(drawn, seed).level - 1.0, drawn.age, 1.0)
+
+
 def _last_outside(values: FloatArray, start: float, grain: float) -> float:
     """Time from the start of the change to the last record outside; to the end if it is."""
     after = np.asarray(values)[round(start / grain) :]
@@ -169,7 +181,7 @@ def _last_outside(values: FloatArray, start: float, grain: float) -> float:
 
 def error_of(case: Drop, averages: FloatArray) -> FloatArray:
     """Compute the relative error against the new optimum at each record, (r,)."""
-    best = solve_optimum(_problem(case.costs, LEFT)).allocation
+    best = solve_optimum(_problem(case.costs, case.draw, case.left)).allocation
     return np.array([relative_error(row[:, None], best)[0] for row in averages])
 
 
@@ -179,7 +191,7 @@ def _shares_recovery(case: Drop, averages: FloatArray) -> FloatArray:
 
 def _with_noise(case: Drop, errors: FloatArray) -> FloatArray:
     """Expect the relative error of the mean field plus normal noise with these standard errors, (r,)."""
-    best = solve_optimum(_problem(case.costs, LEFT)).allocation[:, 0]
+    best = solve_optimum(_problem(case.costs, case.draw, case.left)).allocation[:, 0]
     away, noise = mean_field(case) - best, np.maximum(errors, 1e-12)
     inside = away / noise
     size = noise * np.sqrt(2.0 / np.pi) * np.exp(-0.5 * inside**2) + away * (2.0 * ndtr(inside) - 1.0)
@@ -188,7 +200,7 @@ def _with_noise(case: Drop, errors: FloatArray) -> FloatArray:
 
 def _spread(case: Drop) -> float:
     """Predict the scatter of agents' averages at the drop; NaN where no closed form is known."""
-    problem = _problem(case.costs)
+    problem = _problem(case.costs, case.draw)
     expected = theory.predict(problem, "continuous")
     x = expected.allocation
     bent = case.costs == PAPER
@@ -217,7 +229,7 @@ def rows_of(case: Drop, found: list[Found]) -> list[dict[str, Any]]:
     left = mean_and_error([run.error[-1] for run in found])
     # Of a standard deviation from R replications of n agents that hardly depend on each other.
     doubt = scatter / np.sqrt(2.0 * (len(found) - 1) * at_drop.shape[1])
-    labels = {"costs": case.costs, "way": case.way, "ramp": case.ramp}
+    labels = {"costs": case.costs, "way": case.way, "ramp": case.ramp, "left": case.left, "age": case.age}
     alone = _last_outside(_with_noise(case, mean_and_error(averages)[1]), case.age, GRAIN)
     measured = {
         "recovery of the level": (level, closed_form(case)),

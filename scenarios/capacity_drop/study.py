@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from aimd_des.plots import colour, shared_legend
 from scenarios.capacity_drop.runs import (
     GRAIN,
+    LEFT,
     PAPER,
     QUADRATIC,
     WAYS,
@@ -21,14 +22,20 @@ from scenarios.capacity_drop.runs import (
     closed_form,
     error_of,
     measure,
+    recover,
     rows_of,
 )
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import run_all
-from scenarios.common.tables import shown
+from scenarios.common.measure import run_all, run_draws
+from scenarios.common.tables import number, over_draws, pick, shown, summarise_draws
 
-_LEVEL, _SHARES, _SCATTER = "recovery of the level", "recovery of the shares", "scatter of an average"
+_LEVEL, _DRAWN, _SHARES, _SCATTER = (
+    "recovery of the level",
+    "recovery of the level, over draws",
+    "recovery of the shares",
+    "scatter of an average",
+)
 _DYNAMICS = "recovery by mean dynamics"
 # Recorded times that the figure shows, over the age at the drop.
 _SHOWN = 1.6
@@ -41,11 +48,28 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     cases = [Drop(costs, way, ramp, age, window) for costs, ramp in changes for way in WAYS]
     pairs = run_all(measure, cases, replications, seed, quick, runs)
     table = pd.DataFrame([row for case, found in pairs for row in rows_of(case, found)])
-    table = table[[name for name in table.columns if name != "replications"] + ["replications"]]
+    lefts = (0.6, 0.5) if quick else (0.85, 0.8, 0.7, 0.6, 0.5)
+    drops = [Drop(PAPER, way, 0.0, age, window, left) for left in lefts for way in WAYS]
+    drops += [Drop(PAPER, way, 0.0, 2.0 * age, window) for way in WAYS]
+    drawn_runs = run_draws(recover, drops, 2 if quick else 12, 1, seed, quick, runs)
+    table = pd.concat([table, _drawn(drawn_runs)], ignore_index=True)
     settings = {"seed": seed, "replications": replications, "age": age, "window": window}
-    printed = shown(table, ["costs", "way", "ramp", "measure"], ".4g")
+    printed = shown(table, ["costs", "way", "ramp", "left", "age", "measure"], ".4g")
     drawn = {"capacity_drop": partial(_figure, table, pairs)}
     return Finding("capacity_drop", settings, table, printed, _findings(table, age), drawn)
+
+
+def _drawn(pairs: list[tuple[Drop, list[list[float]]]]) -> pd.DataFrame:
+    """Make rows of the recovery over draws of the costs; theory is the mean over the same draws."""
+    labels = ["costs", "way", "ramp", "left", "age"]
+    rows, known = [], []
+    for case, found in pairs:
+        here = {name: getattr(case, name) for name in labels}
+        for draw, (time,) in enumerate(found):
+            rows.append({**here, "draw": draw, _DRAWN: time})
+            known.append({**here, "draw": draw, _DRAWN: closed_form(case._replace(draw=draw))})
+    expected = summarise_draws(known, labels)["mean"].to_numpy()
+    return summarise_draws(rows, labels).assign(theory=expected)
 
 
 def _pick(table: pd.DataFrame, what: str, costs: str = QUADRATIC, *, ramp: bool = False) -> pd.DataFrame:
@@ -55,11 +79,12 @@ def _pick(table: pd.DataFrame, what: str, costs: str = QUADRATIC, *, ramp: bool 
 
 
 def _figure(table: pd.DataFrame, pairs: list[tuple[Drop, list[Found]]]) -> Figure:
-    figure, (left, middle, right) = figures.panels(1, 3, (13.0, 4.6))
+    figure, (left, middle, right, sizes) = figures.panels(2, 2, (12.5, 8.8))
     steps = [(case, found) for case, found in pairs if case.costs == QUADRATIC and not case.ramp]
     _draw_levels(left, steps)
     _draw_times(middle, table, steps[0][0].age)
     _draw_errors(right, steps)
+    _draw_sizes(sizes, pick(table, measure=_DRAWN, age=steps[0][0].age), steps[0][0].age)
     shared_legend(figure)
     return figure
 
@@ -116,6 +141,16 @@ def _draw_errors(axes: Axes, steps: list[tuple[Drop, list[Found]]]) -> None:
     figures.dress(axes, title, x, y, xlim=limits, ylim=(0.0, 70.0))
 
 
+def _draw_sizes(axes: Axes, table: pd.DataFrame, age: float) -> None:
+    for place, way in enumerate(WAYS):
+        rows = pick(table, way=way)
+        figures.points(axes, 100 * (1.0 - rows["left"]), rows, place, scale=1.0 / age)
+        figures.theory(axes, 100 * (1.0 - rows["left"]), rows, place, scale=1.0 / age)
+    x, y = "part of the capacity that is lost (%)", "recovery of the level over the age"
+    title = "(d) The window is sooner after large drops only"
+    figures.dress(axes, title, x, y, yscale="log")
+
+
 def _numbers(
     table: pd.DataFrame, what: str, costs: str = QUADRATIC, column: str = "mean", *, ramp: bool = False
 ) -> dict[str, float]:
@@ -144,6 +179,18 @@ def _findings(table: pd.DataFrame, age: float) -> list[str]:
     scatter, expected = _numbers(table, _SCATTER), _numbers(table, _SCATTER, column="theory")
     bent = _numbers(table, _SCATTER, PAPER)["forgetting"]
     damped = _numbers(table, _SCATTER, PAPER, "theory")["forgetting"]
+    drawn = pick(table, measure=_DRAWN, age=age)
+    sizes = "; ".join(
+        f"{100 * (1 - share):.0f} % lost: "
+        + " and ".join(
+            f"{way} {over_draws(drawn, 1.0, 0, way=way, left=share)}, theory "
+            f"{number(drawn, 'theory', way=way, left=share):.0f}"
+            for way in WAYS[1:]
+        )
+        for share in drawn["left"].unique()
+    )
+    late = pick(table, measure=_DRAWN, age=2.0 * age)
+    older = "; ".join(f"{way} {over_draws(late, 1.0, 0, way=way)}" for way in WAYS)
     left = {way: 100 * value for way, value in _numbers(table, "error left in one run").items()}
     steps = table[table["measure"] == _DYNAMICS]
     apart = float((steps["mean"] / steps["theory"] - 1.0).abs().max())
@@ -163,6 +210,9 @@ def _findings(table: pd.DataFrame, age: float) -> list[str]:
           {_listed({way: 100 * value for way, value in expected.items()}, 1)}), and when the sum has recovered
           a single run is {_listed(left)} % from the optimum. Steeper costs damp the scatter: {100 * bent:.1f}
           % (theory {100 * damped:.1f}) for the paper's memory with forgetting.
+        - Which short memory is sooner depends on the drop. The paper's memory, over draws of the costs:
+          {sizes}.
+        - At twice the age, and a drop of {100 * (1 - LEFT):.0f} %, it is {older}.
     """)
 
 
