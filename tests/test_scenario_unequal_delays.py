@@ -58,11 +58,13 @@ def test_who_is_late_gets_neither_more_nor_less() -> None:
 @pytest.mark.slow
 def test_a_mixture_is_milder_than_its_mean() -> None:
     problem = memory_alone()
+    # What is exceeded for 1 % of the time is less than the peak by the growth over 1 % of a cycle.
+    rise = float(theory.limit_cycle(problem, 0.5, 10.0).period[0] * problem.increase.sum())
+    below = 0.01 * rise / float(problem.capacity[0])
     lift, allowed, wanted = {}, {}, {}
     for mixture in (ALL, EVEN, HALF):
         mean, error = mean_and_error([one.high for one in runs(mixture, 10.0)])
-        # A point for the difference between a peak and what is exceeded for 1 % of the time.
-        lift[mixture], allowed[mixture] = float(mean) - 1.0, Z * float(error) + 0.01
+        lift[mixture], allowed[mixture] = float(mean) - 1.0, Z * float(error) + below
         growth = theory.mixture_lift(problem.increase[:, 0], latencies(mixture, 10.0, 0), rate(problem), 0.5)
         wanted[mixture] = growth / float(problem.capacity[0])
         assert abs(lift[mixture] - wanted[mixture]) < allowed[mixture]
