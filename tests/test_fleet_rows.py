@@ -199,7 +199,7 @@ class Twice:
 
     def transmit(self, broadcast: Broadcast, departure: float) -> Copies:
         first = np.full(self.n, np.inf if broadcast.number % 2 else departure + 0.75)
-        return Copies(first, departure + 0.25 * (1.0 + np.arange(self.n)))
+        return Copies(first, departure + 0.25 + 0.25 * np.arange(self.n, dtype=np.float64))
 
 
 def test_second_copies_are_no_rows() -> None:
