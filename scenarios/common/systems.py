@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from aimd_des import InputError, PolynomialCosts, Problem, solve_optimum, theory
+from aimd_des import InputError, PolynomialCosts, Problem, SimulationError, solve_optimum, theory
 from aimd_des.lowlevel import FloatArray
 from models.smart_cameras import smart_cameras
 
@@ -81,7 +81,7 @@ def usable(problem: Problem, hold_off: float, latency: float = 0.0) -> float:
                 problem, "continuous", latency=latency, hold_off=hold_off, loss=middle
             )
             enough = float(safe[0]) >= gamma - _HARDLY
-        except InputError:  # so near the critical loss that signals do not suffice
+        except (InputError, SimulationError):  # so near the critical loss that signals hardly suffice
             enough = False
         low, high = (middle, high) if enough else (low, middle)
     return low
