@@ -221,9 +221,10 @@ def hold_off_bounds(
     Notes
     -----
     A crossing sends d / r signals before the first of them acts, and each takes n alpha (1 - p) / rho in the
-    mean.  At X = 0.7 the shares of the paper's system are about as right as without latency; at X = 1.4 they
-    are 2 to 4 points farther off, and `limit_cycle` says how far.  A hold-off of d or more has one signal for
-    each crossing.  The longest is that of `critical_loss`: demand is far above the capacity just below it.
+    mean.  At X = 0.7 the shares of the paper's memory are about as right as without latency; at X = 1.5 they
+    are 2.5 to 4.4 % off, for d from 20 down to 2, as `limit_cycle` says.  A hold-off of d or more has one
+    signal for each crossing.  The longest is that of `critical_loss`: just below it demand is above the
+    capacity for long.
 
     Where the shortest is above the longest no hold-off will do: that is so, whatever the loss, where the
     growth over the latency, n alpha d, is more than X C.  Then everybody must grow more slowly.
