@@ -1,21 +1,22 @@
-"""Cameras that come and go: seeds 0 to 5, and 0 to 15 for a group, against theory that does not know them."""
-
-from functools import partial
+"""Cameras that come and go: draws 0 to 5, and 0 to 31 for a group, against theory that does not know them."""
 
 import numpy as np
 import pytest
 
 from aimd_des.interventions import Absence, Crash, Join
-from aimd_des.study import mean_and_error, replicate
+from aimd_des.study import mean_and_error
 from scenarios.churn.runs import (
     ALPHA,
     CRITICAL_STAY,
     FORGOT,
     GROUP,
     KEPT,
+    STAYED,
+    STEEP,
+    Case,
     N,
     Seen,
-    Size,
+    Times,
     fluid,
     kinds,
     leave_together,
@@ -25,10 +26,11 @@ from scenarios.churn.runs import (
     steady,
 )
 
-SIZE = Size((80.0, np.inf), 6, 150.0, 400.0, 16, 150.0, 200.0, 300.0, 10.0)
+STAYS, UNTIL, DRAWS = (80.0, np.inf), 400.0, 6
+TIMES, GROUPS = Times(150.0, 200.0, 300.0, 10.0), 32
 # By Student's t with 5 degrees of freedom, beyond once in 500 means.
 Z = 6.0
-# With 15, once in 900.
+# With 31, once in 3,000.
 Z_GROUP = 4.0
 # Theory is up to 1.6 points of use off under churn in the full study: it may be 2 here.
 NEGLECTED = 0.02
@@ -36,17 +38,20 @@ NEGLECTED = 0.02
 
 @pytest.fixture(scope="module")
 def runs() -> dict[float, list[Seen]]:
-    jobs = [partial(measure, KEPT, stay, SIZE) for stay in SIZE.stays]
-    return dict(zip(SIZE.stays, replicate(jobs, SIZE.replications, 0, workers=1), strict=True))
+    return {stay: seen(KEPT, stay, UNTIL, DRAWS) for stay in STAYS}
+
+
+def seen(way: str, stay: float, until: float, draws: int) -> list[Seen]:
+    return [measure(Case(way, stay, until), draw, 1000 * draw) for draw in range(draws)]
 
 
 @pytest.mark.slow
 def test_use_and_signals_under_churn_are_as_in_a_queue(runs: dict[float, list[Seen]]) -> None:
     for stay, found in runs.items():
-        use, error = mean_and_error([seen.utilisation for seen in found])
+        use, error = mean_and_error([one.utilisation for one in found])
         assert abs(use - steady(stay).utilisation) < Z * error + NEGLECTED
     # Cameras that leave do what signals else would: paired with the same seeds without churn.
-    fewer = [still.signals - seen.signals for still, seen in zip(runs[np.inf], runs[80.0], strict=True)]
+    fewer = [still.signals - one.signals for still, one in zip(runs[np.inf], runs[80.0], strict=True)]
     mean, error = mean_and_error(fewer)
     assert abs(mean - (steady(np.inf).signals - steady(80.0).signals)) < Z * error
     assert mean > 0.05  # negative control: not as many as before
@@ -54,25 +59,50 @@ def test_use_and_signals_under_churn_are_as_in_a_queue(runs: dict[float, list[Se
 
 @pytest.mark.slow
 def test_who_has_forgotten_takes_more_than_a_share_and_the_others_less() -> None:
-    jobs = [partial(leave_together, name, SIZE) for name in FORGOT]
-    kept, forgotten = replicate(jobs, SIZE.groups, 0, workers=1)
-    since = SIZE.times - SIZE.back
+    kept, forgotten = (
+        [leave_together((name, TIMES), draw, 1000 * draw) for draw in range(GROUPS)] for name in FORGOT
+    )
+    since = TIMES.looks - TIMES.back
     window = (since >= 50.0) & (since <= 100.0)
-    _, steep, stayed = kinds().values()
-    for agents, sign in ((steep, 1.0), (stayed, -1.0)):
-        share = optimum()[agents].sum()
-        held = [
-            [run.demand[window][:, agents].sum(axis=1).mean() / share for run in part]
-            for part in (kept, forgotten)
+
+    def held(demand: np.ndarray, draw: int, kind: str) -> float:
+        agents = kinds(draw)[kind]
+        return float(demand[window][:, agents].sum(axis=1).mean() / optimum(draw)[agents].sum())
+
+    for kind, sign in ((STEEP, 1.0), (STAYED, -1.0)):
+        measured = [
+            [held(run.demand, draw, kind) for draw, run in enumerate(part)] for part in (kept, forgotten)
         ]
-        mean, error = mean_and_error(np.subtract(held[1], held[0]))  # paired
-        flow = [fluid(name, SIZE)[0][window][:, agents].sum(axis=1).mean() / share for name in FORGOT]
-        assert abs(mean - (flow[1] - flow[0])) < Z_GROUP * error
+        flow = [[held(fluid(name, TIMES, draw)[0], draw, kind) for draw in range(GROUPS)] for name in FORGOT]
+        mean, error = mean_and_error(np.subtract(measured[1], measured[0]))  # paired
+        wanted = float(np.mean(np.subtract(flow[1], flow[0])))
+        assert abs(mean - wanted) < Z_GROUP * error
         assert sign * mean > Z_GROUP * error  # negative control: averages do matter
     for one, other in zip(kept, forgotten, strict=True):
         assert one.again == other.again  # nobody has come back yet
     mean, error = mean_and_error([run.again - run.released for run in kept])
     assert abs(mean) < Z_GROUP * error + 1.0  # a signal that is on its way takes something besides
+
+
+@pytest.mark.slow
+def test_what_the_whole_past_costs_is_the_age_of_the_run() -> None:
+    """Eight times as old, it follows better than a window, which is as good as before."""
+    short, long = (
+        {way: seen(way, 80.0, until, 8) for way in (KEPT, "window, 200")} for until in (200.0, 1600.0)
+    )
+
+    def better(one: list[Seen], other: list[Seen]) -> tuple[float, float]:
+        mean, error = mean_and_error([a.tracking - b.tracking for a, b in zip(one, other, strict=True)])
+        return float(mean), float(error)
+
+    z = 5.4  # by Student's t with 7 degrees of freedom once in 1,000
+    gained, error = better(short[KEPT], long[KEPT])
+    assert gained > z * error
+    ahead, error = better(long["window, 200"], long[KEPT])
+    assert ahead > z * error
+    # Negative control: young runs do not tell the two apart.
+    ahead, error = better(short["window, 200"], short[KEPT])
+    assert abs(ahead) < 0.05 + z * error
 
 
 def test_the_schedule_has_addresses_and_is_that_of_the_long_run() -> None:

@@ -11,11 +11,12 @@ from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
 from aimd_des.interventions import Absence, Crash, Intervention, Join
 from aimd_des.latency import Constant
 from aimd_des.lowlevel import FloatArray
-from scenarios.common.measure import quietly, sensed
+from scenarios.common.measure import distance, quietly, sensed
 from scenarios.common.systems import alike, memory_alone
 
-PROBLEM = memory_alone()
-N, ALPHA, CAPACITY = PROBLEM.n_agents, float(PROBLEM.increase[0, 0]), float(PROBLEM.capacity[0])
+# Growth and capacity are the same in all draws of the costs.
+_PROBLEM = memory_alone()
+N, ALPHA, CAPACITY = _PROBLEM.n_agents, float(_PROBLEM.increase[0, 0]), float(_PROBLEM.capacity[0])
 LATENCY = HOLD_OFF = 0.5
 #: A camera stays for a time of mean T and is away for one of half of that: two thirds are present.
 PRESENT, AWAY = 2 / 3, 0.5
@@ -40,26 +41,37 @@ WAYS = {
     "forgetting, 100": _Way(Absence, Forgetting(100.0)),
     "all since a crash": _Way(Crash, Cumulative()),
 }
+QUADRATIC, STEEP, STAYED = (
+    "returning, quadratic costs",
+    "returning, costs of power 6",
+    "those who stayed",
+)
 FORGOT: dict[str, type[Absence] | type[Crash]] = {"average kept": Absence, "average forgotten": Crash}
 
 
-class Size(NamedTuple):
-    """How much is run."""
+class Case(NamedTuple):
+    """A way of averaging and returning, the mean stay of a camera, and the end, in units of time."""
 
-    stays: tuple[float, ...]  # mean stays, in units of time; the last one is infinite
-    replications: int  # of each of them
-    # From when and until when they are measured.
-    start: float
+    way: str
+    stay: float
     until: float
-    groups: int  # replications with a quarter that leaves together
-    # When it leaves, when it is back, the end, and how often allocations are kept.
+
+    @property
+    def start(self) -> float:
+        """From when on the run is measured."""
+        return 0.375 * self.until
+
+
+class Times(NamedTuple):
+    """When a quarter leaves together, when it is back, the end, and how often allocations are kept."""
+
     leave: float = 400.0
     back: float = 500.0
     end: float = 800.0
     every: float = 5.0
 
     @property
-    def times(self) -> FloatArray:
+    def looks(self) -> FloatArray:
         """When allocations are kept."""
         return np.asarray(np.arange(self.leave - 50.0, self.end + 0.5 * self.every, self.every))
 
@@ -69,11 +81,13 @@ class Seen(NamedTuple):
 
     signals: float  # per unit of time, after the start
     utilisation: float  # mean total demand over the capacity, after the start
-    peak: float  # highest total demand over the capacity
+    high: float  # what total demand is below for 99 % of the time, over the capacity
     above: float  # share of the time above the capacity
     # Relative error of the averages of those present against their optimum, in the mean over time.
     tracking: float
-    average: FloatArray  # (n, 1): at the end, in units of the resource
+    # Of averages at the end: from the optimum for what is used, and from that which churn makes of it.
+    from_plain: float
+    from_churned: float
 
 
 class Together(NamedTuple):
@@ -112,29 +126,37 @@ def schedule(
     return found
 
 
-def measure(way: str, stay: float, size: Size, seed: int) -> Seen:
-    """Run with a way of averaging and returning, and a mean stay of a camera."""
-    returns, averaging = WAYS[way]
-    looks = np.arange(size.start, size.until + 1.0, 25.0)
+def measure(case: Case, draw: int, seed: int) -> Seen:
+    """Run with a draw of the costs."""
+    returns, averaging = WAYS[case.way]
+    looks = np.arange(case.start, case.until + 1.0, 25.0)
     recording = Recording(demand=0.25, allocations=looks)
-    result = _run(averaging, schedule(stay, size.until, returns, seed), recording, size.until, seed)
-    seen, sent = result.observations, result.signals_sent
-    late = seen.demand_times >= size.start
+    changes = schedule(case.stay, case.until, returns, seed)
+    result = _run(draw, averaging, changes, recording, case.until, seed)
+    seen, sent, average = result.observations, result.signals_sent, result.average_at_end
+    total = seen.total_demand[seen.demand_times >= case.start, 0] / CAPACITY
+    share = steady(case.stay, draw).share
     return Seen(
-        signals=float((sent.time >= size.start).sum() / (size.until - size.start)),
-        utilisation=float(seen.total_demand[late, 0].mean() / CAPACITY),
-        peak=float(seen.overshoot.peak[0]),
+        signals=float((sent.time >= case.start).sum() / (case.until - case.start)),
+        utilisation=float(total.mean()),
+        high=float(np.quantile(total, 0.99)),
         above=float(seen.overshoot.time[0]),
         tracking=float(result.tracking["relative_error"].mean()),
-        average=result.average_at_end,
+        from_plain=float(distance(memory_alone(draw=draw), average)[0]),
+        from_churned=float(np.abs(average[:, 0] / average.sum() - share / share.sum()).sum()),
     )
 
 
 def _run(
-    averaging: Averaging, interventions: Sequence[Intervention], recording: Recording, until: float, seed: int
+    draw: int,
+    averaging: Averaging,
+    interventions: Sequence[Intervention],
+    recording: Recording,
+    until: float,
+    seed: int,
 ) -> Result:
     simulation = sensed(
-        PROBLEM,
+        memory_alone(draw=draw),
         HOLD_OFF,
         channel=BroadcastChannel(latency=Constant(LATENCY)),
         averaging=averaging,
@@ -145,12 +167,13 @@ def _run(
     return quietly(simulation, until)
 
 
-def leave_together(name: str, size: Size, seed: int) -> Together:
+def leave_together(case: tuple[str, Times], draw: int, seed: int) -> Together:
     """Let a quarter of the cameras leave and come back, with or without their averages."""
-    before, after = size.leave - 1e-6, size.leave + np.arange(round(_SPAN / _LOOKS) + 1) * _LOOKS
-    recording = Recording(demand=np.append(before, after), allocations=size.times, overshoot=False)
-    leaves = FORGOT[name](list(GROUP), size.leave, size.back)
-    seen = _run(Cumulative(), [leaves], recording, size.end, seed).observations
+    name, times = case
+    before, after = times.leave - 1e-6, times.leave + np.arange(round(_SPAN / _LOOKS) + 1) * _LOOKS
+    recording = Recording(demand=np.append(before, after), allocations=times.looks, overshoot=False)
+    leaves = FORGOT[name](list(GROUP), times.leave, times.back)
+    seen = _run(draw, Cumulative(), [leaves], recording, times.end, seed).observations
     total = seen.total_demand[: len(after) + 1, 0]
     again = np.argmax(total[1:] >= min(total[0], CAPACITY))
     released = (total[0] - total[1]) / (ALPHA * (N - len(GROUP)))
@@ -158,37 +181,40 @@ def leave_together(name: str, size: Size, seed: int) -> Together:
 
 
 @lru_cache
-def steady(stay: float) -> theory.Churn:
+def steady(stay: float, draw: int = 0) -> theory.Churn:
     """Predict the steady state with a mean stay."""
-    return theory.churn(PROBLEM, stay, PRESENT, LATENCY)
+    return theory.churn(memory_alone(draw=draw), stay, PRESENT, LATENCY)
 
 
 @lru_cache
-def _level() -> float:
-    return float(theory.predict(PROBLEM, "continuous", latency=LATENCY).utilisation[0]) * CAPACITY
+def _level(draw: int) -> float:
+    expected = theory.predict(memory_alone(draw=draw), "continuous", latency=LATENCY)
+    return float(expected.utilisation[0]) * CAPACITY
 
 
 @lru_cache
-def optimum() -> FloatArray:
+def optimum(draw: int = 0) -> FloatArray:
     """Compute the optimum of all cameras for what is used without churn, (n,)."""
-    return np.asarray(solve_optimum(PROBLEM, capacity=np.array([_level()])).allocation[:, 0])
+    best = solve_optimum(memory_alone(draw=draw), capacity=np.array([_level(draw)]))
+    return np.asarray(best.allocation[:, 0])
 
 
 @lru_cache
-def kinds() -> dict[str, list[int]]:
+def kinds(draw: int = 0) -> dict[str, list[int]]:
     """Sort cameras by who comes back, with which costs, and who has stayed."""
+    problem = memory_alone(draw=draw)
     return {
-        "returning, quadratic costs": [i for i in alike(PROBLEM, 1.0) if i in GROUP],
-        "returning, costs of power 6": [i for i in alike(PROBLEM, 5.0) if i in GROUP],
-        "those who stayed": [i for i in range(N) if i not in GROUP],
+        QUADRATIC: [i for i in alike(problem, 1.0) if i in GROUP],
+        STEEP: [i for i in alike(problem, 5.0) if i in GROUP],
+        STAYED: [i for i in range(N) if i not in GROUP],
     }
 
 
 @lru_cache
-def fluid(name: str, size: Size) -> tuple[FloatArray, FloatArray]:
+def fluid(name: str, times: Times, draw: int = 0) -> tuple[FloatArray, FloatArray]:
     """Compute what the fluid does where a quarter leaves together: demand and averages, (q, n)."""
-    away = theory.Spell(size.leave, size.back, GROUP, forgets=FORGOT[name] is Crash)
-    path = theory.flow(PROBLEM, _level(), size.end, spells=[away])
+    away = theory.Spell(times.leave, times.back, GROUP, forgets=FORGOT[name] is Crash)
+    path = theory.flow(memory_alone(draw=draw), _level(draw), times.end, spells=[away])
     # Observers look just after an intervention.
-    at = np.minimum(np.searchsorted(path.time, size.times) + 1, len(path.time) - 1)
+    at = np.minimum(np.searchsorted(path.time, times.looks) + 1, len(path.time) - 1)
     return path.demand[at], path.average[at]

@@ -1,5 +1,6 @@
 """The study: what is run, and what is made of it."""
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aimd_des import theory
-from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour
-from aimd_des.study import jackknife, mean_and_error, replicate
 from scenarios.churn.runs import (
     ALPHA,
     CAPACITY,
@@ -20,11 +19,12 @@ from scenarios.churn.runs import (
     FORGOT,
     KEPT,
     LATENCY,
-    PROBLEM,
+    STEEP,
     WAYS,
+    Case,
     N,
     Seen,
-    Size,
+    Times,
     Together,
     fluid,
     kinds,
@@ -35,112 +35,99 @@ from scenarios.churn.runs import (
 )
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import distance
-from scenarios.common.tables import estimate, number, pick, said, shown, summarise
+from scenarios.common.measure import run_draws
+from scenarios.common.tables import number, over_draws, pick, shown, summarise_draws
 
-_FULL = Size(
-    (24.0, 32.0, 48.0, 80.0, 160.0, 400.0, 1000.0, np.inf), 8, 300.0, 800.0, 32, 400.0, 500.0, 800.0, 5.0
-)
-_QUICK = Size((48.0, 160.0, np.inf), 2, 100.0, 200.0, 4, 100.0, 140.0, 240.0, 10.0)
-# Shares are measured where a run holds at least so many mean stays of a camera: else most is luck.
-_STAYS = 4.0
 # When the demand of those who have come back is looked at, in periods since then.
 _WINDOW = (50.0, 100.0)
+_LABELS = ["way", "stay", "until"]
+# The mean stay at which runs of two lengths are compared, and a run is so many times as long.
+_SHOWN, _LONGER = 80.0, 10.0
 
-_Runs = dict[tuple[str, float], list[Seen]]
+_Groups = list[tuple[tuple[str, Times], list[list[Together]]]]
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Let cameras come and go, ever faster, and let a quarter of them leave and come back together."""
-    size = _QUICK if quick else _FULL
-    how: dict[str, Any] = {"workers": 1 if quick else None, "out": runs}
-    cases = [(way, stay) for stay in size.stays for way in WAYS]
-    jobs = [partial(measure, way, stay, size) for way, stay in cases]
-    seen = dict(zip(cases, replicate(jobs, size.replications, seed, **how), strict=True))
-    groups = [partial(leave_together, name, size) for name in FORGOT]
-    together = dict(zip(FORGOT, replicate(groups, size.groups, seed, **how), strict=True))
-    table = pd.concat([_sweep(seen), _shares(seen, size), _returned(together, size)], ignore_index=True)
-    settings = {"seed": seed, "replications": size.replications, "until": size.until, "groups": size.groups}
-    printed = shown(table, ["way", "stay", "measure"], ".3f")
-    drawn = {"churn": partial(_figure, table, together, size)}
+    draws, until = (2, 60.0) if quick else (10, 800.0)
+    stays = (24.0, _SHOWN, np.inf) if quick else (24.0, 48.0, _SHOWN, 160.0, np.inf)
+    times = Times(100.0, 140.0, 240.0, 10.0) if quick else Times()
+    cases = [Case(way, stay, until) for stay in stays for way in WAYS]
+    long = [Case(way, _SHOWN, _LONGER * until) for way in WAYS]
+    pairs = run_draws(measure, cases + long, draws, 1, seed, quick, runs)
+    together = run_draws(
+        leave_together, [(name, times) for name in FORGOT], draws, 1 if quick else 3, seed, quick, runs
+    )
+    table = pd.concat([_sweep(pairs, seed), _returned(together, seed)], ignore_index=True)
+    settings = {"seed": seed, "draws": draws, "until": until}
+    printed = shown(table[table["until"] != _LONGER * until], ["way", "stay", "measure"], ".3f")
+    drawn = {"churn": partial(_figure, table, together, seed)}
     return Finding("churn", settings, table, printed, _findings(table), drawn)
 
 
-def _sweep(runs: _Runs) -> pd.DataFrame:
-    names = ("signals", "utilisation", "peak", "above", "tracking")
+def _sweep(pairs: Sequence[tuple[Case, list[list[Seen]]]], seed: int) -> pd.DataFrame:
     rows = [
-        {"way": way, "stay": stay, **{name: getattr(seen, name) for name in names}}
-        for (way, stay), found in runs.items()
-        for seen in found
+        {**case._asdict(), "draw": draw, **seen._asdict()}
+        for case, found in pairs
+        for draw, (seen,) in enumerate(found, seed)
     ]
-    table = summarise(rows, ["way", "stay"])
-    table["theory"] = [_expected(row["measure"], row["stay"]) for row in table.to_dict("records")]
-    return table
+    table = summarise_draws(rows, _LABELS)
+    # Without churn a third is never there.
+    kept: pd.DataFrame = table.loc[np.isfinite(table["stay"]) | ~table["measure"].str.startswith("from_")]
+    theories = [_expected(row["measure"], row["stay"]) for row in kept.to_dict("records")]
+    return kept.assign(theory=theories)
 
 
 def _expected(name: str, stay: float) -> float:
-    """Predict one number of the sweep; NaN where there is no formula."""
-    if name == "peak":  # all who can be there grow over the latency
+    """Predict one number of the sweep, with the costs of draw 0; NaN where there is no formula."""
+    if name == "high":  # all who can be there grow over the latency
         return 1.0 + float(theory.peak_lift(N, ALPHA, LATENCY)) / CAPACITY
     return float(getattr(steady(stay), name)) if name in ("signals", "utilisation") else np.nan
 
 
-def _shares(runs: _Runs, size: Size) -> pd.DataFrame:
-    """Measure how far averages are from the plain optimum, and from the one that churn makes of it."""
-    rows = []
-    for stay in size.stays:
-        if stay > size.until / _STAYS:
-            continue
-        averages, share = [seen.average for seen in runs[KEPT, stay]], steady(stay).share[:, None]
-        for name, apart, expected in (
-            ("from plain optimum", partial(distance, PROBLEM), float(distance(PROBLEM, share)[0])),
-            ("from churned optimum", partial(_gap, share), 0.0),
-        ):
-            labels = {"way": KEPT, "stay": stay}
-            rows.append(estimate(labels, name, jackknife(averages, apart), len(averages), expected))
-    return pd.DataFrame(rows)
-
-
-def _gap(expected: FloatArray, average: FloatArray) -> FloatArray:
-    return np.asarray(np.abs(average / average.sum() - expected / expected.sum()).sum(axis=0))
-
-
-def _returned(together: dict[str, list[Together]], size: Size) -> pd.DataFrame:
+def _returned(together: _Groups, seed: int) -> pd.DataFrame:
     """Measure what everybody holds a while after the return, over its share of the optimum."""
-    rows, since = [], size.times - size.back
-    window = (since >= _WINDOW[0]) & (since <= _WINDOW[1])
-    for name, found in together.items():
-        labels: dict[str, Any] = {"way": name, "stay": np.nan}
-        for kind, agents in kinds().items():
-            share = optimum()[agents].sum()
-            held = [run.demand[window][:, agents].sum(axis=1).mean() / share for run in found]
-            flowing = float(fluid(name, size)[0][window][:, agents].sum(axis=1).mean() / share)
-            rows.append(estimate(labels, kind, mean_and_error(held), len(found), flowing))
-        again = mean_and_error([run.again for run in found])
-        released = float(np.mean([run.released for run in found]))
-        rows.append(estimate(labels, "reused after", again, len(found), released))
-    return pd.DataFrame(rows)
+    rows, known = [], []
+    for (name, times), found in together:
+        since = times.looks - times.back
+        window = (since >= _WINDOW[0]) & (since <= _WINDOW[1])
+        for draw, runs in enumerate(found, seed):
+            labels: dict[str, Any] = {"way": name, "stay": np.nan, "until": times.end, "draw": draw}
+            share = {kind: optimum(draw)[agents].sum() for kind, agents in kinds(draw).items()}
+
+            def held(demand: Any, agents: list[int], window: Any = window) -> float:
+                return float(demand[window][:, agents].sum(axis=1).mean())
+
+            flowing = fluid(name, times, draw)[0]
+            wanted = {kind: held(flowing, agents) / share[kind] for kind, agents in kinds(draw).items()}
+            released = float(np.mean([run.released for run in runs]))
+            known.append({**labels, **wanted, "reused after": released})
+            for run in runs:
+                got = {kind: held(run.demand, agents) / share[kind] for kind, agents in kinds(draw).items()}
+                rows.append({**labels, **got, "reused after": run.again})
+    expected = summarise_draws(known, _LABELS)["mean"].to_numpy()
+    return summarise_draws(rows, _LABELS).assign(theory=expected)
 
 
-def _figure(table: pd.DataFrame, together: dict[str, list[Together]], size: Size) -> Figure:
+def _figure(table: pd.DataFrame, together: _Groups, seed: int) -> Figure:
     """Draw what churn does, and what those do who come back together, in four panels."""
     figure, panels = figures.panels(2, 2, (12.5, 8.6))
     _draw_use(panels[0], table)
     _draw_tracking(panels[1], table)
     _draw_shares(panels[2], table)
-    _draw_return(panels[3], together, size)
+    _draw_return(panels[3], together, seed)
     for axes in panels:
         axes.legend(frameon=False, fontsize="small")
     return figure
 
 
-def _still(table: pd.DataFrame, way: str, name: str) -> float:
-    """Look up the mean of a measure without churn."""
-    return number(table, way=way, measure=name, stay=np.inf)
+def _short(table: pd.DataFrame) -> float:
+    """Say how long the shorter runs are."""
+    return float(table["until"].min())
 
 
 def _moving(table: pd.DataFrame, way: str, name: str) -> pd.DataFrame:
-    return pick(table[np.isfinite(table["stay"])], way=way, measure=name)
+    return pick(table[np.isfinite(table["stay"])], way=way, measure=name, until=_short(table))
 
 
 def _dress(axes: Axes, title: str, label: str) -> None:
@@ -168,61 +155,83 @@ def _draw_tracking(axes: Axes, table: pd.DataFrame) -> None:
         figures.points(
             axes, rows["stay"], rows, place, f"average: {way}", scale=100.0, fmt="os^D"[place], **look
         )
-        calm = 100.0 * _still(table, way, "tracking")
-        axes.axhline(calm, color=colour(place), linewidth=0.8, linestyle="--")
-    figures.named(axes, "the same without churn", "--", linewidth=0.8)
+        longer = pick(
+            table[table["until"] == _LONGER * _short(table)], way=way, measure="tracking", stay=_SHOWN
+        )
+        figures.points(axes, longer["stay"], longer, place, scale=100.0, fmt="os^D"[place], fillstyle="none")
+    figures.named(axes, "after ten times the time", "o", fillstyle="none", markersize=6)
     _dress(axes, "(b) Averages against the optimum of those present", "tracking error (%)")
 
 
 def _draw_shares(axes: Axes, table: pd.DataFrame) -> None:
-    for face, name in (("full", "from plain optimum"), ("none", "from churned optimum")):
-        rows = _moving(table, KEPT, name)
-        figures.points(axes, rows["stay"], rows, 0, name, scale=100.0, fillstyle=face)
-        figures.theory(axes, rows["stay"], rows, 0, scale=100.0)
+    names = (("full", "from_plain", "from the optimum"), ("none", "from_churned", "from that with a square"))
+    moving = table[np.isfinite(table["stay"])]
+    for face, name, label in names:
+        for place, until in enumerate((_short(table), _LONGER * _short(table))):
+            rows, words = pick(moving, way=KEPT, measure=name, until=until), f"{label}, {until:g} periods"
+            figures.points(axes, rows["stay"], rows, place, words, scale=100.0, fillstyle=face)
     _dress(axes, "(c) Churn evens out the shares", "distance of the averages (%)")
 
 
-def _draw_return(axes: Axes, together: dict[str, list[Together]], size: Size) -> None:
-    agents, times = kinds()["returning, costs of power 6"], size.times - size.back
-    for place, (name, found) in enumerate(together.items()):
-        shade = colour(4 + place)
-        courses = [[part[:, agents].mean(axis=1) for part in (run.demand, run.average)] for run in found]
-        flowing = [part[:, agents].mean(axis=1) for part in fluid(name, size)]
-        figures.course(axes, times, courses, flowing, shade)
+def _draw_return(axes: Axes, together: _Groups, seed: int) -> None:
+    for place, ((name, times), found) in enumerate(together):
+        shade, since = colour(4 + place), times.looks - times.back
+        courses, flowing = [], []
+        for draw, runs in enumerate(found, seed):
+            agents = kinds(draw)[STEEP]
+            share = optimum(draw)[agents].mean()
+            courses += [
+                [part[:, agents].mean(axis=1) / share for part in (run.demand, run.average)] for run in runs
+            ]
+            flowing.append([part[:, agents].mean(axis=1) / share for part in fluid(name, times, draw)])
+        figures.course(axes, since, courses, np.mean(flowing, axis=0), shade)
         axes.plot([], [], color=shade, linewidth=2.2, label=f"{name} (thin: demand)")
-    figures.level(axes, optimum()[agents].mean(), "--")
+    figures.level(axes, 1.0, "--")
     figures.named(axes, "theory (fluid)", ":", color="black", linewidth=0.9)
-    x, y = "time since a quarter is back (periods)", "memory of a camera with costs of power 6 (GB)"
+    x, y = "time since a quarter is back (periods)", "memory over the optimal share, costs of power 6"
     figures.dress(axes, "(d) Who has forgotten takes too much", x, y, ylim=(0.0, None))
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
-    stays = sorted(stay for stay in table["stay"].unique() if np.isfinite(stay))
+    short, long = _short(table), float(table["until"].max())
+    groups = float(table.loc[table["stay"].isna(), "until"].iloc[0])
 
-    def say(way: str, stay: float, name: str, scale: float = 1.0, digits: int = 2) -> str:
-        return said(table, scale, digits, way=way, stay=stay, measure=name)
+    def say(
+        way: str, stay: float, name: str, scale: float = 1.0, digits: int = 2, until: float = short
+    ) -> str:
+        return over_draws(table, scale, digits, way=way, stay=stay, until=until, measure=name)
 
-    fast, middle = stays[0], stays[len(stays) // 2]
-    tracking = ", ".join(
-        f"{say(way, middle, 'tracking', 100, 0)} ({100 * _still(table, way, 'tracking'):.0f}) over {way}"
-        for way in WAYS
-    )
-    held = {name: ", ".join(f"{kind} {say(name, np.nan, kind)}" for kind in kinds()) for name in FORGOT}
+    def theory_of(stay: float, name: str) -> float:
+        return number(table, "theory", way=KEPT, stay=stay, until=short, measure=name)
+
+    fast = table["stay"].min()
+    tracking = "; ".join(f"{way} {say(way, _SHOWN, 'tracking', 100, 1)}" for way in WAYS)
+    later = "; ".join(f"{way} {say(way, _SHOWN, 'tracking', 100, 1, long)}" for way in WAYS)
+    held = {
+        name: "; ".join(f"{kind} {say(name, np.nan, kind, until=groups)}" for kind in kinds())
+        for name in FORGOT
+    }
     kept, forgotten = FORGOT
-    highest = table.loc[table["measure"] == "peak", "mean"].max()
     return sentences(f"""
-        - Churn costs use late and signals early. With a mean stay of {middle:g} periods
-          {say(KEPT, middle, "utilisation")} of the capacity are used at {say(KEPT, middle, "signals")}
-          signals a period, with {fast:g} {say(KEPT, fast, "utilisation")} at {say(KEPT, fast, "signals")};
-          without churn {_still(table, KEPT, "utilisation"):.2f} at {_still(table, KEPT, "signals"):.2f}.
-          Below a stay of {CRITICAL_STAY:.0f} periods cameras go before they can fill the capacity. The
-          highest peak is {highest:.3f} of it, and without churn {_still(table, KEPT, "peak"):.3f}.
-        - Tracking error in %, at a mean stay of {middle:g} (and without churn): {tracking}.
+        - Churn costs use late and signals early. With a mean stay of {_SHOWN:g} periods
+          {say(KEPT, _SHOWN, "utilisation", digits=3)} of the capacity are used (theory
+          {theory_of(_SHOWN, "utilisation"):.3f}) at {say(KEPT, _SHOWN, "signals")} signals a period (theory
+          {theory_of(_SHOWN, "signals"):.2f}), with {fast:g} {say(KEPT, fast, "utilisation", digits=3)} at
+          {say(KEPT, fast, "signals", digits=3)}; without churn
+          {say(KEPT, np.inf, "utilisation", digits=3)} at {say(KEPT, np.inf, "signals")}. Below a stay of
+          {CRITICAL_STAY:.0f} periods cameras go before they can fill the capacity. For 99 % of the time the
+          total is below {say(KEPT, _SHOWN, "high", digits=3)} capacities.
+        - Tracking error in % at a mean stay of {_SHOWN:g}, in runs of {short:g} periods: {tracking};
+          in runs of {long:g}: {later}. What the whole past costs is the age of the run.
         - Churn evens out the shares: with a mean stay of {fast:g} averages are
-          {say(KEPT, fast, "from plain optimum", 100, 0)} % from the plain optimum and
-          {say(KEPT, fast, "from churned optimum", 100, 0)} % from that of costs to which it adds a square.
-        - What a quarter releases is in use again after {say(kept, np.nan, "reused after", 1.0, 1)} periods.
-          Demand over the optimum, {_WINDOW[0]:g} to {_WINDOW[1]:g} periods after it is back: {kept}:
+          {say(KEPT, fast, "from_plain", 100, 1)} % from the plain optimum and
+          {say(KEPT, fast, "from_churned", 100, 1)} % from that of costs to which it adds a square, with
+          {_SHOWN:g} {say(KEPT, _SHOWN, "from_plain", 100, 1)} and
+          {say(KEPT, _SHOWN, "from_churned", 100, 1)} %, and after ten times the time
+          {say(KEPT, _SHOWN, "from_plain", 100, 1, long)} and
+          {say(KEPT, _SHOWN, "from_churned", 100, 1, long)} %.
+        - What a quarter releases is in use again after {say(kept, np.nan, "reused after", 1.0, 1, groups)}
+          periods. Demand over the optimum, {_WINDOW[0]:g} to {_WINDOW[1]:g} periods after it is back: {kept}:
           {held[kept]}; {forgotten}: {held[forgotten]}.
     """)
 
