@@ -222,7 +222,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     rows = [
         {**case._asdict(), "draw": draw, **one._asdict()}
         for case, found in pairs
-        for draw, (one,) in enumerate(found)
+        for draw, (one,) in enumerate(found, seed)
     ]
     table = summarise_draws([*rows, *_at_budget(rows, until)], _LABELS).assign(theory=np.nan)
     settings = {"seed": seed, "draws": draws, "until": until}

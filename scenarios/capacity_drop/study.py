@@ -52,20 +52,20 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     drops = [Drop(PAPER, way, 0.0, age, window, left) for left in lefts for way in WAYS]
     drops += [Drop(PAPER, way, 0.0, 2.0 * age, window) for way in WAYS]
     drawn_runs = run_draws(recover, drops, 2 if quick else 12, 1, seed, quick, runs)
-    table = pd.concat([table, _drawn(drawn_runs)], ignore_index=True)
+    table = pd.concat([table, _drawn(drawn_runs, seed)], ignore_index=True)
     settings = {"seed": seed, "replications": replications, "age": age, "window": window}
     printed = shown(table, ["costs", "way", "ramp", "left", "age", "measure"], ".4g")
     drawn = {"capacity_drop": partial(_figure, table, pairs)}
     return Finding("capacity_drop", settings, table, printed, _findings(table, age), drawn)
 
 
-def _drawn(pairs: list[tuple[Drop, list[list[float]]]]) -> pd.DataFrame:
+def _drawn(pairs: list[tuple[Drop, list[list[float]]]], seed: int) -> pd.DataFrame:
     """Make rows of the recovery over draws of the costs; theory is the mean over the same draws."""
     labels = ["costs", "way", "ramp", "left", "age"]
     rows, known = [], []
     for case, found in pairs:
         here = {name: getattr(case, name) for name in labels}
-        for draw, (time,) in enumerate(found):
+        for draw, (time,) in enumerate(found, seed):
             rows.append({**here, "draw": draw, _DRAWN: time})
             known.append({**here, "draw": draw, _DRAWN: closed_form(case._replace(draw=draw))})
     expected = summarise_draws(known, labels)["mean"].to_numpy()

@@ -45,10 +45,12 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     rows = [
         {**case._asdict(), "draw": draw, **one._asdict()}
         for case, found in pairs
-        for draw, (one,) in enumerate(found)
+        for draw, (one,) in enumerate(found, seed)
     ]
     known = [
-        {**case._asdict(), "draw": draw, **expected(case, draw)} for case in cases for draw in range(draws)
+        {**case._asdict(), "draw": draw, **expected(case, draw)}
+        for case in cases
+        for draw in range(seed, seed + draws)
     ]
     wanted = summarise_draws(known, _LABELS)[[*_LABELS, "measure", "mean"]].rename(columns={"mean": "theory"})
     table = summarise_draws(rows, _LABELS).merge(wanted, "left", on=[*_LABELS, "measure"])

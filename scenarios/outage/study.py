@@ -97,7 +97,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     rows = [
         {**labels[case], "draw": draw, **_measures(case, run)}
         for case, found in pairs
-        for draw, (run,) in enumerate(found)
+        for draw, (run,) in enumerate(found, seed)
     ]
     known = [
         {**labels[case], "measure": name, "theory": value}
