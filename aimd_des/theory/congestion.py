@@ -85,7 +85,7 @@ def congestion(
     >>> problem = Problem([memory], PolynomialCosts([2], [[[1.0]]] * 20))
     >>> found = congestion(problem, lambda load: min(load - 0.8, 0.9), hold_off=0.4)
     >>> round(found.turning, 2), [round(rest, 2) for rest in found.rests]
-    (1.29, [4.0])
+    (1.54, [4.0])
     """
     if problem.n_resources != 1:
         raise InputError.of("number of resources", problem.n_resources, "1", "take one at a time")
