@@ -166,7 +166,7 @@ def _signal(
     return REACHED
 
 
-@announced("the fleet (about a minute)")
+@announced("the fleet (about half a minute)")
 def sample(
     agents: FleetAgents,
     control: FleetControl,
@@ -232,7 +232,7 @@ def _hold_off(control: FleetControl, resource: int, now: float, total: float) ->
     control.look_time[j] = now + control.hold_off[j]
 
 
-@announced("the fleet (about a minute)")
+@announced("the fleet (about half a minute)")
 def sense(
     agents: FleetAgents,
     control: FleetControl,

@@ -3,10 +3,11 @@
 A *formula* is a small function of numbers.  Agent processes call it as plain Python; kernels
 compile the same source.  No fast-math and no contraction to fused operations, so both give the
 same bits.  Compiled code counts no references, so nothing can be allocated in it: what tries is
-refused when it is compiled.  Kernels are cached on disk, and each is compiled by one process while others
-wait.  Numba keys that cache by the file a kernel stands in; a kernel here may use formulas of other
-files, so the key is the source of all of the package that a kernel can depend on.  Where nothing can be
-written, kernels are compiled anew in each process.
+refused when it is compiled.  A kernel that Python calls is machine code, cached on disk, and compiled by one
+process while others wait; the kernels that it calls are parts of it (`numba_internals`).  Numba keys that
+cache by the file a kernel stands in; a kernel here may use formulas of other files, so the key is the source
+of all of the package that a kernel can depend on.  Where nothing can be written, kernels are compiled anew in
+each process.
 
 With ``NUMBA_DISABLE_JIT=1`` nothing is compiled: kernels are the functions of Python they are written as,
 a hundred times as slow, and give the same bits.
@@ -28,16 +29,32 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.types.misc import unliteral
 from numba.extending import intrinsic, register_jitable
 
+try:
+    from aimd_des.utils import numba_internals
+except ImportError:  # another Numba, which keeps in other places what is private to it
+    numba_internals = None  # type: ignore[assignment]
+
 if sys.platform != "win32":  # where processes compile side by side
     import fcntl
 
 # Nobody has to set up logging to see a warning; whoever does can silence it.
 _LOGGER = logging.getLogger("aimd_des")
 
-_FORMULAS = "formulas (about ten seconds)"
+_FORMULAS = "formulas (some seconds)"
 
 # What users of this process have been told of.
 _TOLD: set[str] = set()
+
+#: Whether what only compiled code calls is compiled as a part of its callers alone.
+PARTS = numba_internals is not None and numba_internals.are_as_expected()
+
+# Divisions as arrays have them, and nothing that is allocated.
+_SEMANTICS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+
+# No way in from Python: kernels call parts, and processes the source of formulas.
+_PART: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+if PARTS:
+    _PART["pipeline_class"] = numba_internals.PartCompiler
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -162,30 +179,31 @@ def _cache_for(function: Callable[..., Any], announced: str) -> Any:
 
 def formula(function: _Function) -> _Function:
     """Mark a function of numbers that kernels compile and processes call as it stands."""
-    # No way in from Python: kernels call formulas, processes call their source.
-    own = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    return cast(
-        _Function, register_jitable(error_model="numpy", forceinline=True, _nrt=False, **own)(function)
-    )
+    return cast(_Function, register_jitable(**_SEMANTICS, **_PART, forceinline=True)(function))
 
 
 def _compiled(function: _Function, announced: str = "", **options: bool) -> _Function:
+    """Compile to machine code for callers from Python, and to a part of the kernels that call it."""
     if numba.config.DISABLE_JIT:
         return _interpreted(function)
-    dispatcher = numba.njit(error_model="numpy", nogil=True, _nrt=False, **options)(function)
+    dispatcher = numba.njit(nogil=True, **_SEMANTICS, **options)(function)
     cache = dispatcher._cache = _cache_for(function, announced)
-    typed, compile_now = dispatcher.get_call_template, dispatcher.compile
+    compile_now = dispatcher.compile
 
     def compile_alone(signature: Any) -> Any:
         """Compile what no other process is compiling; threads of this one wait for each other first."""
         with global_compiler_lock, cache.alone():
             return compile_now(signature)
 
+    dispatcher.compile = compile_alone
+    if PARTS:
+        numba_internals.take_in(dispatcher, numba.njit(**_SEMANTICS, **_PART, **options)(function))
+    typed = dispatcher.get_call_template
+
     def get_call_template(args: Any, kws: Any) -> Any:
         """Compile once for all integers, not once more for each that is written out where it is called."""
         return typed([*map(unliteral, args)], {name: unliteral(kws[name]) for name in kws})
 
-    dispatcher.compile = compile_alone
     dispatcher.get_call_template = get_call_template
     return cast(_Function, dispatcher)
 
@@ -210,15 +228,15 @@ def instruction(plain: _Function) -> Callable[[Callable[..., Any]], _Function]:
 def kernel(function: _Function) -> _Function:
     """Compile a function over arrays when it is first called, and keep the result on disk.
 
-    Kernels that call it hold a copy of its code.
+    Kernels that call it hold a copy of its code at each call.
     """
     return _compiled(function, forceinline=True)
 
 
 def routine(function: _Function) -> _Function:
-    """Compile a function as `kernel` does, but into one piece of code that all others call.
+    """Compile a function as `kernel` does, but once in each kernel, for all the calls that are in it.
 
-    For what is large or used in many places, where a copy in each would take long to compile.
+    For what is large or used in many places, where a copy at each would take long to compile.
     """
     return _compiled(function)
 

@@ -1,0 +1,129 @@
+"""What only compiled code calls is a part of its callers, and the same without parts."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import numba
+import pytest
+from numba.core.compiler import Flags
+
+from aimd_des.utils import jit, numba_internals
+from aimd_des.utils.numba_internals import are_as_expected
+from tests.conftest import ROOT, python
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+
+SOURCE = """
+from aimd_des.utils.jit import PARTS, formula, kernel, routine
+
+@formula
+def line(x, y):
+    return x + 0.1 * y
+
+@kernel
+def step(x, y):
+    return line(x, y) / y
+
+@routine
+def walk(x, y):
+    for _ in range(5):
+        x = step(x, y)
+    return x
+
+@routine
+def far(x, y):
+    return walk(x, y) + walk(y, x)
+"""
+
+PROGRAM = """
+from compiled_here import PARTS, far, line, walk
+print(PARTS, far(1.0, 3.0).hex(), walk(1.0, 3.0).hex(), line(1.0, 3.0).hex())
+"""
+
+OTHERS = {
+    "as it is": "",
+    "another version": "import numba; numba.__version__ = '9.9.0'",
+    "other modules": "import sys; sys.modules['aimd_des.utils.numba_internals'] = None",
+}
+
+
+def outcome(change: str, folder: Path) -> tuple[list[str], list[str]]:
+    """Words that the program prints after a change of Numba, and the functions whose code is on the disk."""
+    (folder / "compiled_here.py").write_text(SOURCE, encoding="utf-8")
+    (folder / "program.py").write_text(f"{change}\n{PROGRAM}", encoding="utf-8")
+    done = python(str(folder / "program.py"), NUMBA_CACHE_DIR=str(folder / "cache"))
+    assert done.returncode == 0, done.stderr
+    kept = {re.sub(r"compiled_here\.(\w+)-.*", r"\1", path.name) for path in folder.rglob("*.nbc")}
+    return done.stdout.split(), sorted(kept)
+
+
+@pytest.mark.parametrize("change", OTHERS)
+def test_without_parts_the_bits_are_the_same(change: str, tmp_path: Path) -> None:
+    words, kept = outcome(OTHERS[change], tmp_path)
+    x, y = 1.0, 3.0
+    for _ in range(5):
+        x = (x + 0.1 * y) / y
+    assert words[2:] == [x.hex(), (1.0 + 0.1 * 3.0).hex()]
+    forth, back = x, 3.0
+    for _ in range(5):
+        back = (back + 0.1 * 1.0) / 1.0
+    assert words[1] == (forth + back).hex()
+    # Of parts, only what Python calls is on the disk.
+    assert words[0] == str(change == "as it is")
+    assert kept == (["far", "walk"] if change == "as it is" else ["far", "step", "walk"])
+
+
+def test_the_bounds_of_numba_and_the_version_that_was_tested_make_parts() -> None:
+    requirements = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "dependencies"
+    ]
+    (oldest,) = (re.findall(r"^numba>=([\d.]+)", one)[0] for one in requirements if one.startswith("numba"))
+    (tested,) = re.findall(r"^numba==([\d.]+)$", (ROOT / "constraints.txt").read_text("utf-8"), re.MULTILINE)
+    assert are_as_expected(f"{oldest}.0")
+    assert are_as_expected(tested)
+    assert are_as_expected(numba.__version__) == jit.PARTS
+
+
+@pytest.mark.parametrize("version", ["0.59.1", "0.69.0", "1.0.0", "unknown"])
+def test_another_version_makes_no_parts(version: str) -> None:
+    assert not are_as_expected(version)
+
+
+def test_a_name_that_is_missing_makes_no_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(numba_internals._NAMES, Flags, ("no_compile", "not_there"))
+    assert not are_as_expected("0.60.0")
+
+
+@pytest.mark.skipif(not jit.PARTS, reason="this Numba makes no parts")
+def test_a_part_has_no_machine_code_and_cannot_be_called() -> None:
+    @jit.kernel
+    def part(x: float) -> float:
+        return 2.0 * x
+
+    @jit.kernel
+    def whole(x: float) -> float:
+        return part(x) + 1.0
+
+    assert whole(1.5) == 4.0
+    ((signature, compiled),) = part.get_overload.__self__.overloads.items()  # type: ignore[attr-defined]
+    assert signature == (numba.float64,)
+    assert compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name) == 0
+    with pytest.raises(KeyError):
+        compiled.entry_point()
+    assert part(1.5) == 3.0  # machine code of its own, when Python asks
+
+
+@pytest.mark.skipif(not jit.PARTS, reason="this Numba makes no parts")
+def test_a_part_that_calls_python_is_refused() -> None:
+    @jit.kernel
+    def part(x: float) -> float:
+        print("x is", x)  # noqa: T201 - it calls Python
+        return x
+
+    @jit.kernel
+    def whole(x: float) -> float:
+        return part(x)
+
+    with pytest.raises(NotImplementedError, match="part calls Python"):
+        whole(1.0)
