@@ -226,12 +226,13 @@ def best(costs: Costs, present: Any, weights: Any, capacity: Any) -> Any:
 
     most = np.zeros((*present.shape, len(capacity)))
     most[present] = capacity
-    low, high = np.zeros(len(capacity)), (weights[:, None] * costs.gradient(most)).max(axis=0)
-    for _ in range(60):
-        middle = 0.5 * (low + high)
+    low, high = np.full(len(capacity), 1e-300), (weights[:, None] * costs.gradient(most)).max(axis=0)
+    # By orders of magnitude: derivatives at all of a capacity may be many above that of the optimum.
+    for _ in range(64):
+        middle = np.sqrt(low) * np.sqrt(high)
         enough = allocation(middle).sum(axis=0) > capacity
         low, high = np.where(enough, low, middle), np.where(enough, middle, high)
-    return allocation(0.5 * (low + high))
+    return allocation(np.sqrt(low) * np.sqrt(high))
 
 
 def measures(until: float, second: Outcome) -> dict[str, Any]:
