@@ -13,6 +13,7 @@ from scenarios.delay import MEASURES, Case, expect, measure, taken
 from scenarios.usable.delay import DELAY
 from scenarios.usable.frame import Case as Search
 from scenarios.usable.frame import Setting, search
+from scenarios.usable.loss import LOSS
 
 # Standard errors by which a mean may be off: by Student's t with 3 degrees of freedom once in 200.
 Z = 6.0
@@ -105,6 +106,19 @@ def test_usable_delay_is_what_the_threshold_leaves_for_growth(hold_off: float) -
     # Negative control: another threshold.
     other = DELAY.expected(case._replace(setting=Setting(hold_off, 0.95))).above
     assert abs(other - wanted) > 0.5
+
+
+@pytest.mark.slow
+def test_a_threshold_below_the_capacity_makes_more_loss_usable() -> None:
+    """A tenth of loss is told from another: the time above the capacity rises ninefold over two of them."""
+    edges = {}
+    for threshold in (1.0, 0.95):
+        case = Search("loss", 0.95, 0.01, Setting(0.5, threshold), 3_000.0)
+        found, wanted = search(case, 0, 0), LOSS.expected(case).above
+        assert found.above == pytest.approx(wanted, abs=0.1)
+        assert found.misallocation > found.above + 0.1  # losses that are the same for all cost no shares
+        edges[threshold] = found.above
+    assert edges[0.95] - edges[1.0] > 0.1
 
 
 @pytest.mark.slow

@@ -13,13 +13,14 @@ from scenarios.common.measure import run_draws
 from scenarios.common.tables import shown, summarise_draws
 from scenarios.usable.delay import DELAY
 from scenarios.usable.frame import BOTH, Case, Map, search
+from scenarios.usable.loss import LOSS
 
-_MAPS: tuple[Map, ...] = (DELAY,)
+_MAPS: tuple[Map, ...] = DELAY, LOSS
 _LABELS = ["rises", "hold_off", "threshold", "other", "until"]
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Search how far latencies may rise before one of the limits is passed, over draws of the costs."""
+    """Search how far latencies or losses may rise before a limit is passed, over draws of the costs."""
     draws = 2 if quick else 10
     cases = [case for each in _MAPS for case in each.cases(quick)]
     found = run_draws(search, cases, draws, 1, seed, quick, runs)
@@ -58,5 +59,7 @@ def _figure(parts: dict[str, pd.DataFrame], maps: dict[str, Map]) -> Figure:
 
 
 main = command(
-    "usable", study, "Which delays are usable, that demand stays below the capacity and shares right?"
+    "usable",
+    study,
+    "Which delays and losses are usable: demand below the capacity, shares right?",
 )
