@@ -45,7 +45,7 @@ MOVED: dict[str, tuple[str, ...]] = {
     "aimd_des.output": ("aimd_des.scenario", "aimd_des.scenario.run_folder", "aimd_des.utils.folders"),
     "aimd_des.recording": ("aimd_des", "aimd_des.results.recording"),
     "aimd_des.registry": ("aimd_des", "aimd_des.scenario.models"),
-    "aimd_des.response": ("aimd_des.lowlevel", "aimd_des.dynamics.response"),
+    "aimd_des.response": ("aimd_des.lowlevel", "aimd_des.dynamics.demand"),
     "aimd_des.simulation": ("aimd_des", "aimd_des.engine.simulation"),
     "aimd_des.stored": ("aimd_des.scenario", "aimd_des.scenario.run_folder"),
     "aimd_des.streams": ("aimd_des.lowlevel", "aimd_des.utils.rng"),

@@ -20,6 +20,7 @@ from aimd_des import (
     Simulation,
     theory,
 )
+from aimd_des.dynamics.demand import CONTINUOUS, DISCRETE
 from aimd_des.dynamics.loss_compensation import (
     ESTIMATED,
     KNOWN,
@@ -32,7 +33,6 @@ from aimd_des.dynamics.loss_compensation import (
     no_compensation,
     read_number,
 )
-from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System

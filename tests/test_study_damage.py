@@ -14,7 +14,7 @@ import pytest
 
 from aimd_des import InputError, Study, load_study
 from aimd_des.study import StudyResults, read_study
-from aimd_des.study.plan import planned
+from aimd_des.study.plan_table import planned
 from aimd_des.study.seal import unsealed
 from aimd_des.study.store import Store
 from tests.test_study_runs import BASE, contents, design, in_a_thread, leftovers

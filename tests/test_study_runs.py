@@ -25,7 +25,7 @@ from aimd_des import InputError, SimulationError, Study, load_study, run_study
 from aimd_des.study import StudyResults, Tally
 from aimd_des.study.executor import execute
 from aimd_des.study.locks import alone
-from aimd_des.study.plan import planned
+from aimd_des.study.plan_table import planned
 from aimd_des.study.run_tables import run_schema
 from aimd_des.study.seal import write_sealed
 from aimd_des.study.store import Store, parquet
@@ -609,7 +609,7 @@ def test_another_study_in_the_same_folder_is_refused(
 def test_results_of_another_version_are_refused(
     reference: StudyResults, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("aimd_des.study.plan.RESULT_VERSION", 2)
+    monkeypatch.setattr("aimd_des.study.plan_table.RESULT_VERSION", 2)
     with pytest.raises(InputError, match="result version of"):
         in_a_thread(design(), reference.folder)
 

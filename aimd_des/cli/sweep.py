@@ -125,7 +125,7 @@ def _executor(
 def _list(design: "Study", folder: Path) -> None:
     """Print the points of a study, and how many of their runs are there."""
     from aimd_des.cli.terminal_tables import print_table
-    from aimd_des.study.plan import planned
+    from aimd_des.study.plan_table import planned
     from aimd_des.study.store import Store
 
     frame = planned(design, Store(folder))

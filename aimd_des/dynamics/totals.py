@@ -14,7 +14,7 @@ from aimd_des.dynamics.averaging import (
     folded_at,
     time_average,
 )
-from aimd_des.dynamics.response import demand_at
+from aimd_des.dynamics.demand import demand_at
 from aimd_des.dynamics.state import AgentParameters, State
 from aimd_des.utils.jit import formula, kernel, routine
 from aimd_des.utils.validation import FloatArray

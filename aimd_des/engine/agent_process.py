@@ -13,6 +13,7 @@ from aimd_des.dynamics.averaging import (
     time_average,
 )
 from aimd_des.dynamics.custom_response import called_plainly
+from aimd_des.dynamics.demand import demand_at
 from aimd_des.dynamics.loss_compensation import (
     ESTIMATED,
     KNOWN,
@@ -21,7 +22,6 @@ from aimd_des.dynamics.loss_compensation import (
     estimated_loss,
     read_number,
 )
-from aimd_des.dynamics.response import demand_at
 from aimd_des.dynamics.responses import (
     AVERAGE,
     DRAWN,

@@ -6,8 +6,8 @@ from typing import Literal, Protocol, cast, get_args
 from aimd_des.channel import BroadcastChannel, Channel
 from aimd_des.dynamics.averaging import Averaging, Cumulative
 from aimd_des.dynamics.clocks import Clocks
+from aimd_des.dynamics.demand import CONTINUOUS, DISCRETE
 from aimd_des.dynamics.loss_compensation import Compensation
-from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
 from aimd_des.dynamics.responses import Response
 from aimd_des.dynamics.state import agent_parameters
 from aimd_des.engine.accuracy import convergence_of

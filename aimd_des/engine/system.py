@@ -7,8 +7,8 @@ import numpy as np
 from aimd_des.channel import Channel
 from aimd_des.dynamics.averaging import Averaging, age_at, folded_at, keep_parts
 from aimd_des.dynamics.clocks import Clocks
+from aimd_des.dynamics.demand import CONTINUOUS, DISCRETE
 from aimd_des.dynamics.loss_compensation import Compensation
-from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
 from aimd_des.dynamics.responses import Response
 from aimd_des.dynamics.state import agent_parameters, start
 from aimd_des.engine.conditions import Conditions

@@ -7,7 +7,7 @@ import numpy as np
 
 from aimd_des._deprecated import renamed
 from aimd_des.dynamics.clocks import AgentClocks
-from aimd_des.dynamics.response import demand_at
+from aimd_des.dynamics.demand import demand_at
 from aimd_des.dynamics.state import AgentParameters, State
 from aimd_des.dynamics.totals import average_of, observe, observe_totals, piece, total_of, totals
 from aimd_des.engine.environment import OrderedEnvironment

@@ -16,6 +16,7 @@ from aimd_des.dynamics.averaging import (
     keep_parts,
     time_average,
 )
+from aimd_des.dynamics.demand import demand_at
 from aimd_des.dynamics.loss_compensation import (
     ESTIMATED,
     KNOWN,
@@ -24,7 +25,6 @@ from aimd_des.dynamics.loss_compensation import (
     estimated_loss,
     read_number,
 )
-from aimd_des.dynamics.response import demand_at
 from aimd_des.dynamics.responses import (
     AVERAGE,
     DRAWN,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from aimd_des.dynamics.averaging import accumulated_at, age_at, time_average
-from aimd_des.dynamics.response import CONTINUOUS, demand_at
+from aimd_des.dynamics.demand import CONTINUOUS, demand_at
 from aimd_des.dynamics.responses import is_saturated, response_probability
 from aimd_des.fleet.absent_agents import miss
 from aimd_des.fleet.arrays import ALL_ANSWERS, LAST, NO_ANSWERS, PIECE, FleetAgents, report

@@ -14,8 +14,8 @@ from aimd_des.plots.panel import panel
 from aimd_des.problem.optimum import Optimum
 from aimd_des.results import metrics
 from aimd_des.results.looks import looks
+from aimd_des.results.misallocation import misallocation
 from aimd_des.results.result import Result
-from aimd_des.results.tracking import misallocation
 from aimd_des.theory import Convergence
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError

@@ -15,8 +15,9 @@ import numpy.typing as npt
 from aimd_des.problem.optimum import Optimum
 from aimd_des.problem.problem import Problem
 from aimd_des.results import metrics
+from aimd_des.results.misallocation import misallocation
 from aimd_des.results.run_data import Account, Piece
-from aimd_des.results.tracking import misallocation, piece_problem
+from aimd_des.results.tracking import piece_problem
 from aimd_des.utils.validation import FloatArray
 
 

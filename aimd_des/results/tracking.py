@@ -12,6 +12,7 @@ from aimd_des.problem.optimum import Optimum, solve_optimum
 from aimd_des.problem.problem import Problem, Resource
 from aimd_des.results import metrics
 from aimd_des.results.frames import categorical
+from aimd_des.results.misallocation import misallocation
 from aimd_des.results.run_data import Observations, Piece
 from aimd_des.utils.validation import FloatArray
 
@@ -40,14 +41,6 @@ def piece_problem(problem: Problem, piece: Piece) -> Problem:
 
 def _resource(resource: Resource, capacity: float, increase: FloatArray, decrease: FloatArray) -> Resource:
     return replace(resource, capacity=capacity, increase=increase, decrease=decrease)
-
-
-def misallocation(problem: Problem, average: FloatArray) -> FloatArray:
-    """Hold averages against the optimum for what they use, solved here, (m,): NaN where that is nothing."""
-    used = average.sum(axis=0)
-    if not (used > 0.0).all():
-        return np.full(len(used), np.nan)
-    return metrics.relative_error(average, solve_optimum(problem, capacity=used).allocation)
 
 
 class PieceOptima:

@@ -7,8 +7,9 @@ import pandas as pd
 
 from aimd_des.results.frames import categorical
 from aimd_des.results.looks import looks
+from aimd_des.results.misallocation import misallocation
 from aimd_des.results.result import Result
-from aimd_des.results.tracking import misallocation, piece_problem
+from aimd_des.results.tracking import piece_problem
 from aimd_des.scenario.scenario import Scenario
 from aimd_des.theory.accuracy import Convergence, Expected
 from aimd_des.theory.accuracy_words import accuracy_words

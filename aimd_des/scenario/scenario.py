@@ -7,7 +7,7 @@ import tomli_w
 from pydantic import Field, model_validator
 
 from aimd_des.dynamics.averaging import Averaging
-from aimd_des.dynamics.response import CONTINUOUS, DISCRETE
+from aimd_des.dynamics.demand import CONTINUOUS, DISCRETE
 from aimd_des.dynamics.responses import Response
 from aimd_des.engine.agent_process import AgentProcess
 from aimd_des.engine.delivery import ProcessGenerator

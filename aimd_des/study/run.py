@@ -13,7 +13,7 @@ from pathlib import Path
 from types import FrameType
 
 from aimd_des.study.executor import execute
-from aimd_des.study.plan import digests_of, earlier_replications, plan_table
+from aimd_des.study.plan_table import digests_of, earlier_replications, plan_table
 from aimd_des.study.points import Run, expand
 from aimd_des.study.results import StudyResults, load_study, run_away_words
 from aimd_des.study.run_tables import run_schema

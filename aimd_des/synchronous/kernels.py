@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.dynamics.response import DISCRETE, answer_row, average_row
+from aimd_des.dynamics.demand import DISCRETE, answer_row, average_row
 from aimd_des.dynamics.state import AgentParameters, State
 from aimd_des.dynamics.totals import observe, totals
 from aimd_des.problem.costs import Costs, CostTable

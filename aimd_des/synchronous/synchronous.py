@@ -8,7 +8,7 @@ import numpy as np
 
 from aimd_des.dynamics.averaging import Averaging
 from aimd_des.dynamics.custom_response import check_returned, with_address
-from aimd_des.dynamics.response import DISCRETE
+from aimd_des.dynamics.demand import DISCRETE
 from aimd_des.dynamics.responses import Response
 from aimd_des.dynamics.state import AgentParameters, State, agent_parameters, start
 from aimd_des.problem.costs import cost_table
