@@ -16,7 +16,7 @@ from aimd_des.fleet.arrays import ALL_ANSWERS, LAST, NO_ANSWERS, PIECE, FleetAge
 from aimd_des.fleet.broadcast_rows import BroadcastRows
 from aimd_des.fleet.in_flight import CopiesInFlight
 from aimd_des.fleet.radix_heap import bits_of, is_empty, put
-from aimd_des.problem.costs.kernels import add_terms, horner_row
+from aimd_des.problem.costs.kernels import add_terms, horner_at, horner_row
 from aimd_des.utils.jit import formula, routine
 from aimd_des.utils.rng import uniforms_row
 from aimd_des.utils.validation import FloatArray
@@ -134,11 +134,7 @@ def _answer_listed(agents: FleetAgents, resource: int, place: int) -> None:
     held, increase, since = state.demand[j, i], parameters.increase[j, i], moment - state.anchor[j, i]
     folded = accumulated_at(state.accumulated[j, i], held, increase, since, CONTINUOUS)
     average = time_average(folded, age_at(moment, state.origin[j, i], CONTINUOUS))
-    slopes = agents.table.slopes[j]
-    slope = slopes[slopes.shape[0] - 1, i]
-    for d in range(slopes.shape[0] - 2, -1, -1):
-        slope = slope * average + slopes[d, i]
-    slope = add_terms(agents.table, j, i, average, slope)
+    slope = add_terms(agents.table, j, i, average, horner_at(agents.table.slopes[j], i, average))
     probability = response_probability(parameters.normalization[j], slope, average)
     present, change = demand_at(held, increase, since, CONTINUOUS), np.nan
     responds = rows.due_uniform[place] < probability

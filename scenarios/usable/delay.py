@@ -15,7 +15,7 @@ from scenarios.common.command import sentences
 from scenarios.common.measure import distance
 from scenarios.common.systems import lowered, memory_alone
 from scenarios.common.tables import number, over_draws, pick
-from scenarios.usable.frame import MOST, Case, Map, Seen, Setting
+from scenarios.usable.frame import MOST, Case, Map, Seen, Setting, draw_edges
 
 _MOST = 32.0
 _THRESHOLDS = (1.0, 0.95, 0.9, 0.8)
@@ -64,15 +64,8 @@ def _expected(case: Case) -> Seen:
 def _draw(panels: Sequence[Axes], table: pd.DataFrame) -> None:
     """Draw how far each limit is kept, over hold-offs, for thresholds and for lengths of runs."""
     titles = "(a) At most 1 % of the time above the capacity", "(b) Shares at most 5 % off"
-    short = pick(table, until=table["until"].min())
     for axes, measure, title in zip(panels, MOST, titles, strict=True):
-        for place, threshold in enumerate(sorted(short["threshold"].unique(), reverse=True)):
-            rows = pick(short, measure=measure, threshold=threshold)
-            figures.points(axes, rows["hold_off"], rows, place, f"threshold {threshold:g}")
-            figures.theory(axes, rows["hold_off"], rows, place)
-        longer = pick(table, measure=measure, until=table["until"].max())
-        axes.plot(longer["hold_off"], longer["mean"], "x", color="black", label=f"{_LONGER:g}, runs longer")
-        figures.named(axes, "theory")
+        draw_edges(axes, table, measure, f"{_LONGER:g}")
         limits: dict[str, Any] = {"xscale": "log", "yscale": "log", "ylim": (0.01, 1.2 * _MOST)}
         figures.dress(axes, title, "hold-off (control periods)", "latency up to (control periods)", **limits)
         axes.legend(fontsize="small", frameon=False, loc=(0.03, 0.12), ncols=2)

@@ -10,8 +10,10 @@ from matplotlib.axes import Axes
 from scipy.optimize import brentq
 
 from aimd_des import BroadcastChannel
+from scenarios.common import figures
 from scenarios.common.measure import distance, late, run_late
 from scenarios.common.systems import lowered, memory_alone
+from scenarios.common.tables import pick
 
 #: What is usable: at most this share of the time above the capacity, and this distance from the optimum.
 MOST = {"above": 0.01, "misallocation": 0.05}
@@ -84,3 +86,20 @@ def _measure(case: Case, draw: int, seed: int, value: float) -> dict[str, float]
     span = (0.2 * case.until, case.until)
     seen = late(run_late(problem, setting.hold_off, channel, span, seed, "end"), span[0])
     return {"above": seen.time_above, "misallocation": float(distance(problem, seen.average)[0])}
+
+
+def draw_edges(axes: Axes, table: pd.DataFrame, measure: str, longer: str) -> None:
+    """Draw how far a limit is kept, over hold-offs: each threshold beside theory, and longer runs."""
+    short = pick(table, measure=measure, until=table["until"].min())
+    for place, threshold in enumerate(thresholds(table)):
+        rows = pick(short, threshold=threshold)
+        figures.points(axes, rows["hold_off"], rows, place, f"threshold {threshold:g}")
+        figures.theory(axes, rows["hold_off"], rows, place)
+    rows = pick(table, measure=measure, until=table["until"].max())
+    axes.plot(rows["hold_off"], rows["mean"], "x", color="black", label=f"{longer}, runs longer")
+    figures.named(axes, "theory")
+
+
+def thresholds(table: pd.DataFrame) -> list[float]:
+    """List the thresholds of a map, the highest first."""
+    return sorted(table["threshold"].unique(), reverse=True)

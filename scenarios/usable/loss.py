@@ -13,7 +13,7 @@ from scenarios.common import figures
 from scenarios.common.command import sentences
 from scenarios.common.systems import lowered, memory_alone, usable
 from scenarios.common.tables import number, over_draws, pick
-from scenarios.usable.frame import MOST, Case, Map, Seen, Setting
+from scenarios.usable.frame import MOST, Case, Map, Seen, Setting, draw_edges, thresholds
 
 _MOST = 0.95
 _THRESHOLDS = (1.0, 0.95, 0.9)
@@ -50,17 +50,12 @@ def _critical(threshold: float, hold_off: float) -> float:
 def _draw(panels: Sequence[Axes], table: pd.DataFrame) -> None:
     """Draw how far each limit is kept, over hold-offs, for thresholds and for lengths of runs."""
     titles = "(c) At most 1 % of the time above the capacity", "(d) Shares at most 5 % off"
-    short = pick(table, until=table["until"].min())
+    hold_offs = np.unique(table["hold_off"])
     for axes, measure, title in zip(panels, MOST, titles, strict=True):
-        for place, threshold in enumerate(sorted(short["threshold"].unique(), reverse=True)):
-            rows = pick(short, measure=measure, threshold=threshold)
-            figures.points(axes, rows["hold_off"], rows, place, f"threshold {threshold:g}")
-            figures.theory(axes, rows["hold_off"], rows, place)
-            limit = [_critical(threshold, hold_off) for hold_off in rows["hold_off"]]
-            axes.plot(rows["hold_off"], limit, "--", color=colour(place), linewidth=1.0)
-        longer = pick(table, measure=measure, until=table["until"].max())
-        axes.plot(longer["hold_off"], longer["mean"], "x", color="black", label=f"{_LONGER:g}, runs longer")
-        figures.named(axes, "theory")
+        draw_edges(axes, table, measure, f"{_LONGER:g}")
+        for place, threshold in enumerate(thresholds(table)):
+            limit = [_critical(threshold, hold_off) for hold_off in hold_offs]
+            axes.plot(hold_offs, limit, "--", color=colour(place), linewidth=1.0)
         figures.named(axes, "critical loss by theory", "--", linewidth=1.0)
         limits: dict[str, Any] = {"xlim": (0.0, 1.3), "ylim": (-0.02, 1.0)}
         figures.dress(axes, title, "hold-off (control periods)", "loss up to", **limits)

@@ -77,7 +77,7 @@ def horner_step(
 
 
 @formula
-def _horner_at(rows: FloatArray, agent: int, argument: float) -> float:
+def horner_at(rows: FloatArray, agent: int, argument: float) -> float:
     """Evaluate one agent's polynomial."""
     top = rows.shape[0] - 1
     total = rows[top, agent]
@@ -89,12 +89,12 @@ def _horner_at(rows: FloatArray, agent: int, argument: float) -> float:
 @formula
 def gradient_at(table: CostTable, averages: FloatArray, resource: int, agent: int) -> float:
     """Evaluate grad_j f_i of one agent at its averages: the bits that `gradient_row` has for it."""
-    total = _horner_at(table.slopes[resource], agent, averages[resource])
+    total = horner_at(table.slopes[resource], agent, averages[resource])
     m = table.quadratic.shape[0] if table.weights.shape[0] > 0 else 0
     if m > 0:
         weighted = 0.0
         for other in range(m):
             total += table.quadratic[resource, other, agent] * averages[other]
             weighted += table.weights[other, agent] * averages[other]
-        total += table.weights[resource, agent] * _horner_at(table.sum_slopes, agent, weighted)
+        total += table.weights[resource, agent] * horner_at(table.sum_slopes, agent, weighted)
     return add_terms(table, resource, agent, averages[resource], total)
