@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 
 from aimd_des import (
     AgentProcess,
+    CoupledCosts,
     Fleet,
     InputError,
     PolynomialCosts,
@@ -51,25 +52,27 @@ PARAMETERS: dict[str, dict[str, Any]] = {
     "power": {"exponents": [1.5, 2.7], "coefficients": PAIR},
     "utility": {"weights": FIRST, "shifts": 0.5, "fairness": 1.5},
     "tracking": {"targets": FIRST, "weights": SECOND, "price": [5.0, 6.0]},
+    "terms": {
+        "slopes": np.broadcast_to([0.5, 1.0], (N, M, 2)),
+        "exponentials": np.stack([FIRST, SECOND], axis=-1)[:, :, None],
+        "powers": np.stack(np.broadcast_arrays(PAIR, [1.5, -0.5], [0.0, 2.0]), axis=-1),
+        "constant": FIRST,
+    },
 }
 KINDS: dict[str, Callable[..., TermCosts]] = {
     "exponential": ExponentialCosts,
     "power": PowerCosts,
     "utility": UtilityCosts,
     "tracking": TrackingCosts,
+    "terms": TermCosts,
 }
 
 
 def costs_of(name: str) -> TermCosts:
-    if name == "mixed":
-        slopes = np.broadcast_to([0.5, 1.0], (N, M, 2))
-        growth = np.stack([FIRST, SECOND], axis=-1)[:, :, None]
-        powers = np.stack(np.broadcast_arrays(PAIR, [1.5, -0.5], [0.0, 2.0]), axis=-1)
-        return TermCosts(slopes, growth, powers, FIRST)
     return KINDS[name](**PARAMETERS[name])
 
 
-NAMES = [*KINDS, "mixed"]
+NAMES = list(KINDS)
 
 
 def problem_of(costs: Costs, capacity: float = 4.0) -> Problem:
@@ -182,9 +185,22 @@ def test_processes_fleet_and_synchronous_are_one_run(name: str) -> None:
     assert_same_run(*runs)
 
 
-@pytest.mark.parametrize("name", KINDS)
+#: Costs that couple the resources, which have no part in the tests of terms.
+COUPLED: dict[str, Any] = {
+    "exponents": [2, 3],
+    "coefficients": PAIR,
+    "quadratic": [[[2.0, 0.5], [0.5, 1.0]]] * N,
+    "weights": FIRST,
+    "sum_exponents": [2, 4],
+    "sum_coefficients": [[0.5, 0.01]] * N,
+}
+
+
+@pytest.mark.parametrize("name", [*KINDS, "coupled"])
 def test_the_same_in_a_file(name: str) -> None:
-    problem = problem_of(costs_of(name))
+    given = COUPLED if name == "coupled" else PARAMETERS[name]
+    made = CoupledCosts.from_coefficients(**COUPLED) if name == "coupled" else costs_of(name)
+    problem = problem_of(made)
     resources = [
         {
             "name": one.name,
@@ -195,7 +211,7 @@ def test_the_same_in_a_file(name: str) -> None:
         }
         for one in problem.resources
     ]
-    scenario = Scenario(until=40.0, seed=1, costs={"kind": name, **PARAMETERS[name]}, resources=resources)
+    scenario = Scenario(until=40.0, seed=1, costs={"kind": name, **given}, resources=resources)
     assert Scenario.model_validate(scenario.spoken()) == scenario
     result = quietly(scenario.run)
     assert result.digest == quietly(Simulation(problem, seed=1).run, 40.0).digest

@@ -249,6 +249,7 @@ def test_all_that_a_file_holds_may_be_a_parameter() -> None:
         f: Mapping[str, float] | None = None,
         g: npt.NDArray[np.float64] | None = None,
         h: npt.ArrayLike = 0.0,
+        h2: npt.ArrayLike | None = None,
         i: Literal["x", "y"] = "x",
         j: tuple[int, ...] = (1,),
         k: tuple[float, str] = (1.0, "a"),

@@ -7,10 +7,9 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-import numpy.typing as npt
-
 from aimd_des.scenario.old_keys import with_first_keys
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.parts import ARRAY_LIKE
 
 # They change no result.
 _IMMATERIAL = {"title", "agents"}
@@ -42,7 +41,7 @@ def typed_parameters(function: Callable[..., Any], given: Mapping[str, Any]) -> 
     typed = {}
     for name, value in given.items():
         hint = hints.get(name, type(defaults[name].default))
-        leaves = {float} if hint == npt.ArrayLike else set(_leaves(hint))
+        leaves = {float} if hint in ARRAY_LIKE else set(_leaves(hint))
         if Path in leaves and isinstance(value, str) and Path(value).is_file():
             typed[name] = _content(value)
         elif int not in leaves and any(issubclass(leaf, float) for leaf in leaves):

@@ -26,6 +26,7 @@ from aimd_des.scenario.parameters import as_data
 from aimd_des.scenario.strict_table import Integer, Part, Table
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.parts import ARRAY_LIKE
 
 #: The type of the error where a value is none of the forms, or names no kind.
 UNKNOWN_KIND = "unknown_kind"
@@ -35,7 +36,7 @@ _BUILT_AT_ONCE = 20_000
 
 # Arrays of truth values, and those of which only the part itself knows how many axes they have.
 _RECORD = list[bool | Integer] | list[list[bool | Integer]]
-_NUMBERS = float | list[float] | list[list[float]] | list[list[list[float]]]
+_NUMBERS = float | list[float] | list[list[float]] | list[list[list[float]]] | list[list[list[list[float]]]]
 _ARRAYS: dict[tuple[str, str], Any] = {("trace", "lost"): _RECORD}
 
 # Forms that are no tables with a kind.
@@ -160,6 +161,8 @@ def _for_call(kind: Kind, name: str, value: Any) -> Any:
 
 def _as_data(hint: Any, kind: Kind) -> Any:
     """Say how a parameter stands in a file."""
+    if hint == ARRAY_LIKE[1]:
+        return _as_data(npt.ArrayLike, kind) | None
     origin, arguments = get_origin(hint), get_args(hint)
     if np.ndarray in (hint, origin) or hint == npt.ArrayLike:
         ours = float | list[float] if hint == npt.ArrayLike else list[float]

@@ -60,6 +60,9 @@ class Registered:
     defaults: Mapping[str, Any] = field(default_factory=dict)
 
 
+#: Annotations of arrays in any form: the second is one flat union, of which the first is no member.
+ARRAY_LIKE = (npt.ArrayLike, npt.ArrayLike | None)
+
 #: By the module, and by the name in it.
 REGISTERED: dict[str, dict[str, Registered]] = {}
 
@@ -170,7 +173,7 @@ def _held_by_files(hint: Any) -> bool:
     """Tell whether a file can hold every value of a type."""
     if hint in (Any, inspect.Parameter.empty, bool, int, float, str, Path, None, NoneType, list, dict):
         return True
-    if hint is np.ndarray or hint == npt.ArrayLike or get_origin(hint) is np.ndarray:
+    if hint is np.ndarray or hint in ARRAY_LIKE or get_origin(hint) is np.ndarray:
         return True
     arguments = [argument for argument in get_args(hint) if argument is not ...]
     if get_origin(hint) is Literal:

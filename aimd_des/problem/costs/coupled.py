@@ -8,6 +8,7 @@ that all resources cause together).
 """
 
 from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,7 @@ from aimd_des.problem.costs.polynomial import PolynomialCosts, checked_powers, d
 from aimd_des.problem.costs.table import CostTable, separable_table
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.parts import built_in
 from aimd_des.utils.validation import FloatArray
 
 
@@ -84,6 +86,45 @@ class CoupledCosts:
         self._check_quadratic()
         #: (D, n): the derivative of the function of the weighted sum, lowest power first.
         self.sum_slopes = dense_slopes(powers, self.sum_coefficients)
+
+    @classmethod
+    def from_coefficients(
+        cls,
+        exponents: Sequence[int],
+        coefficients: npt.ArrayLike,
+        quadratic: npt.ArrayLike | None = None,
+        weights: npt.ArrayLike | None = None,
+        sum_exponents: Sequence[int] = (2,),
+        sum_coefficients: npt.ArrayLike | None = None,
+    ) -> Self:
+        """Make coupled costs of numbers alone, as a scenario file does.
+
+        Parameters
+        ----------
+        exponents : sequence of int
+            The powers of the part without interaction, integers from 1 to 64, each once.
+        coefficients : array_like, shape (n, m, len(exponents))
+            Of these powers, as for `PolynomialCosts`.
+        quadratic : array_like, shape (n, m, m), optional
+            Q_i, symmetric and positive semidefinite; 0 unless given.
+        weights : array_like, shape (n, m), optional
+            w_i >= 0; 0 unless given.
+        sum_exponents : sequence of int
+            The powers of the weighted sum, integers >= 1.
+        sum_coefficients : array_like, shape (n, len(sum_exponents)), optional
+            g_ip >= 0; 0 unless given.
+
+        Returns
+        -------
+        CoupledCosts
+
+        Raises
+        ------
+        InputError
+            As for `PolynomialCosts` and `CoupledCosts`.
+        """
+        own = PolynomialCosts(exponents, coefficients)
+        return cls(own, quadratic, weights, sum_exponents, sum_coefficients)
 
     def _check_quadratic(self) -> None:
         skew = np.abs(self.quadratic - self.quadratic.transpose(0, 2, 1)).max(axis=(1, 2))
@@ -182,3 +223,6 @@ class CoupledCosts:
         return np.asarray(
             self.separable_part.hessian(allocation) + self.quadratic + bend[:, None, None] * outer
         )
+
+
+built_in("costs", "coupled")(CoupledCosts.from_coefficients)

@@ -16,9 +16,11 @@ from aimd_des.problem.costs.polynomial import horner
 from aimd_des.problem.costs.table import CostTable
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.parts import built_in
 from aimd_des.utils.validation import FloatArray
 
 
+@built_in("costs", "terms")
 class TermCosts:
     """Costs whose derivative by each resource is a sum of terms of that resource alone.
 
