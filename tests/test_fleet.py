@@ -245,6 +245,28 @@ def test_compiled_gradients_of_the_user(dynamics: str, separable: bool) -> None:
     assert fleet.account.responses.sum() > 50
 
 
+@pytest.mark.parametrize("raising", [True, False])
+def test_a_gradient_that_fails_in_the_run_is_named(raising: bool) -> None:
+    # At levels of which no sample is taken when the problem is made.
+    def gradient(i: int, x: Any) -> Any:
+        if 0.38 < x[1] < 0.44:
+            if raising:
+                raise ValueError("unknown here")
+            return np.array([2 * x[0], np.nan])
+        return 2 * (i + 1) * x
+
+    def value(i: int, x: Any) -> Any:
+        return (i + 1) * (x[0] ** 2 + x[1] ** 2)
+
+    told = r"^CustomCosts\.gradient\(\) = nan: must be a finite number$"
+    for agents, own in ((Fleet, numba.njit(gradient)), (AgentProcess, gradient)):
+        problem = own_problem(CustomCosts(4, 2, value, own, separable=True))
+        plain = raising and agents is AgentProcess
+        said = r"^unknown here\nraised in CustomCosts\.gradient\(\)$" if plain else told
+        with pytest.raises(ValueError, match=said):
+            Simulation(problem, agents=agents, seed=0, dynamics="continuous").run(100.0)
+
+
 def test_gradients_in_plain_python_are_refused_with_the_remedy() -> None:
     problem = own_problem(own_costs(compiled=False, separable=True))
     with pytest.raises(

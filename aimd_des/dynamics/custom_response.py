@@ -14,6 +14,7 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from aimd_des.dynamics.responses import INPUTS, OWN, Response, ResponseParameters, response_parameters
 from aimd_des.utils import returned_values, validation
+from aimd_des.utils.compiled_call import OF_AN_AGENT
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
@@ -171,7 +172,7 @@ def _callback(function: Callable[..., Any], count: int, columns: int) -> Any:
         values = to_fixed_tuple(inputs, count)
         return float(function(*values, memory)) if columns > 0 else float(function(*values))
 
-    @numba.cfunc("void(int64, CPointer(float64), CPointer(float64))")  # type: ignore[untyped-decorator]
+    @numba.cfunc(OF_AN_AGENT)  # type: ignore[untyped-decorator]
     def call(_agent: int, inputs: Any, memory: Any) -> None:
         # Compiled code that calls this cannot take an exception.
         try:

@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from aimd_des.dynamics.averaging import FORGETTING, POLYNOMIAL, WINDOW, AveragingParameters
 from aimd_des.utils import validation
-from aimd_des.utils.compiled_call import call_compiled
+from aimd_des.utils.compiled_call import call_of_agent
 from aimd_des.utils.jit import formula
 from aimd_des.utils.parts import built_in
 from aimd_des.utils.portable_math import expm1
@@ -168,7 +168,7 @@ def probability_of(
         for p in range(response.order.shape[0]):
             response.inputs[p] = values[response.order[p]]
         own = memory[j, i, OWN_COLUMNS:]
-        call_compiled(response.address, i, response.inputs.ctypes.data, own.ctypes.data)
+        call_of_agent(response.address, (i, response.inputs.ctypes.data, own.ctypes.data))
         returned = response.inputs[0]
         return float(returned) if returned > 0.0 else 0.0  # not a number is 0, too
     divisor = average

@@ -80,10 +80,11 @@ class ResponseBuffers(NamedTuple):
     """Working memory, so that nothing is allocated per event.
 
     `first_key`, `first_arrival` and `first_rank`, shape (n,), are of the earliest copy of each agent
-    among those that are due; `uniform`, (n,), is a row of draws; `average` and `gradient`, (m,), are of
-    the agent at hand.  Of copies that are answered together, those of a block or of a piece of a row, shape
-    (PIECE,): `chosen` are their places, `resource` what they are about (in a row, whether the agent
-    responds), and all after it what the answers are computed from.
+    among those that are due; `uniform`, (n,), is a row of draws; `average`, (m,), and `gradient` are of
+    the agent at hand, the latter with one place more, for what a gradient of one's own may not return.  Of
+    copies that are answered together, those of a block or of a piece of a row, shape (PIECE,): `chosen` are
+    their places, `resource` what they are about (in a row, whether the agent responds), and all after it what
+    the answers are computed from.
     """
 
     first_key: IntArray
@@ -117,7 +118,7 @@ def response_buffers(n_resources: int, n_agents: int) -> ResponseBuffers:
         np.zeros(n_agents, dtype=np.int64),
         np.zeros(n_agents),
         np.zeros(n_resources),
-        np.zeros(n_resources),
+        np.zeros(n_resources + 1),
         np.zeros(PIECE, dtype=np.uint64),
         np.zeros(PIECE, dtype=np.int64),
         *np.zeros((13, PIECE)),

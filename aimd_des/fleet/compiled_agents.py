@@ -36,7 +36,10 @@ from aimd_des.fleet.response_kernels import settle
 from aimd_des.fleet.row_kernels import spill
 from aimd_des.problem.costs import Costs, compiled_gradient, cost_table
 from aimd_des.results.event_log import Entry, LogEntry
+from aimd_des.utils import validation
+from aimd_des.utils.compiled_call import OF_AN_AGENT
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.returned_values import said_by
 from aimd_des.utils.rng import Purpose
 from aimd_des.utils.validation import FloatArray
 
@@ -207,6 +210,9 @@ class CompiledAgents:
                     self._tell(reached)
         if self._response is not None:
             check_returned(self.system.response, self.agents.parameters.response)
+        if self._gradient is not None:
+            field = said_by(self.system.conditions.costs, "gradient")
+            validation.number(field, self.agents.buffers.gradient[-1])
 
     def forget(self, agent: int, *, lost: bool) -> None:
         """Drop a member's copies that have arrived by now."""
@@ -305,10 +311,17 @@ def _address(callback: Any) -> int:
 @lru_cache(maxsize=16)
 def _callback(gradient: Callable[..., Any], m: int) -> Any:
     # Compiled code is given the address alone: kernels need not be compiled again for each function.
-    @numba.cfunc("void(int64, CPointer(float64), CPointer(float64))")  # type: ignore[untyped-decorator]
+    @numba.cfunc(OF_AN_AGENT)  # type: ignore[untyped-decorator]
     def call(agent: int, average: Any, out: Any) -> None:
-        values = gradient(agent, numba.carray(average, (m,)))
+        # Compiled code that calls this cannot take an exception: what is written last is refused by `settle`.
+        try:
+            values = gradient(agent, numba.carray(average, (m,)))
+            for j in range(m):
+                out[j] = values[j]
+        except Exception:  # noqa: BLE001 - the only one that compiled code can catch
+            out[0] = np.nan
         for j in range(m):
-            out[j] = values[j]
+            if not math.isfinite(out[j]):
+                out[m] = out[j]
 
     return call

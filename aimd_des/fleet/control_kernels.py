@@ -138,7 +138,8 @@ def _sends(control: FleetControl, channel: FleetChannel, limits: Limits) -> bool
 def _probability(agents: FleetAgents, control: FleetControl, resource: int, look: int) -> float:
     total, limit = control.total[resource], agents.parameters.limit[resource]
     if control.probability != 0:
-        return float(call_probability(control.probability, total, limit, control.now[0], look, resource))
+        given = (total, limit, control.now[0], look, resource)
+        return float(call_probability(control.probability, given))
     return signal_probability(control.low, control.high, total, limit)
 
 

@@ -5,12 +5,15 @@ from typing import Any
 
 import numba
 import numpy as np
-from llvmlite import ir
 from numba import types
 from numba.core.dispatcher import Dispatcher
-from numba.extending import intrinsic
 
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, SampledTable, table_of
+from aimd_des.utils.compiled_call import caller
+
+# Of total, limit, time, number of the look and resource.
+_PROBABILITY = types.float64(types.float64, types.float64, types.float64, types.int64, types.int64)
+call_probability = caller(_PROBABILITY)
 
 
 def compiled_table(control_unit: ControlUnit) -> SampledTable | CrossingTable | None:
@@ -32,7 +35,7 @@ def _speaks(kind: type) -> bool:
 def compiled_probability(function: Callable[..., float]) -> Any:
     """Return a function of the user's own as compiled code can call it, by its address."""
 
-    @numba.cfunc("float64(float64, float64, float64, int64, int64)")  # type: ignore[untyped-decorator]
+    @numba.cfunc(_PROBABILITY)  # type: ignore[untyped-decorator]
     def call(total: float, limit: float, time: float, look: int, resource: int) -> float:
         # Compiled code that calls this cannot take an exception: `nan` has the check of a process ask again.
         try:
@@ -41,25 +44,3 @@ def compiled_probability(function: Callable[..., float]) -> Any:
             return np.nan
 
     return call
-
-
-@intrinsic  # type: ignore[untyped-decorator]  # numba has no type information
-def call_probability(
-    typingctx: Any,  # noqa: ARG001
-    address: Any,  # noqa: ARG001
-    total: Any,  # noqa: ARG001
-    limit: Any,  # noqa: ARG001
-    time: Any,  # noqa: ARG001
-    look: Any,  # noqa: ARG001
-    resource: Any,  # noqa: ARG001
-) -> Any:
-    """Call a compiled probability: double(double total, double limit, double time, int64 look, int64 j)."""
-    word, number = types.int64, types.float64
-    signature = number(word, number, number, number, word, word)
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        kinds = [context.get_value_type(kind) for kind in signature.args[1:]]
-        kind = ir.FunctionType(ir.DoubleType(), kinds).as_pointer()
-        return builder.call(builder.inttoptr(args[0], kind), args[1:])
-
-    return signature, codegen

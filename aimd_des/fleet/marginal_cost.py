@@ -3,7 +3,7 @@
 from aimd_des.dynamics.totals import average_of
 from aimd_des.fleet.arrays import FleetAgents
 from aimd_des.problem.costs.kernels import gradient_at
-from aimd_des.utils.compiled_call import call_compiled
+from aimd_des.utils.compiled_call import call_of_agent
 from aimd_des.utils.jit import formula
 
 
@@ -20,8 +20,8 @@ def marginal_cost_at(agents: FleetAgents, agent: int, resource: int, moment: flo
         # Costs that are separable read no other average; what the others hold here is of another agent.
         averages[resource] = average
     if agents.gradient != 0:
-        # It hands over all m derivatives.
+        # It hands over all m derivatives, and after them the last one that was no finite number.
         gradient = agents.buffers.gradient
-        call_compiled(agents.gradient, agent, averages.ctypes.data, gradient.ctypes.data)
+        call_of_agent(agents.gradient, (agent, averages.ctypes.data, gradient.ctypes.data))
         return float(gradient[resource])
     return gradient_at(agents.table, averages, resource, agent)

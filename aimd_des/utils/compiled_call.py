@@ -4,23 +4,41 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
+from numba.core.typing import Signature
 from numba.extending import intrinsic
 
-__all__ = ["call_compiled"]
 
+def caller(signature: Signature) -> Any:
+    """Return what calls a function of a signature in compiled code: of its address and a tuple of arguments.
 
-@intrinsic  # type: ignore[untyped-decorator]  # numba has no type information
-def call_compiled(typingctx: Any, address: Any, number: Any, first: Any, second: Any) -> Any:  # noqa: ARG001
-    """Call a compiled function: void(int64 number, double* first, double* second)."""
+    Pointers among the arguments are given as integers, such as ``array.ctypes.data``.
+    """
+    kinds, returned = signature.args, signature.return_type
+    given = types.Tuple([types.int64 if isinstance(kind, types.CPointer) else kind for kind in kinds])
+
     # Addresses travel as integers: a function pointer among a kernel's arguments would be part of its type,
     # and every function would compile the kernel anew.
-    signature = types.void(types.int64, types.int64, types.int64, types.int64)
+    @intrinsic  # type: ignore[untyped-decorator]  # numba has no type information
+    def call(typingctx: Any, address: Any, arguments: Any) -> Any:  # noqa: ARG001
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
+            address, packed = args
+            words = [context.get_value_type(kind) for kind in kinds]
+            values = [builder.extract_value(packed, place) for place in range(len(kinds))]
+            for place, kind in enumerate(kinds):
+                if isinstance(kind, types.CPointer):
+                    values[place] = builder.inttoptr(values[place], words[place])
+            gives = ir.VoidType() if returned == types.void else context.get_value_type(returned)
+            function = builder.inttoptr(address, ir.FunctionType(gives, words).as_pointer())
+            result = builder.call(function, values)
+            return context.get_dummy_value() if returned == types.void else result
 
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
-        word, pointer = ir.IntType(64), ir.DoubleType().as_pointer()
-        kind = ir.FunctionType(ir.VoidType(), [word, pointer, pointer]).as_pointer()
-        places = [builder.inttoptr(place, pointer) for place in args[2:]]
-        builder.call(builder.inttoptr(args[0], kind), [args[1], *places])
-        return context.get_dummy_value()
+        return returned(types.int64, given), codegen
 
-    return signature, codegen
+    return call
+
+
+_NUMBERS = types.CPointer(types.float64)
+
+#: Of a function of an agent and two arrays, the second of which it may write.
+OF_AN_AGENT = types.void(types.int64, _NUMBERS, _NUMBERS)
+call_of_agent = caller(OF_AN_AGENT)

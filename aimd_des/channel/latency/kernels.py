@@ -99,7 +99,7 @@ def quantile_row(table: LatencyTable, out: FloatArray) -> None:
         _exponential_row(first, out)
     elif distribution == _OWN:
         rows = out.ctypes.data, first.ctypes.data, second.ctypes.data, table.third.ctypes.data
-        call_quantile(table.quantile, out.shape[0], *rows)
+        call_quantile(table.quantile, (out.shape[0], *rows))
     else:
         count = table.values.shape[0]
         for i in range(out.shape[0]):

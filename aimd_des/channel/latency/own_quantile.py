@@ -5,42 +5,20 @@ from functools import lru_cache
 from typing import Any
 
 import numba
-from llvmlite import ir
 from numba import types
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
-from numba.extending import intrinsic
 
+from aimd_des.utils.compiled_call import caller
 from aimd_des.utils.errors import InputError
-
-__all__ = ["MOST_PARAMETERS", "address_of", "call_quantile"]
 
 #: A table of latencies has as many rows.
 MOST_PARAMETERS = 3
 
 
-@intrinsic  # type: ignore[untyped-decorator]  # numba has no type information
-def call_quantile(
-    typingctx: Any,  # noqa: ARG001
-    address: Any,  # noqa: ARG001
-    count: Any,  # noqa: ARG001
-    out: Any,  # noqa: ARG001
-    first: Any,  # noqa: ARG001
-    second: Any,  # noqa: ARG001
-    third: Any,  # noqa: ARG001
-) -> Any:
-    """Call void(int64 count, double* out, double* first, double* second, double* third)."""
-    # Addresses travel as integers: a function pointer in a table would be part of the table's type.
-    signature = types.void(*[types.int64] * 6)
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
-        word, pointer = ir.IntType(64), ir.DoubleType().as_pointer()
-        kind = ir.FunctionType(ir.VoidType(), [word, *[pointer] * 4]).as_pointer()
-        places = [builder.inttoptr(place, pointer) for place in args[2:]]
-        builder.call(builder.inttoptr(args[0], kind), [args[1], *places])
-        return context.get_dummy_value()
-
-    return signature, codegen
+# Of a number of links, their uniform numbers, which become latencies, and their parameters.
+_OF_LINKS = types.void(types.int64, *[types.CPointer(types.float64)] * 4)
+call_quantile = caller(_OF_LINKS)
 
 
 def address_of(quantile: Callable[..., Any], n_parameters: int) -> int:
@@ -68,9 +46,8 @@ def _callback(quantile: Any, n_parameters: int) -> Any:
         quantile,
     )
     one = numba.njit(forms[n_parameters])
-    pointer = "CPointer(float64)"
 
-    @numba.cfunc(f"void(int64, {pointer}, {pointer}, {pointer}, {pointer})")  # type: ignore[untyped-decorator]
+    @numba.cfunc(_OF_LINKS)  # type: ignore[untyped-decorator]
     def call(count: int, out: Any, first: Any, second: Any, third: Any) -> None:
         for i in range(count):
             out[i] = one(out[i], first[i], second[i], third[i])

@@ -3,7 +3,7 @@
 Nothing here asks of which family costs are.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import numba
@@ -16,7 +16,7 @@ from aimd_des.problem.costs.marginal import Marginal, table_marginal
 from aimd_des.problem.costs.table import CostTable, no_table
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
-from aimd_des.utils.returned_values import said_by
+from aimd_des.utils.returned_values import calling, said_by
 from aimd_des.utils.validation import FloatArray
 
 
@@ -56,17 +56,26 @@ def steepest_at_corners(costs: Costs) -> bool:
 def marginal_cost(costs: Costs, agent: int) -> Marginal:
     """Return one agent's partial derivative in plain Python, bit for bit what compiled code computes."""
     own: Marginal | None = _own(costs, "marginal", agent)
-    if own is not None:
-        return own
     if (table := cost_table(costs)).n_agents:
-        return table_marginal(table, agent)
+        return table_marginal(table, agent) if own is None else own
+    if own is not None:
+        return _checked(costs, own)
     if (gradient := compiled_gradient(costs)) is not None:
-        return lambda averages, resource: float(gradient(agent, np.array(averages))[resource])
+        return _checked(costs, lambda averages, j: gradient(agent, np.array(averages))[j])
+    shape = costs.n_agents, 1
+    return _checked(costs, lambda averages, j: costs.gradient(np.tile(averages, shape))[agent, j])
 
-    def one_of_all(averages: Sequence[float], resource: int) -> float:
-        return float(costs.gradient(np.tile(averages, (costs.n_agents, 1)))[agent, resource])
 
-    return one_of_all
+def _checked(costs: Costs, derivative: Callable[[Sequence[float], int], Any]) -> Marginal:
+    """Refuse what is no derivative, where no table says that all are."""
+    field = said_by(costs, "gradient")
+
+    def marginal(averages: Sequence[float], resource: int) -> float:
+        with calling(field):
+            returned = derivative(averages, resource)
+        return validation.number(field, returned)
+
+    return marginal
 
 
 def weighted_costs(costs: Costs, weights: npt.ArrayLike) -> Costs:
