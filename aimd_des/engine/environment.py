@@ -85,6 +85,8 @@ class OrderedEnvironment(simpy.Environment):
         self._reached: tuple[Any, ...] = _NOTHING
         self._watch: Callable[[float, int], None] | None = None
         self._handled = 0
+        #: How far the run goes for now, and whether it stops after one event: compiled code does likewise.
+        self.horizon, self.one = math.inf, False
 
     @property
     def reached(self) -> tuple[float, int, int]:
@@ -237,7 +239,9 @@ class OrderedEnvironment(simpy.Environment):
         if self._watch is not None:
             self._watch(time, self._handled)
 
-    def run_to(self, until: float, watch: Callable[[float, int], None] | None = None) -> None:
+    def run_to(
+        self, until: float, watch: Callable[[float, int], None] | None = None, *, one: bool = False
+    ) -> None:
         """Handle every event before `until`, and none that is due at `until` itself.
 
         Parameters
@@ -247,7 +251,10 @@ class OrderedEnvironment(simpy.Environment):
         watch : callable, optional
             Called with (time, events handled) every few thousand events and at the end; where compiled
             code handles many in one, from there, and these are not counted.
+        one : bool
+            Whether to handle the next event alone, if there is one; the clock stands at that then.
         """
+        self.horizon, self.one = until, one
         handled, self._handled, self._watch = 0, 0, watch
         queue, tracking = self._queue, self.tracking
         while queue and queue[0][0] < until:
@@ -263,13 +270,15 @@ class OrderedEnvironment(simpy.Environment):
             # A process has failed and nobody waits for it.
             if not event._ok and not hasattr(event, "_defused"):
                 raise event._value
+            if one:
+                return
             handled += 1
             if watch is not None and handled % _WATCH_EVERY == 0:
                 self._handled = handled
                 watch(self._now, handled)
         self._now = until
         # Before every kind at the end: what is due at `until` itself does not happen, also in compiled code.
-        self._reached = (until, -1, 0)
+        self._reached = max(self._reached, (until, -1, 0))
         if watch is not None:
             watch(until, handled)
 

@@ -16,6 +16,7 @@ from aimd_des.engine.control_unit import ControlUnit, CrossingTable, Sampled, ta
 from aimd_des.engine.declared import Intervention, check_absences, check_end
 from aimd_des.engine.delivery import Agent, ProcessGenerator
 from aimd_des.engine.observers import Observer
+from aimd_des.engine.run import Run
 from aimd_des.engine.system import System
 from aimd_des.problem.problem import Problem
 from aimd_des.results.event_log import EventLog
@@ -221,11 +222,33 @@ class Simulation:
         OverloadWarning
             Once, if demand has run away from the capacity.
         """
-        until = validation.number("until", until, low=0.0, low_open=True)
+        run = self.start(until)
         if watch is not None:
             validation.instance(
                 "watch", watch, _FUNCTION, "a function of simulated time and number of events"
             )
+        run.advance(watch=watch)
+        return run.result()
+
+    def start(self, until: float) -> Run:
+        """Begin a run over [0, until), in which nothing has happened yet.
+
+        Parameters
+        ----------
+        until : float
+            The end, greater than 0, in units of time.
+
+        Returns
+        -------
+        Run
+            Advanced by its methods, as far as one likes.
+
+        Raises
+        ------
+        InputError
+            As for `run`.
+        """
+        until = validation.number("until", until, low=0.0, low_open=True)
         # Everything that changes is made here, so that one simulation can be run any number of times.
         check_end(self.interventions, until)
         log = EventLog() if self.recording.events else None
@@ -239,7 +262,10 @@ class Simulation:
             _start(system.env.intervene, intervention, "process", intervention.process(system))
         for process in self.processes:
             _start(system.env.process, process, "", process(system))
-        system.env.run_to(until, watch)
+        return Run(system, lambda: self._result(system, observer))
+
+    def _result(self, system: System, observer: Observer) -> Result:
+        """Gather what has happened, at the end."""
         # Compiled agents have been brought to the last look, not to the end.
         system.finish()
         signals = system.transmitter.sent.signals()
@@ -258,13 +284,13 @@ class Simulation:
             self.problem,
             self.dynamics,
             self.seed,
-            until,
+            system.until,
             signals,
             observations,
             account,
-            log,
+            system.log,
             pieces=tuple(system.conditions.pieces),
-            opportunities=opportunities(0.5 * until, until) if opportunities else None,
+            opportunities=opportunities(0.5 * system.until, system.until) if opportunities else None,
             bits_per_signal=1 + (0 if self.compensation is None else self.compensation.bits),
         )
 

@@ -220,9 +220,10 @@ class ControlProcess:
         # Listeners outside are told in time: whatever they do comes before the next signal.
         told = fleet.agents.reported != NO_ANSWERS and not fleet.integrals.lines
         channel = channel._replace(compiled=channel.compiled and not told)
-        due, until = self._next()[0], self.system.until
+        due, until = self._next()[0], env.horizon
         # However short the run, the next look is within the stride.
-        stride = max(due + until / _REPORTS, math.nextafter(due, math.inf))
+        length = 0.0 if env.one else self.system.until / _REPORTS
+        stride = max(due + length, math.nextafter(due, math.inf))
         # Kind 0 comes before all others: what is due at the end, or where the stride ends, is left alone.
         # The stride ends a stretch without being an event, so it does not say when a signal can be cut.
         upcoming = min(env.upcoming, (until, 0, 0))

@@ -1,0 +1,165 @@
+"""A run in progress: taken as far as one likes, looked at in between, and ended."""
+
+import math
+from collections.abc import Callable
+from typing import Literal, get_args
+
+import pandas as pd
+
+from aimd_des.engine.system import System
+from aimd_des.results.result import Result
+from aimd_des.utils import validation
+from aimd_des.utils.errors import SimulationError
+
+Step = Literal["event", "signal"]
+
+
+class Run:
+    """A run of a simulation in progress, made by `Simulation.start`.
+
+    It may be advanced in any number of pieces: the result is that of `Simulation.run`, to the last bit.
+
+    Parameters
+    ----------
+    system : System
+        What happens in the run, as processes of one's own see it.
+    conclude : callable
+        Gathers the result at the end.
+
+    Examples
+    --------
+    >>> from aimd_des import Simulation
+    >>> from models import smart_cameras
+    >>> run = Simulation(smart_cameras(0), seed=0).start(until=100.0)
+    >>> run.advance(to=40.0)
+    >>> run.time, run.peek()
+    (40.0, 40.0)
+    >>> run.totals().index.tolist()
+    ['memory', 'disk', 'bandwidth']
+    >>> run.result().until
+    100.0
+    """
+
+    def __init__(self, system: System, conclude: Callable[[], Result]) -> None:
+        self.system = system
+        self._conclude = conclude
+        self._result: Result | None = None
+        self._failed = False
+
+    @property
+    def until(self) -> float:
+        """The end of the run, in units of time."""
+        return self.system.until
+
+    @property
+    def time(self) -> float:
+        """The present: what is due before it has happened, in units of time."""
+        return self.system.env.now
+
+    def peek(self) -> float:
+        """Tell when the next event is due.
+
+        Returns
+        -------
+        float
+            In units of time; infinity if there is none before the end.  Compiled agents have no events of
+            their own: the next look of their control unit is one.
+        """
+        due = self.system.env.upcoming[0]
+        return due if due < self.until else math.inf
+
+    def advance(self, to: float | None = None, watch: Callable[[float, int], None] | None = None) -> None:
+        """Handle every event before a time, and none that is due at that time.
+
+        Parameters
+        ----------
+        to : float, optional
+            Not before the present and not after the end, in units of time; the end unless given.
+        watch : callable, optional
+            As for `Simulation.run`.
+
+        Raises
+        ------
+        InputError
+            If the time is out of its range, or a part of one's own hands back what it cannot.
+        SimulationError
+            If simulated time cannot advance, or an earlier piece of the run has failed.
+        """
+        goal = self.until if to is None else validation.number("to", to, low=self.time, high=self.until)
+        self._go(goal, watch)
+
+    def step(self, kind: Step = "event") -> bool:
+        """Handle the next event, or all until the next signal has been broadcast.
+
+        Parameters
+        ----------
+        kind : {"event", "signal"}
+            What to go on to.  An event may change nothing: a look may find demand below its threshold.
+
+        Returns
+        -------
+        bool
+            Whether there was one before the end; if not, the run stands at its end.
+
+        Raises
+        ------
+        InputError, SimulationError
+            As for `advance`.
+        """
+        validation.choice("kind", kind, get_args(Step))
+        sent = self.system.transmitter.numbers
+        before = int(sent.sum())
+        while self.peek() < math.inf:
+            self._go(self.until, one=True)
+            if kind == "event" or int(sent.sum()) > before:
+                return True
+        self._go(self.until)
+        return False
+
+    def totals(self) -> pd.DataFrame:
+        """Look at the whole of each resource as it is now; this changes nothing in the run.
+
+        Returns
+        -------
+        DataFrame
+            Indexed by resource: ``demand`` and ``average``, both summed over the agents, and ``capacity`` in
+            force, in units of the resource, and the number of ``signals`` broadcast so far.
+        """
+        demand, average = self.system.allocations()
+        return pd.DataFrame(
+            {
+                "demand": demand.sum(axis=1),
+                "average": average.sum(axis=1),
+                "capacity": self.system.conditions.pieces[-1].capacity,
+                "signals": self.system.transmitter.numbers.copy(),
+            },
+            index=pd.Index(self.system.problem.resource_names, name="resource"),
+        )
+
+    def result(self) -> Result:
+        """Go on to the end, and give what `Simulation.run` gives.
+
+        Returns
+        -------
+        Result
+            The same object whenever it is asked for.
+
+        Raises
+        ------
+        InputError, SimulationError
+            As for `advance`.
+        """
+        if self._result is None:
+            self._go(self.until)
+            self._result = self._conclude()
+        return self._result
+
+    def _go(
+        self, until: float, watch: Callable[[float, int], None] | None = None, *, one: bool = False
+    ) -> None:
+        """Let events happen, but none after one of them has failed: others may be missing since then."""
+        if self._failed:
+            raise SimulationError(f"the run has failed at time {self.time!r}: start another one")
+        self._failed = True
+        self.system.env.run_to(until, watch, one=one)
+        self._failed = False

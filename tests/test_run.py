@@ -1,0 +1,139 @@
+"""A run in progress: advanced in pieces, stepped and looked at, it ends as one without a pause."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from aimd_des import (
+    AgentProcess,
+    BroadcastChannel,
+    Crossing,
+    Fleet,
+    InputError,
+    Sampled,
+    Simulation,
+    SimulationError,
+    latency,
+)
+from aimd_des.lowlevel import EventKind, ProcessGenerator, Run, System
+from models import smart_cameras
+from tests.conftest import quietly
+from tests.support.configurations import Configuration, assert_same, configurations
+
+BOTH = pytest.mark.parametrize("agents", [AgentProcess, Fleet])
+
+#: How far to go in units of the end, how many events, or how many signals.
+PIECES = st.lists(
+    st.one_of(st.floats(0.0, 1.0), st.sampled_from(["event", "signal"]), st.integers(2, 30)), max_size=6
+)
+
+
+def go(run: Run, piece: float | str | int) -> None:
+    if isinstance(piece, str):
+        run.step("signal" if piece == "signal" else "event")
+    elif isinstance(piece, int):
+        for _ in range(piece):
+            run.step()
+    else:
+        run.advance(to=max(run.time, piece * run.until))
+
+
+@settings(max_examples=60)
+@given(configurations(), PIECES, st.sampled_from([AgentProcess, Fleet]))
+def test_pieces_make_the_same_run(
+    configuration: Configuration, pieces: list[float | str | int], agents: Any
+) -> None:
+    whole = configuration.run(agents=agents)
+    parts = {"seed": configuration.seed, **configuration.parts, "agents": agents}
+    run = Simulation(configuration.problem, **parts).start(configuration.until)
+    for piece in pieces:
+        quietly(go, run, piece)
+        run.totals()
+    assert_same(whole, quietly(run.result))
+
+
+def simulation(agents: Any, **parts: Any) -> Simulation:
+    return Simulation(
+        smart_cameras(0, 12),
+        dynamics="continuous",
+        control_unit=Crossing(1.0),
+        channel=BroadcastChannel(latency.Exponential(0.5), loss=0.1),
+        agents=agents,
+        seed=1,
+        **parts,
+    )
+
+
+@BOTH
+def test_a_signal_is_a_step_and_time_and_totals_are_those_of_it(agents: Any) -> None:
+    whole = simulation(agents).run(100.0)
+    run = simulation(agents).start(100.0)
+    times, counts = [], []
+    while run.step("signal"):
+        times.append(run.time)
+        totals = run.totals()
+        counts.append(int(totals["signals"].sum()))
+        # It was sent because the threshold was reached, and nobody has answered yet.
+        assert (totals["demand"] >= totals["capacity"] * (1.0 - 1e-12)).any()
+    assert times == np.unique(whole.signals["time"]).tolist()
+    assert counts[-1] == len(whole.signals)
+    assert run.time == 100.0
+    assert run.peek() == math.inf
+    assert run.result().digest == whole.digest
+    assert run.result() is run.result()
+
+
+@BOTH
+def test_between_two_steps_nothing_is_due(agents: Any) -> None:
+    run = Simulation(smart_cameras(0, 5), control_unit=Sampled(2.0), agents=agents, seed=0).start(9.0)
+    seen = []
+    while (due := run.peek()) < math.inf:
+        assert run.step()
+        assert run.time == due
+        seen.append(due)
+    assert seen == sorted(seen)
+    assert {0.0, 2.0, 4.0, 6.0, 8.0} <= set(seen)
+    assert not run.step()
+    assert run.time == 9.0
+
+
+def test_what_is_due_at_the_time_itself_has_not_happened() -> None:
+    happened = []
+
+    def process(system: System) -> ProcessGenerator:
+        yield system.env.at(3.0, EventKind.INTERVENE)
+        happened.append(system.env.now)
+
+    run = simulation(Fleet, processes=[process]).start(10.0)
+    run.advance(to=3.0)
+    assert (run.time, run.peek(), happened) == (3.0, 3.0, [])
+    run.advance(to=math.nextafter(3.0, 4.0))
+    assert happened == [3.0]
+
+
+def test_times_outside_of_the_run_are_refused() -> None:
+    run = simulation(AgentProcess).start(10.0)
+    run.advance(to=4.0)
+    for wrong in (3.0, 10.5, math.nan):
+        with pytest.raises(InputError, match=r"^to = .*: must be a finite number at least 4 and at most 10$"):
+            run.advance(to=wrong)
+    with pytest.raises(InputError, match=r"^kind = 'look': must be"):
+        run.step("look")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"^until = 0\.0: must be"):
+        simulation(Fleet).start(0.0)
+
+
+def test_a_run_that_has_failed_does_not_go_on() -> None:
+    def process(system: System) -> ProcessGenerator:
+        yield system.env.timeout(2.0)
+        raise RuntimeError("by its user")
+
+    run = simulation(Fleet, processes=[process]).start(10.0)
+    with pytest.raises(RuntimeError, match="by its user"):
+        run.advance()
+    with pytest.raises(SimulationError, match=r"^the run has failed at time 2\.0: start another one$"):
+        run.result()
