@@ -1,6 +1,7 @@
 """Studies as data: axes, conditions, points, seeds and keys, and what is refused before anything runs."""
 
 import tomllib
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from aimd_des.study.condition import Condition
 from aimd_des.study.points import expand, run_of
 from aimd_des.study.run_tables import summary_of
 from aimd_des.study.schedule import Schedule
+from aimd_des.study.shared_parts import SharedParts, SharedProblem
 from tests.conftest import INLINE, quadratic_problem, quietly
 
 BASE = {key: value for key, value in tomllib.loads(INLINE).items() if key != "seed"}
@@ -359,6 +361,23 @@ def test_a_key_depends_on_all_that_results_depend_on(monkeypatch: pytest.MonkeyP
     assert len({first, *others, key()}) == 5
 
 
+def test_what_is_prepared_for_a_point_is_what_each_of_its_runs_has() -> None:
+    cameras = {"until": 60, "model": "models.smart_cameras"}
+    pinned = {**cameras, "parameters": {"seed": 7, "n_cameras": 5}}
+    # A problem for each seed that a model gets, whatever the point; one in all where it gets none.
+    for scenario, expected in ((BASE, 1), (cameras, 2), (pinned, 1)):
+        made, parts, problems = study(scenario=scenario, axes=[LATENCY]), SharedParts(), set()
+        runs = [run_of(made, point, place) for place in range(2) for point in expand(made)]
+        for run in runs:
+            canonical = b"%d\n" % aimd_des.RESULT_VERSION + run.scenario.canonical()
+            assert run.key == sha256(canonical).hexdigest()[:32]
+            assert list(run.job().scenario().items()) == list(run.scenario.spoken().items())
+            in_worker = parts.scenario(run.job())
+            assert in_worker.spoken() == run.scenario.spoken()
+            problems.add(parts.problem(run.job(), in_worker))
+        assert len(problems) == expected
+
+
 def test_runs_are_fleets_that_record_only_what_is_kept() -> None:
     def recording(*keep: str, **changes: Any) -> tuple[Any, ...]:
         scenario = expand(study(keep=list(keep), scenario={**BASE, "recording": {}, **changes}))[0].scenario
@@ -394,7 +413,7 @@ def test_a_run_is_held_against_the_problem_at_its_end() -> None:
     for interventions in ([], [step]):
         scenario = expand(study(scenario={**BASE, "interventions": interventions}))[0].scenario
         result = quietly(scenario.run)
-        found.append(summary_of(scenario, result, names))
+        found.append(summary_of(result, names, SharedProblem(scenario.problem()), list))
         for name, values in result.measures(names=names).items():
             assert found[-1][name] == pytest.approx(values.tolist(), rel=1e-9)
     assert found[0]["relative_error"] != pytest.approx(found[1]["relative_error"], rel=0.1)

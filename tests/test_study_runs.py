@@ -311,7 +311,7 @@ def test_innocent_runs_are_tried_again_and_the_culprit_is_not_tried_for_ever() -
     def next_one() -> Any:
         return next(due, None)
 
-    execute(pool, Task("", run_schema(design()), (), (), None), next_one, take, lambda: False)
+    execute(pool, Task("", "", run_schema(design()), (), (), None), next_one, take, lambda: False)
     assert taken == [(number, "died" if number == 5 else "done") for number in range(12)]
     # All, one for 4 and the first try of 5, one for the second try, one for 6 and 7, and all again.
     assert pool.sizes == [2, 1, 1, 1, 2]

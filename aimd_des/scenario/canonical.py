@@ -18,8 +18,8 @@ _IMMATERIAL = {"title", "agents"}
 _FIRST_COSTS = {"kind": "polynomial"}
 
 
-def canonical_form(spoken: Mapping[str, Any]) -> bytes:
-    """Write what decides a result, in one way only."""
+def canonical_form(spoken: Mapping[str, Any], *, own_seed: bool) -> Callable[[int], bytes]:
+    """Write what decides a result, in one way only, as a function of the seed: the rest is prepared once."""
     material = {
         key: value if key == "parameters" else _with_contents(value)
         for key, value in with_first_keys(spoken).items()
@@ -28,7 +28,21 @@ def canonical_form(spoken: Mapping[str, Any]) -> bytes:
     if "costs" in material:
         costs = material["costs"]
         material["costs"] = {k: v for k, v in costs.items() if (k, v) not in _FIRST_COSTS.items()}
-    return json.dumps(material, sort_keys=True, separators=(",", ":"), default=repr).encode("ascii")
+
+    def at(seed: int) -> bytes:
+        words = with_seed(material, seed, own=own_seed)
+        return json.dumps(words, sort_keys=True, separators=(",", ":"), default=repr).encode("ascii")
+
+    return at
+
+
+def with_seed(tables: Mapping[str, Any], seed: int, *, own: bool) -> dict[str, Any]:
+    """Put a seed into a scenario, and into the parameters of a model that gets its own from there."""
+    found = {**tables, "seed": seed}
+    if own:
+        parameters = tables["parameters"]
+        found["parameters"] = {**parameters, "seed": type(parameters["seed"])(seed)}
+    return found
 
 
 def typed_parameters(function: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:

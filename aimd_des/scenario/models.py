@@ -55,6 +55,11 @@ def made_by(name: str, parameters: Mapping[str, Any]) -> Problem:
     return problem
 
 
+def takes_seed(name: str, given: Mapping[str, Any]) -> bool:
+    """Tell whether a model gets the seed of the scenario."""
+    return "seed" in signature(named_model(name)).parameters and "seed" not in given
+
+
 def model_parameters(name: str, given: dict[str, Any], seed: int) -> dict[str, Any]:
     """Complete the parameters of a model with its defaults."""
     known = signature(named_model(name)).parameters

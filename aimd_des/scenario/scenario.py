@@ -21,7 +21,7 @@ from aimd_des.scenario.build import built_by, changes_of, under, with_resources
 from aimd_des.scenario.canonical import canonical_form, typed_parameters
 from aimd_des.scenario.kind_tables import KindTable, kind_table, one_of
 from aimd_des.scenario.messages import InSentences, Place, checked
-from aimd_des.scenario.models import model_parameters, named_model
+from aimd_des.scenario.models import model_parameters, named_model, takes_seed
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.parameters import as_data, refuse_no_data
 from aimd_des.scenario.prices import RedrawnPrices
@@ -230,10 +230,35 @@ class Scenario(Table, InSentences):
         InputError
             If there is no such model, or a file cannot be read.
         """
+        return self.canonical_at()(self.seed)
+
+    def canonical_at(self) -> Callable[[int], bytes]:
+        """Write the canonical form as a function of the seed, for many runs that differ in it alone.
+
+        Returns
+        -------
+        callable
+            Takes a seed, and gives what `canonical` gives with it.
+
+        Raises
+        ------
+        InputError
+            As `canonical` does.
+        """
         spoken = self.resolved().spoken()
         if self.model is not None:
             spoken["parameters"] = typed_parameters(named_model(self.model), spoken["parameters"])
-        return canonical_form(spoken)
+        return canonical_form(spoken, own_seed=self.has_own_seed())
+
+    def has_own_seed(self) -> bool:
+        """Tell whether the seed is handed on to the model, whose parameters name no other.
+
+        Returns
+        -------
+        bool
+            Whether another seed makes another problem.
+        """
+        return self.model is not None and takes_seed(self.model, self.parameters)
 
     def problem(self) -> Problem:
         """Build the problem that is shared, and hold against it what refers to it.
@@ -266,6 +291,10 @@ class Scenario(Table, InSentences):
         InputError
             As `problem` does.
         """
+        problem = self._problem()
+        return problem, self.changes(problem)
+
+    def _problem(self) -> Problem:
         if self.model is not None:
             problem = built_by(self.model, self.parameters, self.seed)
             if isinstance(self.resources, dict):
@@ -274,16 +303,38 @@ class Scenario(Table, InSentences):
             assert isinstance(self.resources, list)  # noqa: S101 - _check saw to it
             assert self.costs is not None  # noqa: S101
             problem = Problem([table.build() for table in self.resources], self.costs.build())
+        return problem
+
+    def changes(self, problem: Problem) -> list[Intervention]:
+        """Build what changes the problem, and hold against it what refers to it.
+
+        Parameters
+        ----------
+        problem : Problem
+            As `problem` returns it.
+
+        Returns
+        -------
+        list of Intervention
+            In the order of the file.
+
+        Raises
+        ------
+        InputError
+            If there is no agent or resource as an intervention names, or a number of values is not that of
+            the agents.
+        """
         if self.compensation is not None:
             with under("compensation"):
                 self.compensation.build().parameters(problem.n_agents)
-        changes = changes_of(self.interventions, problem, self.model, self.parameters, self.seed)
-        return problem, changes
+        return changes_of(self.interventions, problem, self.model, self.parameters, self.seed)
 
     def run(
         self,
         watch: Callable[[float, int], None] | None = None,
         processes: Sequence[Callable[[System], ProcessGenerator]] = (),
+        *,
+        problem: Problem | None = None,
     ) -> Result:
         """Run the scenario.
 
@@ -293,6 +344,8 @@ class Scenario(Table, InSentences):
             Called with (simulated time, events handled) every few thousand events.
         processes : sequence of callable
             SimPy processes that take part, as `Simulation` takes them.
+        problem : Problem, optional
+            What `problem` returns, for runs that share it; built unless given.
 
         Returns
         -------
@@ -304,7 +357,11 @@ class Scenario(Table, InSentences):
         InputError
             If the problem is refused, or a length does not fit the number of agents.
         """
-        problem, interventions = self.built()
+        if problem is None:
+            problem = self._problem()
+        else:
+            validation.instance("problem", problem, Problem, "a Problem")
+        interventions = self.changes(problem)
         if self.dynamics == "synchronous":
             if processes:
                 allowed = "'discrete' or 'continuous' for processes such as one that watches the run"

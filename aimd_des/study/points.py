@@ -1,8 +1,9 @@
 """The points of a study and the runs of each: settings, seeds and keys, a function of the study alone."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from hashlib import sha256
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from aimd_des._version import RESULT_VERSION
 from aimd_des.scenario import Scenario, validate_scenario
+from aimd_des.scenario.canonical import with_seed
 from aimd_des.scenario.dotted_keys import with_settings
 from aimd_des.scenario.kind_tables import own_parts
 from aimd_des.scenario.old_keys import with_first_keys
@@ -29,17 +31,44 @@ class Point:
 
     name: str  # a hash of the settings: the same whatever values there are besides, and in whatever order
     labels: dict[str, Value]  # the value of each axis by its name
-    scenario: Scenario  # the run at this point, without its seed
+    scenario: Scenario  # the run at this point, with seed 0
     problem: dict[str, str]  # digests of the problem with seed 0, field by field, and of the user's own parts
+
+    @cached_property
+    def tables(self) -> dict[str, Any]:
+        """Spell out the scenario; the seed is still 0."""
+        return self.scenario.resolved().spoken()
+
+    @cached_property
+    def own_seed(self) -> bool:
+        """Tell whether each run has a problem of its own."""
+        return self.scenario.has_own_seed()
+
+    def key(self, seed: int) -> str:
+        """Hash the scenario of a run, and the version of results."""
+        return sha256(b"%d\n" % RESULT_VERSION + self._canonical(seed)).hexdigest()[:32]
+
+    @cached_property
+    def _canonical(self) -> Callable[[int], bytes]:
+        return self.scenario.canonical_at()
 
 
 @dataclass(frozen=True)
 class Job:
     """A run as it is sent to a worker: tables of scenarios are made by each process for itself."""
 
-    key: str  # of the run
     labels: dict[str, Any]  # what the columns hold that say which run it is
-    scenario: dict[str, Any]  # every value spelled out
+    tables: dict[str, Any]  # the scenario of the point, every value spelled out
+    own_seed: bool  # whether the seed of the run is that of the model, too
+
+    @property
+    def key(self) -> str:
+        """The name of the run's files."""
+        return str(self.labels["key"])
+
+    def scenario(self) -> dict[str, Any]:
+        """Spell out the scenario of the run."""
+        return with_seed(self.tables, self.labels["seed"], own=self.own_seed)
 
 
 @dataclass(frozen=True)
@@ -48,18 +77,23 @@ class Run:
 
     point: Point  # where
     replication: int  # which, from 0
-    scenario: Scenario  # resolved, with the seed of the run
+    seed: int  # decides all that is random in it
     key: str  # a hash of the scenario and of the version of results: the name of the files
 
     def job(self) -> Job:
         """Say what a worker has to know."""
-        return Job(self.key, self.labels, self.scenario.spoken())
+        return Job(self.labels, self.point.tables, self.point.own_seed)
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario, resolved."""
+        return self.point.scenario.model_copy(update={"seed": self.seed}).resolved()
 
     @property
     def labels(self) -> dict[str, Any]:
         """What the columns hold that say which run it is."""
         own = {"point": self.point.name, "replication": self.replication, "key": self.key}
-        return {**self.point.labels, **own, "seed": self.scenario.seed, "until": self.scenario.until}
+        return {**self.point.labels, **own, "seed": self.seed, "until": self.point.scenario.until}
 
     def __str__(self) -> str:
         return f"{shown_labels(self.point.labels)} (replication {self.replication})".lstrip()
@@ -155,7 +189,5 @@ def run_of(study: Study, point: Point, replication: int) -> Run:
         words = (int(point.name[:8], 16), int(point.name[8:], 16))
         spawn_key = (_UNPAIRED, *words, replication)
     state = np.random.SeedSequence(study.seed, spawn_key=spawn_key).generate_state(1, np.uint64)
-    scenario = point.scenario.model_copy(update={"seed": int(state[0] >> np.uint64(1))}).resolved()
-    digest = sha256(b"%d\n" % RESULT_VERSION)
-    digest.update(scenario.canonical())
-    return Run(point, replication, scenario, digest.hexdigest()[:32])
+    seed = int(state[0] >> np.uint64(1))
+    return Run(point, replication, seed, point.key(seed))

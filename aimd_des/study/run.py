@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
+from uuid import uuid4
 
 from aimd_des.study.executor import execute
 from aimd_des.study.plan_table import digests_of, earlier_replications, plan_table
@@ -152,7 +153,9 @@ class _Sweep:
         self, study: Study, store: Store, schedule: Schedule, watch: Callable[[Tally], None] | None
     ) -> None:
         measure = None if study.precision is None else study.precision.measure
-        self.task = Task(str(store.folder), run_schema(study), study.columns(), tuple(study.keep), measure)
+        self.task = Task(
+            str(store.folder), uuid4().hex, run_schema(study), study.columns(), tuple(study.keep), measure
+        )
         self.unwritten: Outcome | None = None
         self._store, self._schedule, self._watch = store, schedule, watch
         self._stored, self._failed = store.keys("runs"), store.keys("failed")

@@ -1,27 +1,17 @@
 """From a result to tables: a row for each resource, with the same columns for all runs of a study."""
 
 import json
-import logging
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Any, Generic, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import pyarrow as pa
 
-from aimd_des.problem.optimum import Optimum, solve_optimum
-from aimd_des.problem.problem import Problem
 from aimd_des.results.measures import EXPECTED, MEASURES
 from aimd_des.results.result import Result
 from aimd_des.results.tracking import is_unchanged
-from aimd_des.scenario import Scenario
 from aimd_des.study.axis import Axis
-from aimd_des.study.points import problem_words
+from aimd_des.study.shared_parts import SharedProblem
 from aimd_des.study.study import Study
-from aimd_des.utils.errors import InputError, SimulationError
-
-_LOGGER = logging.getLogger("aimd_des")
-_Thing = TypeVar("_Thing")
 
 #: Where the metadata of a file hold the scenario of its run, as TOML.
 SCENARIO = b"aimd_des.scenario"
@@ -65,41 +55,16 @@ def run_schema(study: Study) -> pa.Schema:
     )
 
 
-@dataclass(frozen=True)
-class _Described(Generic[_Thing]):
-    """A thing, and the words by which it is recognised."""
-
-    words: str
-    thing: _Thing = field(compare=False)
-
-
-# Runs come replication by replication, so that those that share their problem come together.
-@lru_cache(maxsize=32)
-def _optimum(problem: _Described[Problem]) -> Optimum:
-    return solve_optimum(problem.thing)
-
-
-@lru_cache(maxsize=32)
-def _expected(scenario: _Described[Scenario]) -> list[float]:
-    """Ask theory for the misallocation at the end: NaN where it does not cover the scenario."""
-    try:
-        return list(scenario.thing.convergence().misallocation(scenario.thing.until).mean.tolist())
-    except (InputError, SimulationError) as refusal:
-        _LOGGER.warning("no misallocation is expected: %s", refusal)
-        return []
-
-
-def summary_of(scenario: Scenario, result: Result, names: Sequence[str]) -> dict[str, list[Any]]:
-    """Measure a run, with optimum and expectation solved only once for all runs that share them."""
-    # Where interventions have left another problem, the run has one of its own.
-    own = not is_unchanged(result.problem, result.history[-1])
-    shared = not own and any(MEASURES[name].needs_optimum for name in names)
-    optimum = _optimum(_Described(problem_words(scenario), result.problem)) if shared else None
+def summary_of(
+    result: Result, names: Sequence[str], shared: SharedProblem, expected: Callable[[], list[float]]
+) -> dict[str, list[Any]]:
+    """Measure a run; what theory expects is asked for only where it is wanted, and NaN where it is empty."""
+    # Where interventions have left another problem, the run has an optimum of its own.
+    unchanged = is_unchanged(result.problem, result.history[-1])
+    optimum = shared.optimum if unchanged and any(MEASURES[name].needs_optimum for name in names) else None
     measures = {name: column.tolist() for name, column in result.measures(optimum, names).items()}
     if EXPECTED in measures:
-        # The seed decides the problem by the parameters of its model, which are among the words.
-        words = repr(scenario.model_copy(update={"seed": 0}).spoken())
-        measures[EXPECTED] = _expected(_Described(words, scenario)) or measures[EXPECTED]
+        measures[EXPECTED] = expected() or measures[EXPECTED]
     return {"resource": list(result.problem.resource_names), **measures}
 
 

@@ -13,10 +13,10 @@ from typing import Literal
 import pyarrow as pa
 import tomli_w
 
-from aimd_des.scenario import Scenario
 from aimd_des.scenario.run_folder import library_versions
 from aimd_des.study.points import Job
 from aimd_des.study.run_tables import frame_table, run_table, summary_of
+from aimd_des.study.shared_parts import shared_parts
 from aimd_des.study.store import Store, parquet
 from aimd_des.utils.errors import OverloadWarning
 from aimd_des.utils.returned_values import raised_in
@@ -29,6 +29,7 @@ class Task:
     """What is the same for all runs of a study."""
 
     folder: str  # of the study
+    sweep: str  # a word by which workers tell one sweep from another
     schema: pa.Schema  # of a run's rows
     # Columns of the summary and frames to keep.
     measures: tuple[str, ...]
@@ -56,12 +57,14 @@ def perform(task: Task, job: Job) -> Outcome:
             # Their number is a column.
             warnings.filterwarnings("ignore", ".* responses had a probability above 1", RuntimeWarning)
             warnings.simplefilter("ignore", OverloadWarning)  # said once, of all runs
-            scenario = Scenario.model_validate(job.scenario)
-            result = scenario.run()
-        summary = summary_of(scenario, result, task.measures)
+            parts = shared_parts(task.sweep)
+            scenario = parts.scenario(job)
+            shared = parts.problem(job, scenario)
+            result = scenario.run(problem=shared.problem)
+        summary = summary_of(result, task.measures, shared, lambda: parts.expected(job, scenario))
         labels = {**job.labels, "digest": result.digest}
         away = [summary["resource"][j] for j in result.run_away.nonzero()[0]]
-        rows = run_table(task.schema, labels, summary, tomli_w.dumps(job.scenario), _versions(), away)
+        rows = run_table(task.schema, labels, summary, tomli_w.dumps(job.scenario()), _versions(), away)
         frames = {name: frame_table(job.key, result, name) for name in task.keep}
     except Exception as error:  # noqa: BLE001 - whatever goes wrong in one run must not stop the others
         message = raised_in(error) or f"{type(error).__name__}: {error}"
@@ -96,7 +99,7 @@ def failure(store: Store, job: Job, message: str, trace: str = "") -> None:
         "message": message,
         "traceback": trace,
         "versions": _versions(),
-        "scenario": tomli_w.dumps(job.scenario),
+        "scenario": tomli_w.dumps(job.scenario()),
     }
     content = f"{json.dumps(record, indent=2, ensure_ascii=False)}\n".encode("utf-8", "backslashreplace")
     store.write(store.name("failed", job.key), content)

@@ -1,0 +1,96 @@
+"""What runs of a study have in common, made once in each worker: scenarios, problems and their optima."""
+
+import logging
+from collections import OrderedDict
+from functools import cached_property, lru_cache
+from threading import Lock
+
+from aimd_des.problem.optimum import Optimum, solve_optimum
+from aimd_des.problem.problem import Problem
+from aimd_des.scenario import Scenario
+from aimd_des.scenario.canonical import with_seed
+from aimd_des.study.points import Job, problem_words
+from aimd_des.utils.errors import InputError, SimulationError
+
+_LOGGER = logging.getLogger("aimd_des")
+
+# Problems are kept as long as they have no more agents together: runs come replication by replication, so
+# that those that share a problem come together.
+_MOST_AGENTS = 100_000
+
+
+class SharedProblem:
+    """A problem, and its optimum as soon as somebody asks for it."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+
+    @cached_property
+    def optimum(self) -> Optimum:
+        """Solve for it."""
+        return solve_optimum(self.problem)
+
+
+class _SharedPoint:
+    """The scenario of a point, checked once for all of its runs."""
+
+    def __init__(self, job: Job) -> None:
+        self.scenario = Scenario.model_validate(job.tables)
+        self.words = problem_words(self.scenario)
+        self.expected: dict[int, list[float]] = {}
+
+    def with_seed(self, job: Job) -> Scenario:
+        """Give the scenario of a run."""
+        seeded = with_seed({"parameters": self.scenario.parameters}, job.labels["seed"], own=job.own_seed)
+        return self.scenario.model_copy(update=seeded)
+
+
+class SharedParts:
+    """What one sweep has made so far in this process."""
+
+    def __init__(self) -> None:
+        self._points: dict[str, _SharedPoint] = {}
+        self._problems: OrderedDict[tuple[str, int], SharedProblem] = OrderedDict()
+        self._lock = Lock()  # workers may be threads
+
+    def scenario(self, job: Job) -> Scenario:
+        """Give the scenario of a run."""
+        return self._point(job).with_seed(job)
+
+    def problem(self, job: Job, scenario: Scenario) -> SharedProblem:
+        """Give the problem of a run."""
+        key = (self._point(job).words, job.labels["seed"] if job.own_seed else 0)
+        with self._lock:
+            found = self._problems.pop(key, None)
+        if found is None:
+            found = SharedProblem(scenario.problem())
+        with self._lock:
+            self._problems[key] = found
+            agents = sum(one.problem.n_agents for one in self._problems.values())
+            while agents > _MOST_AGENTS and len(self._problems) > 1:
+                agents -= self._problems.popitem(last=False)[1].problem.n_agents
+        return found
+
+    def expected(self, job: Job, scenario: Scenario) -> list[float]:
+        """Ask theory for the misallocation at the end: empty where it does not cover the scenario."""
+        known, seed = self._point(job).expected, job.labels["seed"] if job.own_seed else 0
+        if seed not in known:
+            try:
+                mean = scenario.convergence().misallocation(scenario.until).mean
+                known[seed] = list(mean.tolist())
+            except (InputError, SimulationError) as refusal:
+                _LOGGER.warning("no misallocation is expected: %s", refusal)
+                known[seed] = []
+        return known[seed]
+
+    def _point(self, job: Job) -> _SharedPoint:
+        name = job.labels["point"]
+        if name not in self._points:
+            self._points[name] = _SharedPoint(job)
+        return self._points[name]
+
+
+@lru_cache(maxsize=1)
+def shared_parts(sweep: str) -> SharedParts:  # noqa: ARG001 - another sweep may have other models by the same names
+    """Give what a sweep shares; parts of another one are forgotten."""
+    return SharedParts()
