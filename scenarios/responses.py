@@ -34,10 +34,10 @@ from aimd_des.plots import colour, shared_legend
 from aimd_des.responses import Derandomised, EventNormalised, Randomised, Response
 from aimd_des.study import mean_and_error, paired_difference, replicate
 from models.smart_cameras import smart_cameras
-from scenarios.churn.runs import schedule
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import quietly
+from scenarios.common.presence import schedule
 from scenarios.common.systems import spread
 from scenarios.common.tables import estimate, number, numbers, pick
 

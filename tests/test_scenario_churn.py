@@ -22,9 +22,9 @@ from scenarios.churn.runs import (
     leave_together,
     measure,
     optimum,
-    schedule,
     steady,
 )
+from scenarios.common.presence import schedule
 
 STAYS, UNTIL, DRAWS = (80.0, np.inf), 400.0, 6
 TIMES, GROUPS = Times(150.0, 200.0, 300.0, 10.0), 32

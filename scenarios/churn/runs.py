@@ -6,20 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aimd_des import BroadcastChannel, Recording, Result, lowlevel, solve_optimum, theory
+from aimd_des import BroadcastChannel, Recording, Result, solve_optimum, theory
 from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
-from aimd_des.interventions import Absence, Crash, Intervention, Join
+from aimd_des.interventions import Absence, Crash, Intervention
 from aimd_des.latency import Constant
 from aimd_des.lowlevel import FloatArray
 from scenarios.common.measure import distance, quietly, sensed
+from scenarios.common.presence import PRESENT, schedule
 from scenarios.common.systems import alike, memory_alone
 
 # Growth and capacity are the same in all draws of the costs.
 _PROBLEM = memory_alone()
 N, ALPHA, CAPACITY = _PROBLEM.n_agents, float(_PROBLEM.increase[0, 0]), float(_PROBLEM.capacity[0])
 LATENCY = HOLD_OFF = 0.5
-#: A camera stays for a time of mean T and is away for one of half of that: two thirds are present.
-PRESENT, AWAY = 2 / 3, 0.5
 #: Of those who are present on average: what they can grow to before they go is the capacity.
 CRITICAL_STAY = CAPACITY / (PRESENT * N * ALPHA)
 #: Who leaves together.
@@ -99,31 +98,6 @@ class Together(NamedTuple):
     again: float  # time until the total is where it was, or at the capacity
     # What was released over the growth of those who stay, which is the time that it should take.
     released: float
-
-
-def schedule(
-    stay: float, until: float, returns: type[Absence] | type[Crash], seed: int
-) -> list[Intervention]:
-    """Draw who is there when, declared before the run; the state at time 0 is that of the long run.
-
-    Draw k of camera i has the address (k, i): runs of the same seed share it, whatever their mean stay.
-    Continuous agents have no clocks, so that the stream of the clocks is free for this.
-    """
-    key = lowlevel.key(seed, lowlevel.Purpose.CLOCK)
-    here = lowlevel.uniforms(key, 0, 0, N) < PRESENT
-    found: list[Intervention] = []
-    if np.isinf(stay):
-        away = np.flatnonzero(~here).tolist()
-        return [Absence(away, 0.0)] if away else []
-    time, number = np.zeros(N), 0
-    while (time < until).any():
-        number += 1
-        lasts = np.where(here, stay, AWAY * stay) * -np.log1p(-lowlevel.uniforms(key, 0, number, N))
-        for i in np.flatnonzero(~here & (time < until)).tolist():
-            end = float(time[i] + lasts[i])
-            found.append(returns(i, float(time[i]), end) if number > 1 else Join(i, end))
-        time, here = time + lasts, ~here
-    return found
 
 
 def measure(case: Case, draw: int, seed: int) -> Seen:
