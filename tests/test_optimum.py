@@ -14,6 +14,7 @@ from scipy.optimize import brentq, minimize
 
 from aimd_des.problem.costs import Costs, CoupledCosts, CustomCosts, PolynomialCosts
 from aimd_des.problem.optimum import Optimum, solve_optimum
+from aimd_des.problem.optimum.optima import optimal_allocations
 from aimd_des.problem.problem import Problem, Resource
 from aimd_des.utils.errors import InputError, SimulationError
 from aimd_des.utils.validation import FloatArray
@@ -460,3 +461,17 @@ def test_a_hundred_thousand_agents_fit_into_memory(kind: str) -> None:
     tracemalloc.stop()
     assert peak < 4 * 2**30
     check(problem, optimum)
+
+
+def test_optima_for_several_capacities_are_those_of_each() -> None:
+    own = PolynomialCosts([2], [[[1.0], [2.0]], [[2.0], [1.0]], [[1.0], [1.0]]])
+    coupled = CoupledCosts(own, weights=np.ones((3, 2)), sum_exponents=[3], sum_coefficients=np.ones((3, 1)))
+    # The third agent's price is so high that it holds something at the larger capacities only.
+    priced = PolynomialCosts([1, 2], [[[1.0, 1.0]], [[1.0, 2.0]], [[9.0, 1.0]]])
+    for costs, first in ((coupled, [3.0, 5.0]), (priced, [8.0])):
+        problem = problem_of(costs, first)
+        capacities = np.outer([1.0, 1.01, 0.7, 2.0, 0.4], first)
+        found = optimal_allocations(problem, capacities)
+        for allocation, capacity in zip(found, capacities, strict=True):
+            wanted = solve_optimum(problem, capacity=capacity).allocation
+            np.testing.assert_allclose(allocation, wanted, rtol=1e-7, atol=1e-7)

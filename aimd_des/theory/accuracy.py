@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from aimd_des.dynamics.averaging import Averaging, Cumulative, Forgetting, Polynomial, Window
 from aimd_des.dynamics.responses import Response
-from aimd_des.problem.optimum import solve_optimum
+from aimd_des.problem.optimum.optima import optimal_allocations
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.absolute_sum import absolute_interval, absolute_mean
 from aimd_des.theory.arguments import Dynamics
@@ -119,7 +119,8 @@ class Convergence:
     @cached_property
     def bias(self) -> FloatArray:
         """Averages less the optimum for what they use, in the end: (n, m), in units of the resources."""
-        return _deviation(self.problem, self.steady.average, self.steady.average.sum(axis=0))
+        (bias,), _ = self._bias_at(self.steady.average[None], used=True)
+        return np.asarray(bias)
 
     @cached_property
     def _path(self) -> Path:
@@ -264,8 +265,7 @@ class Convergence:
         """Compute mean deviations, (k, n, m), and what they are measured by, (k, m)."""
         problem = self.problem
         totals = average.sum(axis=1) if used else np.tile(problem.capacity, (len(average), 1))
-        rows = [_deviation(problem, row, total) for row, total in zip(average, totals, strict=True)]
-        return np.stack(rows), totals
+        return average - optimal_allocations(problem, totals), totals
 
     def _moments(self, time: float) -> tuple[FloatArray, FloatArray | None]:
         """Compute the variance of each average, (n, m), and the covariances between agents, (m, n, n)."""
@@ -326,10 +326,6 @@ def _times(at: npt.ArrayLike) -> FloatArray:
     if validation.axes(at) == 0:
         return np.array(validation.number("at", at, low=0.0, low_open=True))
     return validation.array("at", at, ["k"], low=0.0, low_open=True)
-
-
-def _deviation(problem: Problem, average: FloatArray, totals: FloatArray) -> FloatArray:
-    return average - solve_optimum(problem, capacity=totals).allocation
 
 
 def convergence(

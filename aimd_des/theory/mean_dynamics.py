@@ -25,7 +25,7 @@ from scipy.optimize import brentq
 
 from aimd_des.dynamics.responses import AT_CUTS, AT_SIGNALS
 from aimd_des.theory.prediction import Steady, found_by_signals
-from aimd_des.theory.response_rule import chance, cuts_of
+from aimd_des.theory.response_rule import chance
 from aimd_des.theory.setting import Setting
 from aimd_des.theory.trajectory import Slope, Trajectory
 from aimd_des.utils.validation import FloatArray
@@ -102,6 +102,24 @@ class Path:
         return np.zeros((self.setting.problem.n_agents, 1)) if self.origin is None else self.origin.joined
 
     @cached_property
+    def _growth(self) -> FloatArray:
+        return np.asarray(self.setting.problem.increase.sum(axis=0))
+
+    @cached_property
+    def _held_back(self) -> FloatArray | float:
+        """Growth that a signal costs on the clock besides its cut, (n, m)."""
+        return self.setting.problem.increase * (1.0 - self.setting.loss) if self.setting.discrete else 0.0
+
+    @cached_property
+    def _largest_cut(self) -> FloatArray:
+        """Part of its demand that a signal takes of who answers for certain, in the mean, (n, m)."""
+        return np.asarray((1.0 - self.setting.problem.decrease) * (1.0 - self.setting.loss))
+
+    @cached_property
+    def _settled_tooth(self) -> FloatArray:
+        return self.steady.found - self.steady.average
+
+    @cached_property
     def starts(self) -> FloatArray:
         """When each total is reached for the first time from the origin on, shape (m,)."""
         if self.origin is None:
@@ -175,25 +193,21 @@ class Path:
 
     def _kappa(self, average: FloatArray, divisor: FloatArray) -> FloatArray:
         """Compute what part of the demand that it finds a signal takes in the mean."""
-        setting, tooth = self.setting, self.steady.found - self.steady.average
-        below = divisor - average if setting.response.divisor == AT_SIGNALS else tooth
+        setting = self.setting
+        below = divisor - average if setting.response.divisor == AT_SIGNALS else self._settled_tooth
         part = chance(setting.problem, setting.response, average, below)
         if setting.response.divisor == AT_CUTS:
-            part = part * average / (divisor - tooth)
-        keep, hit = cuts_of(setting.problem, setting.response, part, setting.loss)
-        return keep * hit
+            part = part * average / (divisor - self._settled_tooth)
+        return part * self._largest_cut
 
     def _fast(self, begun: npt.NDArray[np.bool_], time: float, state: FloatArray) -> FloatArray:
         average, found, divisor = state
-        setting, increase = self.setting, self.setting.problem.increase
-        cut = self._kappa(average, divisor) * found
-        if setting.discrete:
-            share = increase.sum(axis=0) / (increase * (1.0 - setting.loss) + cut).sum(axis=0)
-            grown = increase * (1.0 - share + share * setting.loss)
-        else:
-            share, grown = increase.sum(axis=0) / cut.sum(axis=0), increase
-        moved = np.where(begun, grown - share * cut, increase)
-        tooth = np.where(begun, self._tooth(found), 0.0)
+        increase = self.setting.problem.increase
+        # Who receives a signal on the clock does not grow in its step.
+        taken = self._kappa(average, divisor) * found + self._held_back
+        share = self._growth / taken.sum(axis=0)
+        moved = increase - np.where(begun, share, 0.0) * taken
+        tooth = begun * self._tooth(found)
         if self.origin is not None:  # agents that have just come hold less than a tooth
             tooth *= np.minimum(found / self.steady.found, 1.0)
         follows = np.where(begun, self._counting(time) * (found - divisor), increase * (self.origin is None))
@@ -208,9 +222,8 @@ class Path:
 
     def _tooth(self, found: FloatArray) -> FloatArray:
         """Compute how far demand in the mean over time is below what signals find."""
-        steady, following = self.steady, self.setting.following
-        tooth = steady.found - steady.average
-        return tooth if following is None else tooth + (1.0 - following.mean) * (found - steady.found)
+        following, tooth = self.setting.following, self._settled_tooth
+        return tooth if following is None else tooth + (1.0 - following.mean) * (found - self.steady.found)
 
     def _counting(self, time: float) -> FloatArray:
         """Compute at what rates averages over signals follow, (m,) or (n, m): they begin with the first."""

@@ -201,20 +201,40 @@ def settle(setting: Setting, start: FloatArray | None = None) -> Steady:
     """Let signals and use of the capacity settle on each other."""
     problem = setting.problem
     average = solve_optimum(problem, capacity=problem.limit).allocation if start is None else start
-    tooth = np.zeros_like(average)
+    tooth = more = np.zeros_like(average)
+    # Exact moments take long, and come to little more than the first order, which hardly changes.
+    for _ in range(_MAX_ROUNDS if setting.exact else 1):
+        balance = _settle_by(setting, average, tooth, more)
+        if not setting.exact:
+            return balance
+        exact = _exact(setting, balance)
+        off = exact.average - balance.average
+        if (np.abs(off) <= _TOLERANCE * balance.average).all():
+            return exact
+        average, tooth, more = balance.average, balance.found - balance.average, more + off
+    raise _unsettled(problem, average)
+
+
+def _settle_by(setting: Setting, average: FloatArray, tooth: FloatArray, more: FloatArray) -> Steady:
+    """Let them settle where averages are by so much `more` than to first order, (n, m)."""
+    problem = setting.problem
     for _ in range(_MAX_ROUNDS):
         gradient = problem.costs.gradient(average)
         balance = _balance(setting, chance(problem, setting.response, average, tooth))
-        wanted = balance.average
+        wanted = balance.average + more
         if (np.abs(wanted - average) <= _TOLERANCE * average).all():
-            return balance
+            return balance._replace(average=wanted)
         # The steeper the costs the more agents answer to their own averages: a whole step would swing.
         curvature = np.abs(problem.costs.hessian(average) * average[:, None, :]).sum(axis=2)
         steepness = np.where(balance.part < 1.0, np.maximum(curvature / gradient, 1.0), 1.0)
         average = average * np.clip(wanted / average, 0.5, 2.0) ** (1.0 / steepness)
         tooth = balance.found - wanted
+    raise _unsettled(problem, average)
+
+
+def _unsettled(problem: Problem, average: FloatArray) -> SimulationError:
     used = average.sum(axis=0) / problem.capacity
-    raise SimulationError(
+    return SimulationError(
         f"no prediction: utilisation does not settle, last {used.tolist()}; one signal takes too large a part"
         " of the capacity, so make Gamma or 1 - beta smaller"
     )
@@ -238,8 +258,6 @@ def _balance(setting: Setting, part: FloatArray) -> Steady:
     problem = setting.problem
     keep, hit = cuts_of(problem, setting.response, part, setting.loss)
     signals, found = found_by_signals(setting, keep * hit)
-    if setting.exact:
-        return Steady(signals, *_exact(setting, signals, found, keep, hit), found, part, keep, hit)
     square = found**2 * (2.0 - keep * hit) / (2.0 - keep)
     square += lost_steps(setting, keep * hit, found) / (keep * hit * (2.0 - keep))
     if setting.sway is not None:
@@ -266,10 +284,9 @@ def lost_steps(setting: Setting, kappa: FloatArray, found: FloatArray) -> FloatA
     return np.asarray(loss * growth * (growth * (1.0 - loss) + 2.0 * kappa * found))
 
 
-def _exact(
-    setting: Setting, signals: FloatArray, found: FloatArray, keep: FloatArray, hit: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Compute averages and mean squares of what signals find, (n, m), from exact moments."""
+def _exact(setting: Setting, balance: Steady) -> Steady:
+    """Take averages and mean squares of what signals find from exact moments."""
+    signals, found, keep, hit = balance.signals, balance.found, balance.keep, balance.hit
     average, square = np.empty((2, *found.shape))
     more = lost_steps(setting, keep * hit, found)
     for j, growth in enumerate(setting.problem.increase.T):
@@ -281,4 +298,4 @@ def _exact(
         else:
             met = square[:, j] + setting.sway[:, j]
             average[:, j] = averages_on_the_clock(*column, met, signals[j], setting.loss[:, 0])
-    return average, square
+    return balance._replace(average=average, square=square)

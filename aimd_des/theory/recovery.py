@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.problem.optimum import solve_optimum
+from aimd_des.problem.optimum.optima import optimal_allocations
 from aimd_des.theory.accuracy import Convergence
 from aimd_des.theory.mean_dynamics import Origin, Path
 from aimd_des.utils import validation
@@ -108,8 +109,7 @@ class Recovery:
         if measure == "relative_error":
             best = solve_optimum(problem).allocation[None]
         else:
-            used = [solve_optimum(problem, capacity=row.sum(axis=0)).allocation for row in average]
-            best = np.stack(used)
+            best = optimal_allocations(problem, average.sum(axis=1))
         return np.asarray(np.abs(average - best).sum(axis=1) / best.sum(axis=1))
 
 

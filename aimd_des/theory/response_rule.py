@@ -49,8 +49,9 @@ def probability(
 
 def largest(problem: Problem, response: ResponseParameters) -> FloatArray:
     """Compute the largest lambda that the cut can follow, (n, m)."""
-    full = np.ones_like(problem.decrease)
-    return np.asarray(full / (1.0 - problem.decrease) if response.cut == FRACTIONAL else full)
+    if response.cut == FRACTIONAL:
+        return np.asarray(1.0 / (1.0 - problem.decrease))
+    return np.ones_like(problem.decrease)
 
 
 def chance(

@@ -93,7 +93,7 @@ def _newton_step(scaled: ScaledCosts, point: Iterate) -> Iterate | None:
     y, z, price = point.shares, point.bound_multipliers, point.price
     blocks = scaled.hessian(y)
     np.einsum("ijj->ij", blocks)[...] += z / y
-    inverse = _inverse(blocks)
+    inverse = inverse_blocks(blocks)
     predictor = _newton_direction(point, inverse, y * z)
     reach_y = _step_to_bound(y, predictor.shares, 1.0)
     reach_z = _step_to_bound(z, predictor.bound_multipliers, 1.0)
@@ -126,7 +126,7 @@ def _unit_diagonal(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
     return matrices * (scale[..., :, None] * scale[..., None, :]), scale
 
 
-def _inverse(blocks: FloatArray) -> FloatArray:
+def inverse_blocks(blocks: FloatArray) -> FloatArray:
     """Invert the positive definite blocks (n, m, m), nearly singular ones included."""
     unit, scale = _unit_diagonal(blocks)
     np.einsum("ijj->ij", unit)[...] = 1.0 + _REGULARIZATION
