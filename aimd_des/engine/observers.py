@@ -10,6 +10,7 @@ from array import array
 from heapq import heapify, heapreplace
 
 import numpy as np
+import numpy.typing as npt
 
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import EventKind
@@ -173,6 +174,14 @@ class LinearPieces:
         self.changes[resource].append(change)
         if len(times) == _BUFFERED:
             self._fold(resource)
+
+    def changed_often(self, time: FloatArray, resource: npt.NDArray[np.int64], change: FloatArray) -> None:
+        """Take note of many changes of the total, in the order of time."""
+        for j, (times, changes) in enumerate(zip(self.times, self.changes, strict=True)):
+            times.frombytes(time[resource == j].tobytes())
+            changes.frombytes(change[resource == j].tobytes())
+            if len(times) >= _BUFFERED:
+                self._fold(j)
 
     def flush(self) -> None:
         """Fold what has been kept back."""

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+import pandas as pd
 
 from aimd_des.channel import Channel
 from aimd_des.dynamics.averaging import Averaging, age_at, folded_at, keep_parts
@@ -108,6 +109,29 @@ class System(Readings):
         self.transmitter = Transmitter(self.env, self.link, m, self.conditions, until, carrier, log)
         draws = ResponseDraws(self.keys[Purpose.RESPONSE], n)
         self.response_draws: Callable[[Signal], list[float]] = draws.__getitem__
+
+    def events(self, since: int = 0) -> pd.DataFrame:
+        """Read the event log as far as it goes, or what has come since somebody read it.
+
+        Parameters
+        ----------
+        since : int
+            How many entries are left out, from the first on: those that are known already.
+
+        Returns
+        -------
+        DataFrame
+            The rows that `Result.events` will have, numbered from 0.
+
+        Raises
+        ------
+        InputError
+            If the run keeps no log.
+        """
+        if self.log is None:
+            raise InputError("events: the run keeps no log; run it with Recording(events=True)")
+        first = validation.integer("since", since, low=0)
+        return self.log.frame(self.problem.resource_names, self.problem.agent_names, first)
 
     def set_demand(self, agent: str | int, resource: str | int, demand: float) -> None:
         """Set one agent's demand for one resource, from which it grows on.

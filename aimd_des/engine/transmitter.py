@@ -148,8 +148,12 @@ class Transmitter:
         """Enter the loss of copies that go no further."""
         self.lost[signal.resource] += lost
         if self.log is not None:
-            for agent in np.flatnonzero(lost).tolist():
-                self.log.add((self.env.now, Entry.LOST, signal.resource, agent, signal.number, 0.0))
+            # The signal has been entered, or agents have settled: nothing else is to come before.
+            agents = np.flatnonzero(lost)
+            entries = np.empty((len(agents), 6))
+            entries[:] = (self.env.now, Entry.LOST, signal.resource, 0, signal.number, 0.0)
+            entries[:, 3] = agents
+            self.log.extend(entries)
 
     def _leave_late(self, signal: Broadcast, drawn: Copies, orders: list[int]) -> None:
         """Let a signal leave after its sensing delay, as far as nothing is in the way now."""

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Collection
 from functools import lru_cache
-from heapq import heappop, heappush
 from typing import Any
 
 import numba
@@ -20,7 +19,6 @@ from aimd_des.fleet.absent_agents import forget
 from aimd_des.fleet.accept_kernel import accept
 from aimd_des.fleet.arrays import (
     ALL_ANSWERS,
-    LAST,
     NO_ANSWERS,
     RESPONSES,
     Answers,
@@ -30,12 +28,13 @@ from aimd_des.fleet.arrays import (
     response_buffers,
 )
 from aimd_des.fleet.broadcast_rows import broadcast_rows, copies_in_rows, serves
+from aimd_des.fleet.event_entries import EventEntries, turn_limit
 from aimd_des.fleet.in_flight import empty_copies, enlarge, room
 from aimd_des.fleet.observer_kernels import FleetOvershoot
 from aimd_des.fleet.response_kernels import settle
 from aimd_des.fleet.row_kernels import spill
 from aimd_des.problem.costs import Costs, compiled_gradient, cost_table
-from aimd_des.results.event_log import Entry, LogEntry
+from aimd_des.results.event_log import Entry
 from aimd_des.utils import validation
 from aimd_des.utils.compiled_call import OF_AN_AGENT
 from aimd_des.utils.errors import InputError
@@ -116,9 +115,7 @@ class CompiledAgents:
         # have arrived from others even where `reached` has been forgotten since.
         self._settled = self._position = system.env.reached
         system.conditions.on_costs.append(self._reprice)
-        # With a log: copies that have not landed yet, and the signals by the first order number of each.
-        self._landing: list[tuple[float, int, LogEntry]] = []
-        self._signals: dict[int, Signal] = {}
+        self._entries = EventEntries(m, ticking=ticking)
 
     def _integrals(self, overshoot: ConstantPieces | LinearPieces | None) -> FleetOvershoot:
         """Let compiled code work on what the observer has."""
@@ -172,12 +169,9 @@ class CompiledAgents:
         self.make_room(1)
         accept(self.agents, *signal, arrival, first_order, *self.system.env.acted)
         if self.system.log is not None:
-            self._signals[first_order] = signal
             # Copies are answered in whatever order, and some never; their landings are entered apart.
-            for agent in np.flatnonzero(self.members & (arrival < self.system.until)).tolist():
-                time, order = float(arrival[agent]), first_order + agent
-                entry = (time, Entry.DELIVER, signal.resource, agent, signal.number, float(signal.copy))
-                heappush(self._landing, (time, order, entry))
+            arrives = self.members & (arrival < self.system.until)
+            self._entries.send(signal, arrival, arrives, first_order)
         # What is sent now is ahead of this event, even if it arrives at this instant.
         self.system.env.forget_reached()
 
@@ -205,7 +199,7 @@ class CompiledAgents:
                 self.flush()
                 own = EventKind.ACT if self.agents.tick_weight else EventKind.DELIVER
                 queues = 0, len(self.agents.copies.base)
-                settle(self.agents, self.integrals, *queues, time, _limit(kind, order, own))
+                settle(self.agents, self.integrals, *queues, time, turn_limit(kind, order, own))
                 if self.agents.reported != NO_ANSWERS and not self.integrals.lines:
                     self._tell(reached)
         if self._response is not None:
@@ -219,7 +213,7 @@ class CompiledAgents:
         # Continuous agents have answered what has arrived: nothing of theirs waits.
         if self.members[agent] and self.agents.tick_weight:
             time, kind, order = self._position
-            forget(self.agents, agent, time, _limit(kind, order, EventKind.DELIVER), lost)
+            forget(self.agents, agent, time, turn_limit(kind, order, EventKind.DELIVER), lost)
 
     def _reprice(self, costs: Costs) -> None:
         """Take in new private costs."""
@@ -240,47 +234,19 @@ class CompiledAgents:
 
     def _tell(self, reached: tuple[float, int, int]) -> None:
         """Tell of the answers since the last time, in the order of events."""
-        answers = self.agents.answers
-        count = int(answers.held[0])
-        answers.held[0] = 0
-        # Time, kind, order or agent, and resource: the order of events, and of the entries of one event.  A
-        # landing has -1 for the resource, and so comes before its answer where both are one event.
-        told: list[tuple[float, int, int, int, LogEntry]] = []
-        while self._landing and (self._landing[0][0], EventKind.DELIVER, self._landing[0][1]) < reached:
-            time, order, entry = heappop(self._landing)
-            if self.agents.account.away[entry[3]]:
-                entry = (time, Entry.LOST, *entry[2:])
-            told.append((time, EventKind.DELIVER, order, -1, entry))
-        rows = zip(
-            *(column[:count].tolist() for column in (answers.key.view(np.float64), *answers[1:5])),
-            strict=True,
-        )
-        for time, rank, agent, resource, change in rows:
-            # Agent i's copy has the i-th order number of its broadcast; without a log signals are not kept.
-            signal = self._signals.get(rank - agent)
-            number = -1 if signal is None else signal.number
-            held = math.isnan(change)
-            # A demand that falls to what it was falls by 0.0, not -0.0.
-            answer: LogEntry = (time, Entry.HOLD, resource, agent, number, 0.0)
-            if not held:
-                answer = (time, Entry.RESPOND, resource, agent, number, 0.0 - change)
-            turn = (EventKind.ACT, agent) if self.agents.tick_weight else (EventKind.DELIVER, rank)
-            told.append((time, *turn, resource, answer))
-        told.sort()
-        log, listeners = self.system.log, self.system.on_response
-        for time, _, _, _, entry in told:
-            if entry[1] == Entry.RESPOND:
+        agents, log, listeners = self.agents, self.system.log, self.system.on_response
+        entries = self._entries.take(agents.answers, reached, agents.account.away)
+        responses = entries[entries[:, 1] == Entry.RESPOND]
+        time, resource, change = responses[:, 0], responses[:, 2].astype(np.int64), 0.0 - responses[:, 5]
+        if isinstance(self.overshoot, LinearPieces) and listeners == [self.overshoot.changed]:
+            self.overshoot.changed_often(time, resource, change)
+        elif listeners:
+            for response in zip(time.tolist(), resource.tolist(), change.tolist(), strict=True):
                 for tell in listeners:
-                    tell(time, entry[2], 0.0 - entry[5])
+                    tell(*response)
         # Not by `add`, which settles first: these entries are what settling has brought forth.
         if log is not None:
-            log.extend([entry for *_, entry in told])
-
-
-def _limit(kind: int, order: int, own: EventKind) -> int:
-    """Return the order below which what is of a kind of its own comes before (kind, order)."""
-    # At one instant, all of a kind come before a later kind, and none before an earlier one.
-    return LAST if kind > own else order if kind == own else 0
+            log.extend(entries)
 
 
 def _answers(space: int) -> Answers:

@@ -23,7 +23,7 @@ def columns_now(names: Iterable[str]) -> list[str]:
 def categorical(codes: npt.NDArray[np.int64], names: Sequence[str]) -> pd.Categorical:
     """Turn indices into names."""
     # Generic in the stubs only: a subscript in the annotation would not survive at run time.
-    return pd.Categorical.from_codes(codes.tolist(), categories=pd.Index(names))  # type: ignore[return-value]
+    return pd.Categorical.from_codes(codes, categories=pd.Index(names))  # type: ignore[return-value]
 
 
 def safe_names(names: Iterable[str]) -> list[str]:
