@@ -16,7 +16,7 @@ from aimd_des.engine.control_unit import ControlUnit, CrossingTable, Sampled, ta
 from aimd_des.engine.declared import Intervention, check_absences, check_end
 from aimd_des.engine.delivery import Agent, ProcessGenerator
 from aimd_des.engine.observers import Observer
-from aimd_des.engine.run import Run
+from aimd_des.engine.run_in_progress import Run
 from aimd_des.engine.system import System
 from aimd_des.problem.problem import Problem
 from aimd_des.results.event_log import EventLog

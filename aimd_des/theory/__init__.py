@@ -18,7 +18,8 @@ from aimd_des.theory.classics import (
 )
 from aimd_des.theory.congestion import Congestion, congestion
 from aimd_des.theory.fluid import Flow, Spell, flow
-from aimd_des.theory.limit_cycles import LimitCycle, hold_off_bounds, limit_cycle
+from aimd_des.theory.hold_off import hold_off_bounds
+from aimd_des.theory.limit_cycles import LimitCycle, limit_cycle
 from aimd_des.theory.losses import compensated_probability, critical_loss, loss_weights, runaway_multiplier
 from aimd_des.theory.prediction import Prediction, predict
 from aimd_des.theory.recovery import Recovery, recovery
