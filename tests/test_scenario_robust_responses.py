@@ -5,36 +5,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aimd_des import BroadcastChannel, Crossing, Fleet, Problem, Recording, Simulation
-from aimd_des.dynamics.loss_compensation import Compensation, EstimatedLoss
-from aimd_des.study import jackknife, mean_and_error
-from aimd_des.theory import believed_loss, loss_weights, reweighted_optimum
-from scenarios.common.measure import distance, run_draws
-from scenarios.common.systems import critical, memory_alone, rate, spread
-from scenarios.robust_responses.study import MEMORY, Drawn, measure_late
+from aimd_des import BroadcastChannel, Crossing, Fleet, Recording, Simulation
+from aimd_des.study import mean_and_error
+from aimd_des.theory import believed_loss
+from scenarios.common.measure import run_draws
+from scenarios.common.systems import critical, rate
+from scenarios.robust_responses.study import MEMORY, Answer, Drawn, answer, measure_late
 from tests.conftest import quietly
 
 # Four replications: by Student's t with 3 degrees of freedom a mean is so far off once in 200.
 Z = 6.0
 SEEDS = range(4)
-LOSS = spread(0.0, 0.5)
 
 
-def runs(
-    unit: Crossing,
-    channel: BroadcastChannel,
-    until: float,
-    problem: Problem = MEMORY,
-    compensation: Compensation | None = None,
-) -> list[Any]:
+def runs(unit: Crossing, channel: BroadcastChannel, until: float) -> list[Any]:
     recording = Recording(demand=[until])
     parts: dict[str, Any] = {"dynamics": "continuous", "agents": Fleet, "recording": recording}
     return [
         # Where demand runs away, responses saturate.
         quietly(
-            Simulation(
-                problem, control_unit=unit, channel=channel, compensation=compensation, seed=seed, **parts
-            ).run,
+            Simulation(MEMORY, control_unit=unit, channel=channel, seed=seed, **parts).run,
             until,
         )
         for seed in SEEDS
@@ -71,23 +61,26 @@ def test_a_hold_off_that_adapts_survives_as_much_loss_as_a_short_one() -> None:
     assert away - Z * error > 1.3
 
 
-def misallocation(problem: Problem, believed: Any) -> float:
-    best = reweighted_optimum(problem, loss_weights(LOSS, 0.0, believed), capacity=problem.capacity)
-    return float(distance(problem, best.allocation)[0])
-
-
 @pytest.mark.slow
 def test_numbers_that_wrap_around_leave_what_the_chain_says() -> None:
-    # 3000 units; 0.2 points for the luck that is left in the mean of the averages are an allowance.
-    problem = memory_alone(60, 1 / 180)
-    for bits in (2, 3):
-        found = runs(Crossing(0.1), BroadcastChannel(loss=LOSS), 3000.0, problem, EstimatedLoss(bits))
-        value, error = jackknife([run.average_at_end for run in found], lambda mean: distance(problem, mean))
-        believed = believed_loss(LOSS, bits)
-        assert abs(value[0] - misallocation(problem, believed)) < Z * error[0] + 0.002
-        # Negative control: as if nobody were ever mistaken, or nobody made good for anything.
-        for wrong in (LOSS, np.zeros(60))[: bits - 1]:
-            assert abs(value[0] - misallocation(problem, wrong)) > 0.005 + error[0]
+    """On the clock, draws 0 to 3 of the costs; half a point for the luck that is left is an allowance."""
+    known, three = (
+        [one for (one,) in outcomes]
+        for way in ("known", "3 bits")
+        for _, outcomes in run_draws(answer, [Answer("discrete", way, 10_000.0)], 4, 1, 0, quick=True)
+    )
+    gaps = [
+        (one.luck[0] - other.luck[0], one.misallocation[0] - one.predicted[0], one.misallocation[0])
+        for one, other in zip(three, known, strict=True)
+    ]
+    (luck, beside, off), errors = mean_and_error(gaps)
+    assert luck < Z * errors[0] + 0.005
+    assert abs(beside) < Z * errors[1] + 0.005
+    assert max(np.mean([one.predicted for one in known]), np.mean([one.saturated for one in three])) < 1e-6
+    # Negative control: as if nobody were ever mistaken, or nobody made good for anything.
+    assert off - Z * errors[2] > 0.05
+    nothing = answer(Answer("discrete", "nothing", 100.0), 0, 0).predicted[0]
+    assert off + Z * errors[2] < nothing - 0.05
 
 
 def test_the_chain_by_hand() -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -11,22 +11,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aimd_des import BroadcastChannel, Crossing, Fleet, Problem, Recording, Sampled, Simulation, theory
-from aimd_des.compensation import EstimatedLoss, KnownLoss
+from aimd_des.compensation import Compensation, EstimatedLoss, KnownLoss
 from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour
-from aimd_des.study import jackknife
 from models.smart_cameras import smart_cameras
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import distance, late, quietly, run_all, run_draws, run_late
+from scenarios.common.measure import distance, late, quietly, run_draws, run_late
 from scenarios.common.systems import critical, held, lowered, memory_alone, rate, spread
-from scenarios.common.tables import estimate, number, over_draws, pick, shown, summarise, summarise_draws
+from scenarios.common.tables import number, over_draws, pick, shown, summarise_draws, with_theory
 
 MEMORY = memory_alone()
 # A Gamma so small that no response saturates, however much an agent makes good for.
 _GENTLE = 1 / 360
 _LOSS = spread(0.0, 0.5)
-_SHARED = {"continuous": smart_cameras(0, normalization=_GENTLE), "discrete": memory_alone(60, _GENTLE)}
 _LOOSE = 8.0
 _TIGHT = 1.25  # below 1 / rho
 _UNITS = {
@@ -37,17 +35,45 @@ _UNITS = {
 }
 
 
+_NOTHING, _KNOWN = "nothing", "known"
+_LABELS = ["panel", "setting", "at", "resource"]
+_OFF, _EARLY, _LUCK = "misallocation", "misallocation after a quarter", "distance from theory's optimum"
+_PARTS = {"bits": "bits", _OFF: "misallocation", _EARLY: "early", _LUCK: "luck", "saturated": "saturated"}
+_PARTS["theory of misallocation"] = "predicted"
+
 # For what a threshold is made, and what comes instead: latency and loss.
 _MADE_FOR, _WRONG = 1.0, ((1.1, 0.0), (1.2, 0.0), (1.0, 0.1))
 
 
-class _Case(NamedTuple):
-    """A run of the draw 0 of the costs, for losses that differ."""
+class Answer(NamedTuple):
+    """Losses that differ, what agents do about them, and the end: for any draw of the costs."""
 
-    labels: dict[str, Any]
-    problem: Problem
+    dynamics: Literal["continuous", "discrete"]
+    setting: str
     until: float
-    parts: dict[str, Any]
+
+    @property
+    def compensation(self) -> Compensation | None:
+        """What agents do."""
+        if self.setting == _NOTHING:
+            return None
+        return KnownLoss(_LOSS) if self.setting == _KNOWN else EstimatedLoss(self.number_bits)
+
+    @property
+    def number_bits(self) -> int:
+        """How many bits agents estimate their loss with; 0 if they do not."""
+        return 0 if self.setting in (_NOTHING, _KNOWN) else int(self.setting.split()[0])
+
+
+class _Answered(NamedTuple):
+    """What is measured of it, (m,): averages are those of all of the run."""
+
+    bits: FloatArray
+    misallocation: FloatArray
+    early: FloatArray  # misallocation after a quarter of the run
+    luck: FloatArray  # distance from what theory has, which is without luck
+    predicted: FloatArray  # misallocation without luck
+    saturated: FloatArray  # responses with a probability above 1
 
 
 class Drawn(NamedTuple):
@@ -73,19 +99,16 @@ class _Late(NamedTuple):
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run compensation of loss, thresholds below 1, and hold-offs that adapt."""
-    replications, draws, long = (2, 2, 500.0) if quick else (4, 10, 20_000.0)
+    draws, long = (2, 500.0) if quick else (10, 20_000.0)
     until, short = (600.0, 300.0) if quick else (12_500.0, 5_000.0)
-    compensated = run_all(_measure, _answers(quick, long), replications, seed, quick, runs)
-    cases = [*_thresholds(quick, until), *_hold_offs(quick, short)]
-    table = pd.concat(
-        [_table(compensated), _over_draws(run_draws(measure_late, cases, draws, 1, seed, quick, runs))],
-        ignore_index=True,
-    )
+    run = partial(run_draws, draws=draws, replications=1, seed=seed, quick=quick, runs=runs)
+    table = _over_draws(run(measure_late, [*_thresholds(quick, until), *_hold_offs(quick, short)]))
     table["theory"] = [_expected(row, table) for row in table.to_dict("records")]
+    table = pd.concat([_compensated(run(answer, _answers(quick, long))), table], ignore_index=True)
     wide = table["panel"].str.startswith("loss, ")
-    chosen = table["measure"].str.startswith("misallocation").where(wide, table["measure"] != "threshold")
+    chosen = (table["measure"] == _OFF).where(wide, table["measure"] != "threshold")
     limits = {name: critical(MEMORY, unit.hold_off) for name, unit in _UNITS.items()}
-    settings = {"seed": seed, "replications": replications, "draws": draws, "until, losses": long}
+    settings = {"seed": seed, "draws": draws, "until, losses": long}
     settings |= {"until, thresholds": until, "until, hold-offs": short}
     printed = shown(table[chosen], ["panel", "setting", "at", "resource", "measure"])
     drawn = {"robust_responses": partial(_figure, table, limits)}
@@ -96,22 +119,10 @@ def _labels(panel: str, setting: str, at: float) -> dict[str, Any]:
     return {"panel": panel, "setting": setting, "at": at}
 
 
-def _answers(quick: bool, until: float) -> list[_Case]:
-    """Set up losses that differ: agents that do nothing, know, or estimate with so many bits (`at`)."""
-    ways: dict[str, Any] = {"nothing": None, "known": KnownLoss(_LOSS)}
-    ways |= {f"{bits} bits": EstimatedLoss(bits) for bits in ((3, 8) if quick else (2, 3, 4, 5, 8))}
-    cases = []
-    for dynamics, problem in _SHARED.items():
-        clock = dynamics == "discrete"
-        parts = {
-            "dynamics": dynamics,
-            "control_unit": Sampled() if clock else Crossing(0.1),
-            "channel": BroadcastChannel(latency=float(clock), loss=_LOSS),
-        }
-        for name, way in ways.items():
-            labels = _labels(f"loss, {dynamics}", name, 0.0 if way is None else float(way.bits))
-            cases.append(_Case(labels, problem, until, {**parts, "compensation": way}))
-    return cases
+def _answers(quick: bool, until: float) -> list[Answer]:
+    numbers = (f"{bits} bits" for bits in ((3, 8) if quick else (2, 3, 4, 5, 8)))
+    ways = [_NOTHING, _KNOWN, *numbers]
+    return [Answer(dynamics, way, until) for dynamics in ("continuous", "discrete") for way in ways]
 
 
 def _thresholds(quick: bool, until: float) -> list[Drawn]:
@@ -158,29 +169,59 @@ def _safe(draw: int, hold_off: float, latency: float) -> float:
     return float(theory.safe_threshold(problem, "continuous", hold_off=hold_off, latency=latency)[0])
 
 
-def _measure(case: _Case, seed: int) -> tuple[dict[Any, dict[Any, Any]], FloatArray]:
-    """Run; responses with a probability above 1 are counted in the summary instead of warned of."""
+@lru_cache
+def shared(dynamics: str, draw: int) -> Problem:
+    """Draw the costs of what is shared: the paper's system, or memory alone on the clock."""
+    if dynamics == "discrete":
+        return memory_alone(60, _GENTLE, draw)
+    return smart_cameras(draw, normalization=_GENTLE)
+
+
+def answer(case: Answer, draw: int, seed: int) -> _Answered:
+    """Run one draw of the costs; responses with a probability above 1 are counted instead of warned of."""
+    problem, clock = shared(case.dynamics, draw), case.dynamics == "discrete"
     simulation = Simulation(
-        case.problem, agents=Fleet, seed=seed, recording=Recording(demand=[case.until]), **case.parts
+        problem,
+        dynamics=case.dynamics,
+        control_unit=Sampled() if clock else Crossing(0.1),
+        channel=BroadcastChannel(latency=float(clock), loss=_LOSS),
+        compensation=case.compensation,
+        agents=Fleet,
+        seed=seed,
+        recording=Recording(demand="end", allocations=[0.25 * case.until], overshoot=False),
     )
     result = quietly(simulation, case.until)
-    return result.summary().to_dict("index"), result.average_at_end
+    signals = result.signals_sent.counts(problem.n_resources) / case.until
+    # Of the clock's single resource; that of continuous agents depends on no number of signals.
+    weights = _weights(case, float(signals[0]) if clock else 0.0)
+    best = theory.reweighted_optimum(problem, weights, capacity=problem.capacity)
+    return _Answered(
+        bits=signals * (1 + case.number_bits),
+        misallocation=distance(problem, result.average_at_end),
+        early=distance(problem, result.observations.average[0].T),
+        luck=distance(problem, result.average_at_end, weights),
+        predicted=distance(problem, best.allocation),
+        saturated=result.account.saturated.sum(axis=1).astype(np.float64),
+    )
 
 
-def _table(pairs: list[tuple[_Case, list[Any]]]) -> pd.DataFrame:
-    rows, pooled = [], []
-    for case, runs in pairs:
-        for summary, _ in runs:
-            for name, seen in summary.items():
-                numbers = {measure: float(seen[measure]) / case.until for measure in ("signals", "bits")}
-                numbers |= {measure: float(seen[measure]) for measure in ("misallocation", "saturated")}
-                rows.append({**case.labels, "resource": name, **numbers})
-        values, errors = jackknife([average for _, average in runs], partial(distance, case.problem))
-        for name, *found in zip(case.problem.resource_names, values, errors, strict=True):
-            labels = {**case.labels, "resource": name}
-            pooled.append(estimate(labels, "misallocation of the mean", (found[0], found[1]), len(runs)))
-    single = summarise(rows, ["panel", "setting", "at", "resource"]).dropna(subset="mean")
-    return pd.concat([single, pd.DataFrame(pooled)], ignore_index=True)
+def _weights(case: Answer, signals: float) -> FloatArray:
+    """Weigh the costs by what agents believe; on the clock the share of steps with a signal is measured."""
+    believed = {_NOTHING: np.zeros(len(_LOSS)), _KNOWN: _LOSS}.get(case.setting)
+    if believed is None:
+        believed = theory.believed_loss(_LOSS, case.number_bits)
+    return theory.loss_weights(_LOSS, signals, believed)
+
+
+def _compensated(pairs: list[tuple[Answer, list[list[_Answered]]]]) -> pd.DataFrame:
+    rows = []
+    for case, outcomes in pairs:
+        labels = _labels(f"loss, {case.dynamics}", case.setting, float(case.number_bits))
+        for draw, (seen,) in enumerate(outcomes):
+            for j, name in enumerate(shared(case.dynamics, draw).resource_names):
+                values = {measure: float(getattr(seen, part)[j]) for measure, part in _PARTS.items()}
+                rows.append({**labels, "resource": name, "draw": draw, **values})
+    return with_theory(summarise_draws(rows, _LABELS), _LABELS)
 
 
 def _over_draws(pairs: list[tuple[Drawn, list[list[_Late]]]]) -> pd.DataFrame:
@@ -189,27 +230,12 @@ def _over_draws(pairs: list[tuple[Drawn, list[list[_Late]]]]) -> pd.DataFrame:
         for case, outcomes in pairs
         for draw, (seen,) in enumerate(outcomes)
     ]
-    return summarise_draws(rows, ["panel", "setting", "at", "resource"])
-
-
-def _compensated(row: dict[Any, Any], signals: float) -> float:
-    """Predict the misallocation that is left; on the clock the share of steps with a signal is measured."""
-    dynamics = row["panel"].removeprefix("loss, ")
-    problem = _SHARED[dynamics]
-    believed = {"nothing": np.zeros(len(_LOSS)), "known": _LOSS}.get(row["setting"])
-    if believed is None:
-        believed = theory.believed_loss(_LOSS, int(row["at"]))
-    weights = theory.loss_weights(_LOSS, signals if dynamics == "discrete" else 0.0, believed)
-    best = theory.reweighted_optimum(problem, weights, capacity=problem.capacity)
-    return float(distance(problem, best.allocation)[problem.resource_names.index(row["resource"])])
+    return summarise_draws(rows, _LABELS)
 
 
 def _expected(row: dict[Any, Any], table: pd.DataFrame) -> float:
     """Predict one number of the table, of draw 0 of the costs; NaN where there is no formula."""
     panel, setting, at, measure = row["panel"], row["setting"], row["at"], row["measure"]
-    if panel.startswith("loss, "):
-        signals = number(table, panel=panel, setting=setting, at=at, measure="signals")
-        return _compensated(row, signals) if measure == "misallocation of the mean" else np.nan
     if panel == "threshold":
         return _of_threshold(setting, at, measure)
     if panel == "wrong" or measure not in ("bits", "used", "misallocation"):
@@ -299,14 +325,13 @@ def _draw_losses(panels: "np.ndarray[tuple[int], np.dtype[np.object_]]", table: 
     for place, (dynamics, resource) in enumerate(kinds):
         rows = table[(table["panel"] == f"loss, {dynamics}") & (table["resource"] == resource)].copy()
         rows["at"] = rows["setting"].map(ways.index) + 0.12 * (place - 1.5)
-        single, label = pick(rows, measure="misallocation"), f"{dynamics}, {resource}"
-        _bars(top, single, place, label, scale=100.0, joined=False)
-        pooled = pick(rows, measure="misallocation of the mean")
-        top.plot(pooled["at"], 100 * pooled["theory"].where(pooled["theory"] > 0.004), "_k", markersize=10)
+        off, label = pick(rows, measure=_OFF), f"{dynamics}, {resource}"
+        _bars(top, off, place, label, scale=100.0, joined=False)
+        top.plot(off["at"], 100 * off["theory"].where(off["theory"] > 0.004), "_k", markersize=10)
         _bars(bottom, pick(rows, measure="bits"), place, joined=False)
     figures.named(top, "theory", "_", color="black", markersize=10)
     figures.level(top, 2.0)
-    for axes, label in ((top, "misallocation of a single run (%)"), (bottom, "bits per unit of time")):
+    for axes, label in ((top, "distance from the optimum (%)"), (bottom, "bits per unit of time")):
         axes.set_yscale("log")
         axes.set_ylabel(label)
         figures.number_axis(axes.yaxis)
@@ -356,26 +381,8 @@ def _pick(table: pd.DataFrame, panel: str, setting: str, measure: str) -> pd.Dat
     ]
 
 
-def _listed(rows: pd.DataFrame, scale: float = 1.0) -> str:
-    return " / ".join(f"{scale * value:.1f}" for value in rows["mean"])
-
-
-def _span(rows: pd.DataFrame) -> str:
-    return f"{rows['mean'].min():.2f} to {rows['mean'].max():.2f}"
-
-
 def _findings(table: pd.DataFrame) -> list[str]:
-    found = []
-    for dynamics in ("continuous", "discrete"):
-        for way in dict.fromkeys(table.loc[table["panel"] == f"loss, {dynamics}", "setting"]):
-            rows = partial(_pick, table, f"loss, {dynamics}", way)
-            cut = rows("saturated")["mean"].sum()
-            found.append(
-                f"{dynamics}, losses 0 to 0.5, {way} ({' / '.join(rows('bits')['resource'])}): a run is "
-                f"{_listed(rows('misallocation'), 100)} % off, the mean of the averages "
-                f"{_listed(rows('misallocation of the mean'), 100)} %, at {_listed(rows('bits'))} bits per "
-                f"unit of time; responses with a probability above 1: {cut:g} a run."
-            )
+    found = _about_losses(table)
     found += _about_thresholds(table)
     for panel, at in (("latency", (8.0, 16.0)), ("loss", (0.3, 0.7))):
         for name in _UNITS:
@@ -391,6 +398,27 @@ def _findings(table: pd.DataFrame) -> list[str]:
     found.append(
         f"1 / rho is {1 / rate(MEMORY):.2f}; hold-offs of 0.25 and 1 survive losses up to {limits} by theory."
     )
+    return found
+
+
+def _about_losses(table: pd.DataFrame) -> list[str]:
+    found = []
+    for panel in ("loss, continuous", "loss, discrete"):
+        rows = pick(table, panel=panel)
+        for way in rows["setting"].unique():
+            here = pick(rows, setting=way)
+            names = pick(here, measure=_OFF)["resource"]
+
+            def say(measure: str, scale: float, here: pd.DataFrame = here, names: Any = names) -> str:
+                return ", ".join(over_draws(here, scale, 1, measure=measure, resource=name) for name in names)
+
+            known = ", ".join(f"{100 * value:.1f}" for value in pick(here, measure=_OFF)["theory"])
+            found.append(
+                f"{panel} 0 to 0.5, {way} ({', '.join(names)}): {say(_OFF, 100.0)} % off (theory {known}), "
+                f"after a quarter of the run {say(_EARLY, 100.0)}; {say(_LUCK, 100.0)} % from theory's "
+                f"optimum; {say('bits', 1.0)} bits per unit of time; responses with a probability above 1: "
+                f"{pick(here, measure='saturated')['mean'].sum():g} a run."
+            )
     return found
 
 
