@@ -14,10 +14,12 @@ import pytest
 from scipy import stats
 
 from aimd_des.study import Study, load_study, run_study
+from aimd_des.study.store import AGAIN
 from aimd_des.utils.formatting import given as setting
 from aimd_des.utils.formatting import interval, measured
 from tests.command_line import refusal, run, said, words, write
 from tests.conftest import INLINE, quietly
+from tests.test_study_runs import forget
 
 MAIN = ["utilisation", "misallocation", "cost_ratio", "overshoot_peak"]
 LATENCIES, LOSSES, RESOURCES = (0.0, 0.5), (0.0, 0.2), ("memory", "disk")
@@ -97,7 +99,7 @@ def test_what_failed_and_what_is_missing_is_told() -> None:
     results = load_study("holes")
     keys = results.plan["key"].tolist()
     for key in keys[:2]:
-        (results.folder / "runs" / f"{key}.parquet").unlink()
+        forget(results.folder, key)
     record = {"key": keys[0], "message": "out of [luck]", "scenario": "until = 40"}
     (results.folder / "failed" / f"{keys[0]}.json").write_text(json.dumps(record), encoding="utf-8")
     out = said("show", "holes")
@@ -113,7 +115,7 @@ def test_what_failed_and_what_is_missing_is_told() -> None:
 def test_a_damaged_failure_is_refused() -> None:
     made("luckless", replications=1)
     key = load_study("luckless").plan["key"].iloc[0]
-    Path("luckless/runs", f"{key}.parquet").unlink()
+    forget(Path("luckless"), key)
     for content in ("{", "[]", "{}"):
         Path("luckless/failed", f"{key}.json").write_text(content, encoding="utf-8")
         assert refusal("show", "luckless").startswith(f"luckless/failed/{key}.json: cannot be read (")
@@ -244,7 +246,7 @@ def test_a_damaged_table_is_refused(name: str) -> None:
     path = Path("torn", name)
     path = next(path.iterdir()) if path.is_dir() else path
     whole = path.read_bytes()
-    remedy = "sweep again, which runs it again" if name == "runs" else "remove it, and sweep again"
+    remedy = AGAIN if name == "runs" else "remove it, and sweep again"
     for damaged, what in ((whole[:-20], "does not fit its checksum"), (whole[:99], "cannot be read (")):
         path.write_bytes(damaged)
         sentence = refusal("show", "torn")

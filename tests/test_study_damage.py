@@ -4,20 +4,24 @@ import json
 import logging
 import shutil
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from aimd_des import InputError, Study, load_study
-from aimd_des.study import StudyResults, read_study
+from aimd_des import InputError, OverloadWarning, Study, load_study
+from aimd_des.study import StudyResults, journal, read_study
+from aimd_des.study.journal import journals
 from aimd_des.study.plan_table import planned
-from aimd_des.study.seal import unsealed
-from aimd_des.study.store import Store
-from tests.test_study_runs import BASE, contents, design, in_a_thread, leftovers
+from aimd_des.study.seal import unsealed, write_sealed
+from aimd_des.study.store import AGAIN, Store, parquet
+from aimd_des.study.stored_rows import put_in_order
+from tests.test_study_runs import BASE, contents, design, forget, in_a_thread, leftovers, stored
 
 FLIPS = 400
 AXES = [{"name": "latency", "key": "channel.latency", "values": [0, 2]}]
@@ -38,6 +42,13 @@ def copy(whole: StudyResults, tmp_path: Path) -> Path:
 def said(caplog: pytest.LogCaptureFixture) -> Callable[[], list[str]]:
     caplog.set_level(logging.WARNING, "aimd_des")
     return lambda: [record.getMessage() for record in caplog.records]
+
+
+def one_by_one(folder: Path) -> None:
+    """Give each run a file of its own, so that damage hits one."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("aimd_des.study.stored_rows._RUNS_EACH", 1)
+        put_in_order(Store(folder), stored(folder), load_study(folder).plan["key"].tolist())
 
 
 def read(folder: Path) -> tuple[pd.DataFrame, ...]:
@@ -72,7 +83,7 @@ def test_a_flipped_bit_never_reads_back_as_another_number(tmp_path: Path) -> Non
     expected = read(copy)
     assert len(expected[2]) == 1
     files = [path for path in sorted(copy.rglob("*")) if path.is_file() and path.stat().st_size]
-    assert len(files) == 6
+    assert len(files) == 7
     rng = np.random.default_rng(13)
     silent, refusals = 0, []
     for flip in range(FLIPS):
@@ -96,7 +107,9 @@ def test_a_flipped_bit_never_reads_back_as_another_number(tmp_path: Path) -> Non
     assert equal(read(copy), expected)
 
 
-@pytest.mark.parametrize("kind", ["runs", "signals", "manifest.json", "plan.parquet", "study.toml"])
+@pytest.mark.parametrize(
+    "kind", ["runs", "signals", "manifest.json", "plan.parquet", "points.parquet", "study.toml"]
+)
 def test_every_byte_of_a_file_is_covered(whole: StudyResults, kind: str) -> None:
     path = whole.folder / kind
     path = min(path.iterdir()) if path.is_dir() else path
@@ -125,6 +138,66 @@ def test_files_with_checksums_are_for_everybody(whole: StudyResults) -> None:
     assert len(table) == whole.frame("signals")["key"].eq(key).sum()
     assert json.loads((whole.folder / "manifest.json").read_text())["runs"] == 4
     assert read_study(whole.folder / "study.toml") == whole.study
+
+
+# -- journals of sweeps that were killed -----------------------------------------------------------------
+
+
+def test_rows_are_read_from_journals_and_what_is_torn_or_damaged_is_run_again(
+    whole: StudyResults, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: Callable[[], list[str]]
+) -> None:
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        patch.setattr("aimd_des.study.run.put_in_order", lambda *_: None)  # as if it were killed before
+        in_a_thread(whole.study, out)
+    (path,) = journals(out / "runs")
+    assert not list((out / "runs").glob("*.parquet"))
+    content = path.read_bytes()
+    found = load_study(out)
+    assert found.runs.equals(whole.runs)
+    assert found.missing.empty
+    done = [record["labels"]["key"] for record in journal.read(content, "", "")[0]]
+    # Whatever its last line has lost, it is no line yet, and nothing is said.
+    begin = content.rindex(b"\n", 0, -1) + 1
+    for torn in (begin, begin + 200, len(content) - 1):
+        path.write_bytes(content[:torn])
+        assert load_study(out).missing["key"].tolist() == done[-1:]
+    turned = bytearray(content)
+    turned[content.index(b"utilisation")] ^= 1
+    path.write_bytes(turned)
+    found = load_study(out)
+    assert found.missing["key"].tolist() == done[:1]
+    with pytest.raises(InputError, match=f"{path.name}: line 2 does not fit its checksum.*{AGAIN}"):
+        _ = found.runs
+    in_a_thread(whole.study, out)
+    assert [sentence for sentence in said() if path.name in sentence and sentence.endswith("is run again")]
+    assert contents(out) == contents(whole.folder)
+
+
+def test_nothing_is_lost_wherever_putting_in_order_is_stopped(
+    whole: StudyResults, copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps: list[str] = []
+
+    def stopping(step: Callable[..., Any], at: int) -> Callable[..., Any]:
+        def run(*arguments: Any) -> Any:
+            if len(steps) == at:
+                raise KeyboardInterrupt
+            steps.append(str(arguments))
+            return step(*arguments)
+
+        return run
+
+    for at in range(8):
+        steps.clear()
+        with monkeypatch.context() as patch, suppress(KeyboardInterrupt):
+            patch.setattr("aimd_des.study.stored_rows._RUNS_EACH", 1 + at % 2)
+            for step in ("write", "forget"):
+                patch.setattr(Store, step, stopping(getattr(Store, step), at))
+            put_in_order(Store(copy), stored(copy), whole.plan["key"].tolist())
+        assert load_study(copy).runs.equals(whole.runs)
+    in_a_thread(whole.study, copy)
+    assert contents(copy) == contents(whole.folder)
 
 
 # -- what is lost, cut off or another's ------------------------------------------------------------------
@@ -158,7 +231,9 @@ def test_a_run_that_is_not_whole_is_missing_and_run_again(
     kind: str,
 ) -> None:
     key = whole.plan["key"][1]
-    damage(copy / kind / f"{key}.parquet")
+    one_by_one(copy)
+    path = next((copy / kind).glob("00001-*" if kind == "runs" else f"{key}.*"))
+    damage(path)
     found = load_study(copy)
     assert found.missing["key"].tolist() == [key]
     assert planned(whole.study, Store(copy))["done"].sum() == 3
@@ -167,16 +242,16 @@ def test_a_run_that_is_not_whole_is_missing_and_run_again(
         if lost:
             assert key not in set(found.runs["key"])
         else:
-            with pytest.raises(InputError, match=f"{key}.*sweep again, which runs it again"):
+            with pytest.raises(InputError, match=f"{path.name}.*{AGAIN}"):
                 _ = found.runs
     else:
         assert key in set(found.runs["key"])
-        with pytest.raises(InputError, match=f"{kind}/{key}.*sweep again, which runs it again"):
+        with pytest.raises(InputError, match=f"{kind}/{key}.*{AGAIN}"):
             found.frame(kind)
     in_a_thread(whole.study, copy)
     assert contents(copy) == contents(whole.folder)
     assert [
-        sentence for sentence in said() if key in sentence and sentence.endswith("it is run again")
+        sentence for sentence in said() if path.name in sentence and sentence.endswith("is run again")
     ] or lost
 
 
@@ -184,17 +259,18 @@ def test_many_damaged_runs_are_not_all_told(
     whole: StudyResults, copy: Path, said: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("aimd_des.study.run._MOST_TOLD", 2)
+    one_by_one(copy)
     for path in (copy / "runs").iterdir():
         path.write_bytes(b"")
     in_a_thread(whole.study, copy)
     assert len(said()) == 3
-    assert said()[-1].endswith("more runs are damaged; they are run again")
+    assert said()[-1].endswith("more is damaged; it is run again")
     assert contents(copy) == contents(whole.folder)
 
 
 def test_a_record_of_a_failure_that_is_damaged_is_no_record(copy: Path, whole: StudyResults) -> None:
     key = whole.plan["key"][0]
-    (copy / "runs" / f"{key}.parquet").unlink()
+    forget(copy, key)
     (copy / "failed" / f"{key}.json").write_text('{"message": "')
     found = load_study(copy)
     assert found.missing["key"].tolist() == [key]
@@ -252,15 +328,28 @@ def test_a_damaged_study_can_be_removed_and_that_of_others_cannot(whole: StudyRe
 VERSIONS = {"aimd_des": "0.0.9", "python": "3.12.0"}
 
 
+def _told(table: pa.Table, **metadata: str) -> pa.Table:
+    """Put what is known of a run into the metadata of its rows."""
+    return table.replace_schema_metadata({f"aimd_des.{name}": text for name, text in metadata.items()})
+
+
+def _a_file_a_run(folder: Path, write: Callable[[Path, pa.Table, str], Any]) -> None:
+    """Write the rows of runs as earlier versions did, and without the file of the points."""
+    found, rows = load_study(folder), stored(folder)
+    scenarios = {key: found.scenario(key).to_toml() for key in found.plan["key"]}
+    for name in (*rows.files, "points.parquet"):
+        (folder / name).unlink()
+    for key, scenario in scenarios.items():
+        table = rows.of([key]).drop_columns(["aimd_des.run_away", "aimd_des.versions"])
+        write(folder / "runs" / f"{key}.parquet", table, scenario)
+
+
 def _as_before(folder: Path) -> None:
     """Make of a folder what the version before checksums and digests wrote."""
+    _a_file_a_run(folder, lambda path, table, scenario: pq.write_table(_told(table, scenario=scenario), path))
     for path in folder.rglob("*"):
         if path.is_file() and path.stat().st_size:
             path.write_bytes(unsealed(path.read_bytes(), str(path.relative_to(folder)), "it", "")[0])
-    for path in (folder / "runs").iterdir():
-        table = pq.read_table(path)
-        scenario = {b"aimd_des.scenario": table.schema.metadata[b"aimd_des.scenario"]}
-        pq.write_table(table.replace_schema_metadata(scenario), path)
     manifest = json.loads((folder / "manifest.json").read_text())
     del manifest["digests"]
     (folder / "manifest.json").write_text(json.dumps({**manifest, "versions": VERSIONS}))
@@ -286,13 +375,38 @@ def test_a_study_of_an_earlier_version_is_read_and_goes_on_and_both_are_said(
     assert whole.versions["aimd_des"] in results.versions["aimd_des"]
 
 
+def test_files_of_one_run_each_are_read_and_go_on_in_files_of_many(
+    whole: StudyResults, copy: Path, said: Callable[[], list[str]]
+) -> None:
+    of_runs = {key: json.dumps(VERSIONS | {"numpy": key}) for key in whole.plan["key"]}
+
+    def write(path: Path, table: pa.Table, scenario: str) -> None:
+        away = {"run_away": '["disk"]'} if path.stem == whole.plan["key"][1] else {}
+        table = _told(table, scenario=scenario, versions=of_runs[path.stem], **away)
+        write_sealed(copy, f"runs/{path.name}", parquet(table))
+
+    _a_file_a_run(copy, write)
+    for _ in range(2):
+        found = load_study(copy)
+        assert found.runs.equals(whole.runs)
+        assert found.missing.empty
+        assert found.versions == VERSIONS | {"numpy": ", ".join(sorted(of_runs))}
+        assert found.run_away[["key", "resources"]].to_numpy().tolist() == [[whole.plan["key"][1], "disk"]]
+        for key in whole.plan["key"]:
+            assert found.scenario(key).to_toml() == whole.scenario(key).to_toml()
+        with pytest.warns(OverloadWarning):
+            in_a_thread(whole.study, copy)
+        assert contents(copy).keys() == contents(whole.folder).keys()
+    assert said() == []
+
+
 def test_another_run_in_a_file_without_checksum_is_seen(whole: StudyResults, copy: Path) -> None:
     _as_before(copy)
     first, second = whole.plan["key"][:2]
     shutil.copyfile(copy / f"runs/{first}.parquet", copy / f"runs/{second}.parquet")
     found = load_study(copy)
     assert found.missing["key"].tolist() == [second]
-    with pytest.raises(InputError, match=f"{second}.parquet: is another run's; sweep again"):
+    with pytest.raises(InputError, match=f"{second}.parquet: is another run's; {AGAIN}"):
         _ = found.runs
 
 
@@ -319,7 +433,7 @@ def test_what_a_killed_worker_leaves_is_swept_by_the_sweep_that_sees_it(
     whole: StudyResults, copy: Path
 ) -> None:
     key = whole.plan["key"][0]
-    (copy / f"runs/{key}.parquet").unlink()
+    forget(copy, key)
     ours = copy / f"runs/.{key}.parquet.{'0f' * 16}.tmp"
     theirs = copy / "runs" / ".notes.tmp"
 
@@ -418,4 +532,4 @@ def test_a_file_that_is_being_written_is_no_run(tmp_path: Path) -> None:
     (tmp_path / "runs").mkdir()
     for name in ("a.parquet", ".b.parquet.0123.tmp"):
         (tmp_path / "runs" / name).touch()
-    assert Store(tmp_path).keys("runs") == {"a"}
+    assert Store(tmp_path).names("runs") == ["a.parquet"]

@@ -9,14 +9,13 @@ import subprocess
 import tomllib
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import duckdb
 import pandas as pd
 import pyarrow.dataset as ds
-import pyarrow.parquet as pq
 import pytest
 import tomli_w
 
@@ -26,9 +25,10 @@ from aimd_des.study import StudyResults, Tally
 from aimd_des.study.executor import execute
 from aimd_des.study.locks import alone
 from aimd_des.study.plan_table import planned
-from aimd_des.study.run_tables import run_schema
+from aimd_des.study.run_tables import run_schema, stored_schema
 from aimd_des.study.seal import write_sealed
 from aimd_des.study.store import Store, parquet
+from aimd_des.study.stored_rows import StoredRows, put_in_order, read_rows
 from aimd_des.study.worker_task import Outcome, Task
 from aimd_des.study.workers import dask_executor
 from tests.conftest import INLINE, ROOT, python, quietly
@@ -57,6 +57,18 @@ def in_a_thread(study: Study, out: Path, **options: Any) -> StudyResults:
 
 def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def stored(folder: Path) -> StoredRows:
+    """Read the rows of all runs of a folder."""
+    return read_rows(Store(folder), run_schema(load_study(folder).study))
+
+
+def forget(folder: Path, key: str) -> None:
+    """Take the rows of a run out of a folder."""
+    rows = stored(folder)
+    rest = {other: span for other, span in rows.spans.items() if other != key}
+    put_in_order(Store(folder), replace(rows, spans=rest), load_study(folder).plan["key"].tolist())
 
 
 def leftovers(folder: Path) -> list[Path]:
@@ -129,7 +141,7 @@ def test_the_folder_is_one_data_set_for_others(reference: StudyResults) -> None:
     ours = reference.runs[["key", "resource", "utilisation"]].astype({"resource": str})
     assert rows == list(ours.sort_values(["key", "resource"]).itertuples(index=False, name=None))
     arrow = ds.dataset(reference.folder / "runs").to_table()
-    assert arrow.schema.remove_metadata() == run_schema(reference.study)
+    assert arrow.schema.remove_metadata() == stored_schema(run_schema(reference.study))
     assert len(arrow) == len(rows)
     assert duckdb.sql(f"from '{reference.folder / 'plan.parquet'}'").fetchall()[0][:2] == (0.0, "ticks")
 
@@ -139,7 +151,7 @@ def test_only_the_measures_that_are_asked_for(tmp_path: Path) -> None:
     labels = ["point", "replication", "seed", "key", "digest", "resource"]
     assert list(results.runs.columns) == [*labels, "signals", "utilisation", "until"]
     assert {path.name for path in results.folder.iterdir()} == {
-        *(".lock", "manifest.json", "plan.parquet", "study.toml", "runs", "failed")
+        *(".lock", "manifest.json", "plan.parquet", "points.parquet", "study.toml", "runs", "failed")
     }
 
 
@@ -311,7 +323,7 @@ def test_innocent_runs_are_tried_again_and_the_culprit_is_not_tried_for_ever() -
     def next_one() -> Any:
         return next(due, None)
 
-    execute(pool, Task("", "", run_schema(design()), (), (), None), next_one, take, lambda: False)
+    execute(pool, Task("", "", (), (), None), next_one, take, lambda: False)
     assert taken == [(number, "died" if number == 5 else "done") for number in range(12)]
     # All, one for 4 and the first try of 5, one for the second try, one for 6 and 7, and all again.
     assert pool.sizes == [2, 1, 1, 1, 2]
@@ -475,6 +487,9 @@ from contextlib import suppress
 from multiprocessing import forkserver, resource_tracker
 from pathlib import Path
 from aimd_des.study import Study, run_study
+from aimd_des.study.run_tables import run_schema
+from aimd_des.study.store import Store
+from aimd_des.study.stored_rows import read_rows
 
 def ours():
     found = []
@@ -487,7 +502,7 @@ def ours():
     return found
 
 def there():
-    return len(list(Path("out").glob("runs/*.parquet")))
+    return len(read_rows(Store(Path("out")), run_schema(study)).spans)
 
 def half():
     return len(list(Path("out").rglob(".*.tmp")))
@@ -563,7 +578,9 @@ def test_a_folder_grows_by_values_and_replications(reference: StudyResults, tmp_
     assert table["done"].tolist() == [2, 2, 0, 0, 2, 2]
     results = in_a_thread(grown, out)
     after = contents(out)
-    assert all(after[name] == content for name, content in before.items() if "/" in name)
+    frames = [name for name in before if name.startswith(("signals/", "demand/"))]
+    assert len(frames) == 16
+    assert all(after[name] == before[name] for name in frames)
     assert results.runs["latency"].unique().tolist() == [0.0, 0.5, 2.0]
     in_a_thread(grown, tmp_path / "fresh")
     assert after == contents(tmp_path / "fresh")
@@ -638,7 +655,7 @@ def test_folders_of_others_are_refused(tmp_path: Path) -> None:
 def test_results_that_are_not_all_there_yet(reference: StudyResults, tmp_path: Path) -> None:
     shutil.copytree(reference.folder, tmp_path / "out")
     first, second = reference.plan["key"][:2]
-    (tmp_path / f"out/runs/{first}.parquet").unlink()
+    forget(tmp_path / "out", first)
     partial = load_study(tmp_path / "out")
     assert partial.missing["key"].tolist() == [first]
     assert partial.runs["key"].iloc[0] == second
@@ -652,7 +669,9 @@ def test_results_that_are_not_all_there_yet(reference: StudyResults, tmp_path: P
         empty.scenario(first)
 
 
-def test_the_scenario_of_a_run_is_in_its_file(reference: StudyResults) -> None:
-    key = reference.plan["key"][0]
-    metadata = pq.read_schema(reference.folder / "runs" / f"{key}.parquet").metadata
-    assert tomllib.loads(metadata[b"aimd_des.scenario"].decode())["seed"] == reference.plan["seed"][0]
+def test_the_scenario_of_a_point_is_in_the_folder_and_a_run_adds_its_seed(reference: StudyResults) -> None:
+    points = pd.read_parquet(reference.folder / "points.parquet").set_index("point")["scenario"]
+    assert points.index.tolist() == reference.plan["point"].cat.categories.tolist()
+    first = reference.plan.iloc[0]
+    data = {**tomllib.loads(points[first["point"]]), "seed": int(first["seed"])}
+    assert reference.scenario(first["key"]).spoken() == data

@@ -61,7 +61,7 @@ def command(
 ) -> None:
     """Carry out the study that the file STUDY describes: many runs, on this machine or on many.
 
-    The folder receives a Parquet file with the measures of each run, and further frames if the
+    The folder receives Parquet files with the measures of the runs, and further frames if the
     study keeps them.  Runs that are there already are not run again.  Ctrl-C waits for those that
     are under way; a second Ctrl-C does not.
     """

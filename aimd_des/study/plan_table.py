@@ -6,6 +6,7 @@ from typing import Any
 
 import pandas as pd
 import pyarrow as pa
+import tomli_w
 
 from aimd_des._version import RESULT_VERSION
 from aimd_des.study.file import read_study
@@ -14,6 +15,7 @@ from aimd_des.study.points import Point, Run, expand, run_of
 from aimd_des.study.run_tables import plan_schema, run_schema
 from aimd_des.study.schedule import Schedule
 from aimd_des.study.store import STUDY_FILE, Store
+from aimd_des.study.stored_rows import read_rows
 from aimd_des.study.study import Study, shown_labels, stored_study
 from aimd_des.utils.errors import InputError
 
@@ -32,6 +34,12 @@ def plan_table(study: Study, runs: Sequence[Run]) -> pa.Table:
     return pa.Table.from_arrays(
         [pa.array([row[part.name] for row in labels], part.type) for part in schema], schema=schema
     )
+
+
+def points_table(points: Sequence[Point]) -> pa.Table:
+    """List the points with their scenarios, every value spelled out but the seeds, which runs have."""
+    texts = [tomli_w.dumps(point.without_seed()) for point in points]
+    return pa.table({"point": [point.name for point in points], "scenario": texts})
 
 
 def earlier_replications(store: Store, study: Study, points: Sequence[Point]) -> dict[str, int]:
@@ -133,14 +141,14 @@ def planned(study: Study, store: Store) -> pd.DataFrame:
     points = expand(study)
     schedule = Schedule(study, points, earlier_replications(store, study, points))
     frame = plan_table(study, schedule.runs).to_pandas()
-    there = {kind: store.keys(kind) for kind in ("runs", "failed")}
+    done = read_rows(store, run_schema(study)).spans.keys()
     whole = {
         key
-        for key in set(frame["key"]) & (there["runs"] | there["failed"])
-        if not store.fault(key, run_schema(study), study.keep)
+        for key in set(frame["key"]) & (done | store.failed())
+        if not store.fault(key, study.keep, done=key in done)
     }
-    frame["done"] = frame["key"].isin(whole & there["runs"])
-    frame["failed"] = frame["key"].isin(whole - there["runs"])
+    frame["done"] = frame["key"].isin(whole & done)
+    frame["failed"] = frame["key"].isin(whole - done)
     names = [*(axis.name for axis in study.axes), "point"]
     counts = frame.groupby(names, sort=False).agg(
         replications=("key", "count"), done=("done", "sum"), failed=("failed", "sum")

@@ -39,6 +39,13 @@ class Point:
         """Spell out the scenario; the seed is still 0."""
         return self.scenario.resolved().spoken()
 
+    def without_seed(self) -> dict[str, Any]:
+        """Spell out the scenario but for what the seed of a run decides."""
+        found = {key: value for key, value in self.tables.items() if key != "seed"}
+        if self.own_seed:
+            found["parameters"] = {k: v for k, v in found["parameters"].items() if k != "seed"}
+        return found
+
     @cached_property
     def own_seed(self) -> bool:
         """Tell whether each run has a problem of its own."""

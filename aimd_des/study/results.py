@@ -4,6 +4,7 @@ import json
 import tomllib
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pyarrow as pa
@@ -12,8 +13,9 @@ from aimd_des.scenario import Scenario, validate_scenario
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.study.axis import Axis
 from aimd_des.study.columns import known_frame
-from aimd_des.study.run_tables import RUN_AWAY, SCENARIO, VERSIONS, plan_schema, run_schema
+from aimd_des.study.run_tables import RUN_AWAY, VERSIONS, plan_schema, run_schema
 from aimd_des.study.store import Store
+from aimd_des.study.stored_rows import StoredRows, read_rows
 from aimd_des.study.study import Study, stored_study
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
@@ -94,18 +96,21 @@ class StudyResults:
         """Of this program, Python and the libraries that made the runs that are there, each that occurs."""
         # Runs of earlier versions do not say it; the manifest does.
         found = [(self._store.manifest() or {}).get("versions", {})]
-        for table in self._tables:
-            metadata = table.schema.metadata or {}
-            found.append(json.loads(metadata.get(VERSIONS, b"{}")))
+        found += map(json.loads, self._rows[VERSIONS].unique().to_pylist())
         names = dict.fromkeys(name for one in found for name in one)
         every = {name: dict.fromkeys(str(one[name]) for one in found if name in one) for name in names}
         return {name: ", ".join(sorted(values)) for name, values in every.items()}
 
     @cached_property
-    def _tables(self) -> list[pa.Table]:
-        """The rows of all runs that are there, in the order of the plan."""
-        schema, there = run_schema(self.study), self._store.keys("runs")
-        return [self._store.run(key, schema) for key in self.plan["key"] if key in there]
+    def _stored(self) -> StoredRows:
+        return read_rows(self._store, run_schema(self.study))
+
+    @cached_property
+    def _rows(self) -> pa.Table:
+        """The rows of all runs that are there, in the order of the plan; what is damaged is refused."""
+        if self._stored.damage:
+            raise InputError(self._stored.damage[0])
+        return self._stored.of(key for key in self.plan["key"] if key in self._stored.spans)
 
     @cached_property
     def runs(self) -> pd.DataFrame:
@@ -114,8 +119,7 @@ class StudyResults:
         Columns: those of the axes, point, replication, seed, key, digest, resource, the measures of
         `Result.summary`, until.  A file that is damaged is refused: `missing` lists the run.
         """
-        tables = [table.replace_schema_metadata(None) for table in self._tables]
-        return self._tidy(pa.concat_tables(tables or [run_schema(self.study).empty_table()]).to_pandas())
+        return self._tidy(self._rows.drop_columns([RUN_AWAY, VERSIONS]).to_pandas())
 
     def frame(self, name: str) -> pd.DataFrame:
         """Put a frame of all runs together.
@@ -140,7 +144,7 @@ class StudyResults:
             raise InputError.of(
                 "name", name, f"one of what the study keeps: {self.study.keep}", "add it to keep"
             )
-        rows = self.plan[self.plan["key"].isin(self._store.keys("runs"))]
+        rows = self.plan[self.plan["key"].isin(self._stored.spans)]
         tables = [self._store.frame(name, key) for key in rows["key"]]
         if not tables:
             return rows[[*(axis.name for axis in self.study.axes), "replication", "key"]].copy()
@@ -155,18 +159,15 @@ class StudyResults:
     @property
     def run_away(self) -> pd.DataFrame:
         """The runs whose demand has run away from a capacity: the columns of the plan, and its resources."""
-        found = {}
-        for table in self._tables:
-            names = json.loads((table.schema.metadata or {}).get(RUN_AWAY, b"[]"))
-            if names:
-                found[table["key"][0].as_py()] = ", ".join(names)
-        rows = self.plan[self.plan["key"].isin(found)].reset_index(drop=True)
+        away = self._rows.filter(self._rows[RUN_AWAY]).select(["key", "resource"]).to_pandas()
+        found = away.groupby("key")["resource"].agg(", ".join)
+        rows = self.plan[self.plan["key"].isin(found.index)].reset_index(drop=True)
         return rows.assign(resources=[found[key] for key in rows["key"]])
 
     @property
     def failed(self) -> pd.DataFrame:
         """The runs that failed: the columns of the plan, and message; more is in the folder ``failed``."""
-        there = self._store.keys("failed") - self._store.keys("runs")
+        there = self._store.failed() - self._stored.spans.keys()
         rows = self.plan[self.plan["key"].isin(there)].reset_index(drop=True)
         return rows.assign(message=[self._store.failure(key)["message"] for key in rows["key"]])
 
@@ -178,7 +179,7 @@ class StudyResults:
 
     def _is_there(self, key: str) -> bool:
         """Tell whether a run is there as a whole, or has failed."""
-        return not self._store.fault(key, run_schema(self.study), self.study.keep)
+        return not self._store.fault(key, self.study.keep, done=key in self._stored.spans)
 
     def scenario(self, key: str) -> Scenario:
         """Give the scenario of a run, to be run alone.
@@ -198,18 +199,24 @@ class StudyResults:
         InputError
             If there is no such run, or not yet.
         """
-        if key in self._store.keys("runs"):
-            metadata = self._store.run(key, run_schema(self.study)).schema.metadata or {}
-            text = metadata.get(SCENARIO, b"").decode("utf-8", "replace")
-        elif key in self._store.keys("failed"):
+        planned = self.plan[self.plan["key"] == key]
+        seed: dict[str, Any] = {}
+        if key in self._stored.scenarios:
+            text = self._stored.scenarios[key]
+        elif key in self._stored.spans and len(planned):
+            run = planned.iloc[0]
+            text, seed = self._store.scenario(run["point"]), {"seed": int(run["seed"])}
+        elif key in self._store.failed():
             text = self._store.failure(key)["scenario"]
+        elif self._stored.damage and len(planned):
+            raise InputError(self._stored.damage[0])
         else:
             raise InputError.of("key", key, f"that of a run in {self.folder}, done or failed")
         try:
-            data = tomllib.loads(text)
+            data = tomllib.loads(text) | seed
         except (ValueError, RecursionError) as error:
             raise InputError(f"run {key}: its scenario cannot be read ({error})") from None
-        return validate_scenario(with_new_keys(data, silent=True), f"run {key}")
+        return validate_scenario(with_new_keys(data, silent=True), f"run {key}").resolved()
 
 
 def run_away_words(results: StudyResults) -> str:

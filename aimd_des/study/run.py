@@ -14,12 +14,13 @@ from types import FrameType
 from uuid import uuid4
 
 from aimd_des.study.executor import execute
-from aimd_des.study.plan_table import digests_of, earlier_replications, plan_table
+from aimd_des.study.plan_table import digests_of, earlier_replications, plan_table, points_table
 from aimd_des.study.points import Run, expand
 from aimd_des.study.results import StudyResults, load_study, run_away_words
 from aimd_des.study.run_tables import run_schema
 from aimd_des.study.schedule import Schedule
 from aimd_des.study.store import AGAIN, Store
+from aimd_des.study.stored_rows import put_in_order, read_rows
 from aimd_des.study.study import Study
 from aimd_des.study.worker_task import Outcome, Task, failure, present
 from aimd_des.study.workers import Given, Pool, Processes
@@ -28,8 +29,9 @@ from aimd_des.utils.errors import InputError, OverloadWarning
 
 _LOGGER = logging.getLogger("aimd_des")
 
-# Of files that are damaged so many are named.
+# Of what is damaged so much is named.
 _MOST_TOLD = 5
+_NOW = "what it held is run again"
 
 
 @dataclass
@@ -112,15 +114,15 @@ def run_study(
     with store.taken(overwrite=overwrite):
         schedule = Schedule(study, points, earlier_replications(store, study, points))
         versions = (store.manifest() or {}).get("versions", {})
-        digests = digests_of(points)
+        digests, scenarios = digests_of(points), points_table(points)
 
         def write_study() -> None:
-            store.write_study(study, plan_table(study, schedule.runs), digests, versions)
+            store.write_study(study, plan_table(study, schedule.runs), scenarios, digests, versions)
 
         write_study()
         if retry_failed:
-            for key in store.keys("failed"):
-                store.forget("failed", key)
+            for name in store.names("failed"):
+                store.forget(f"failed/{name}")
         sweep = _Sweep(study, store, schedule, watch)
         try:
             with _pool(executor, many, store) as pool, _interrupted(pool) as interrupted:
@@ -134,6 +136,7 @@ def run_study(
                 stopped = interrupted()
         finally:
             write_study()
+            put_in_order(store, read_rows(store, run_schema(study)), [run.key for run in schedule.runs])
         # All runs are back, so that nobody writes: what is left is of workers that were killed.
         store.tidy()
         if sweep.unwritten is not None:
@@ -153,45 +156,50 @@ class _Sweep:
         self, study: Study, store: Store, schedule: Schedule, watch: Callable[[Tally], None] | None
     ) -> None:
         measure = None if study.precision is None else study.precision.measure
-        self.task = Task(
-            str(store.folder), uuid4().hex, run_schema(study), study.columns(), tuple(study.keep), measure
-        )
+        self.task = Task(str(store.folder), uuid4().hex, study.columns(), tuple(study.keep), measure)
         self.unwritten: Outcome | None = None
         self._store, self._schedule, self._watch = store, schedule, watch
-        self._stored, self._failed = store.keys("runs"), store.keys("failed")
+        self._rows, self._failed = read_rows(store, run_schema(study)), store.failed()
         self._damaged = 0
+        for sentence in self._rows.damage:
+            self._tell_damage(sentence)
+        for name in self._rows.damaged:
+            store.forget(name)
         self._tally = Tally(total=len(schedule))
 
     def due(self) -> Run | None:
         """Give the next run that is not there as a whole."""
         while (run := self._schedule.next()) is not None:
-            there = run.key in self._stored or run.key in self._failed
-            if there and not self._is_damaged(run.key):
-                self._schedule.record(run, self._values(run) if run.key in self._stored else [])
+            done = run.key in self._rows.spans
+            if (done or run.key in self._failed) and not self._is_damaged(run.key, done=done):
+                self._schedule.record(run, self._values(run) if done else [])
             else:
                 return run
             self._tally.found += 1
         self._tell()
         return None
 
-    def _is_damaged(self, key: str) -> bool:
+    def _is_damaged(self, key: str, *, done: bool) -> bool:
         """Tell whether a run that is there is none, and make room for it."""
-        fault = self._store.fault(key, self.task.schema, self.task.keep)
+        fault = self._store.fault(key, self.task.keep, done=done)
         if fault:
-            self._damaged += 1
-            if self._damaged <= _MOST_TOLD:
-                _LOGGER.warning("%s", fault.replace(AGAIN, "it is run again"))
-            elif self._damaged == _MOST_TOLD + 1:
-                _LOGGER.warning("%s: more runs are damaged; they are run again", self._store.folder)
-            for kind in ("runs", "failed", *self.task.keep):
-                self._store.forget(kind, key)
+            self._tell_damage(fault)
+            for kind in ("failed", *self.task.keep):
+                self._store.forget(self._store.name(kind, key))
         return bool(fault)
+
+    def _tell_damage(self, sentence: str) -> None:
+        self._damaged += 1
+        if self._damaged <= _MOST_TOLD:
+            _LOGGER.warning("%s", sentence.replace(AGAIN, _NOW))
+        elif self._damaged == _MOST_TOLD + 1:
+            _LOGGER.warning("%s: more is damaged; it is run again", self._store.folder)
 
     def _values(self, run: Run) -> list[tuple[str, float]]:
         """Read what precision is wanted of."""
         if self.task.measure is None:
             return []
-        rows = self._store.run(run.key, self.task.schema).select(["resource", self.task.measure])
+        rows = self._rows.of([run.key]).select(["resource", self.task.measure])
         return list(zip(*(column.to_pylist() for column in rows.columns), strict=True))
 
     def take(self, run: Run, outcome: Outcome) -> None:

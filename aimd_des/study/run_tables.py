@@ -1,7 +1,6 @@
 """From a result to tables: a row for each resource, with the same columns for all runs of a study."""
 
-import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import pyarrow as pa
@@ -13,12 +12,12 @@ from aimd_des.study.axis import Axis
 from aimd_des.study.shared_parts import SharedProblem
 from aimd_des.study.study import Study
 
-#: Where the metadata of a file hold the scenario of its run, as TOML.
-SCENARIO = b"aimd_des.scenario"
-#: And where the versions that made it, as JSON.
-VERSIONS = b"aimd_des.versions"
-#: And the resources from whose capacity demand has run away, if there are any, as JSON.
-RUN_AWAY = b"aimd_des.run_away"
+#: The column of a file that says whether demand has run away from the capacity.
+RUN_AWAY = "aimd_des.run_away"
+#: And the one of the versions that made a run, as JSON.
+VERSIONS = "aimd_des.versions"
+#: Where the metadata of a file that an earlier version wrote hold the scenario of its run, as TOML.
+SCENARIO = "aimd_des.scenario"
 
 _KINDS = {"boolean": pa.bool_(), "number": pa.float64(), "string": pa.string(), "integer": pa.int64()}
 
@@ -55,6 +54,11 @@ def run_schema(study: Study) -> pa.Schema:
     )
 
 
+def stored_schema(schema: pa.Schema) -> pa.Schema:
+    """Describe the columns of a file of rows: those of a run, and what else is known of it."""
+    return schema.append(pa.field(RUN_AWAY, pa.bool_())).append(pa.field(VERSIONS, pa.string()))
+
+
 def summary_of(
     result: Result, names: Sequence[str], shared: SharedProblem, expected: Callable[[], list[float]]
 ) -> dict[str, list[Any]]:
@@ -66,24 +70,6 @@ def summary_of(
     if EXPECTED in measures:
         measures[EXPECTED] = expected() or measures[EXPECTED]
     return {"resource": list(result.problem.resource_names), **measures}
-
-
-def run_table(
-    schema: pa.Schema,
-    labels: Mapping[str, Any],
-    summary: Mapping[str, list[Any]],
-    scenario: str,
-    versions: Mapping[str, str],
-    run_away: Sequence[str] = (),
-) -> pa.Table:
-    """Put the rows of a run together."""
-    count = len(summary["resource"])
-    every = {**{name: [value] * count for name, value in labels.items()}, **summary}
-    arrays = [pa.array(every[part.name], part.type) for part in schema]
-    metadata = {SCENARIO: scenario, VERSIONS: json.dumps(versions)}
-    if run_away:
-        metadata[RUN_AWAY] = json.dumps(run_away)
-    return pa.Table.from_arrays(arrays, schema=schema.with_metadata(metadata))
 
 
 def frame_table(key: str, result: Result, name: str) -> pa.Table:

@@ -26,21 +26,18 @@ _LOGGER = logging.getLogger("aimd_des")
 _FOLDERS = ("runs", "failed", *FRAMES)
 #: The study as a file that can be run itself.
 STUDY_FILE = "study.toml"
-_FILES = ("manifest.json", STUDY_FILE, "plan.parquet")
+_FILES = ("manifest.json", STUDY_FILE, "plan.parquet", "points.parquet")
 _MANIFEST = {"runs", "result_version", "study"}
 
-#: What is to be done about a damaged file of a run.
-AGAIN = "sweep again, which runs it again"
+#: What is to be done about a damaged file of runs.
+AGAIN = "sweep again, which runs what it held again"
 _ANEW = "remove it, and sweep again"
 
 
-def parquet(table: pa.Table, *, small: bool = False) -> pa.Buffer:
+def parquet(table: pa.Table) -> pa.Buffer:
     """Turn a table into the bytes of a Parquet file."""
     sink = pa.BufferOutputStream()
-    if small:
-        pq.write_table(table, sink, compression="none", use_dictionary=False, write_statistics=False)
-    else:
-        pq.write_table(table, sink, compression="zstd")
+    pq.write_table(table, sink, compression="zstd")
     return sink.getvalue()
 
 
@@ -72,7 +69,7 @@ class Store:
             )
         return content, sealed
 
-    def _table(self, name: str, remedy: str) -> pa.Table:
+    def table(self, name: str, remedy: str) -> pa.Table:
         """Read a Parquet file; what has no checksum is looked at as a whole."""
         content, sealed = self._content(name, remedy)
         try:
@@ -85,31 +82,14 @@ class Store:
             raise InputError(f"{self.folder / name}: cannot be read ({error}); {remedy}") from None
         return table
 
-    def run(self, key: str, schema: pa.Schema) -> pa.Table:
-        """Read the rows of a run."""
-        name = self.name("runs", key)
-        table = self._table(name, AGAIN)
-        metadata = table.schema.metadata
-        try:
-            table = table.replace_schema_metadata(None).cast(schema)
-        except (pa.ArrowException, ValueError) as error:
-            raise InputError(f"{self.folder / name}: has other columns ({error}); {AGAIN}") from None
-        self._hold_against(key, name, table)
-        if not len(table):
-            raise InputError(f"{self.folder / name}: has no rows; {AGAIN}")
-        return table.replace_schema_metadata(metadata)
-
     def frame(self, kind: str, key: str) -> pa.Table:
         """Read a frame of a run."""
         name = self.name(kind, key)
-        table = self._table(name, AGAIN).replace_schema_metadata(None)
-        self._hold_against(key, name, table)
-        return table.rename_columns(columns_now(table.column_names))
-
-    def _hold_against(self, key: str, name: str, table: pa.Table) -> None:
-        """Refuse rows of another run: checksums know their file, and earlier versions had none."""
+        table = self.table(name, AGAIN).replace_schema_metadata(None)
+        # Checksums know their file, and earlier versions had none.
         if "key" not in table.column_names or not set(table["key"].unique().to_pylist()) <= {key}:
             raise InputError(f"{self.folder / name}: is another run's; {AGAIN}")
+        return table.rename_columns(columns_now(table.column_names))
 
     def failure(self, key: str) -> dict[str, str]:
         """Read what is written about a run that failed."""
@@ -125,28 +105,29 @@ class Store:
             raise InputError(f"{self.folder / name}: is another run's; {AGAIN}")
         return record
 
-    def fault(self, key: str, schema: pa.Schema, keep: Sequence[str]) -> str:
-        """Say what a run that is there, or has failed, lacks to be whole."""
+    def fault(self, key: str, keep: Sequence[str], *, done: bool) -> str:
+        """Say what a run whose rows are there, or that has failed, lacks to be whole."""
         try:
-            if not self._exists("runs", key) and self._exists("failed", key):
+            if not done:
                 self.failure(key)
                 return ""
-            for kind in ("runs", *keep):
+            for kind in keep:
                 # What fits its checksum need not be taken apart: there may be thousands.
                 if not self._content(self.name(kind, key), AGAIN)[1]:
-                    _ = self.run(key, schema) if kind == "runs" else self.frame(kind, key)
+                    self.frame(kind, key)
         except InputError as damage:
             return str(damage)
         return ""
 
-    def _exists(self, kind: str, key: str) -> bool:
-        return (self.folder / self.name(kind, key)).exists()
-
-    def keys(self, kind: str) -> set[str]:
-        """List the runs that have a file."""
+    def names(self, kind: str) -> list[str]:
+        """List the files of a kind; those that are being written are none yet."""
         place = self.folder / kind
         names = os.listdir(place) if place.is_dir() else []  # noqa: PTH208 - a Path for each of thousands is slow
-        return {name.partition(".")[0] for name in names if not name.startswith(".")}
+        return [name for name in names if not name.startswith(".")]
+
+    def failed(self) -> set[str]:
+        """List the runs that have failed."""
+        return {name.partition(".")[0] for name in self.names("failed")}
 
     def manifest(self) -> dict[str, Any] | None:
         """Read the manifest."""
@@ -172,7 +153,15 @@ class Store:
         name = _FILES[2]
         if not (self.folder / name).is_file():
             return None
-        return self._table(name, _ANEW).replace_schema_metadata(None)
+        return self.table(name, _ANEW).replace_schema_metadata(None)
+
+    def scenario(self, point: str) -> str:
+        """Read the scenario of a point, without its seed."""
+        name = _FILES[3]
+        for row in self.table(name, _ANEW).to_pylist():
+            if row["point"] == point:
+                return str(row["scenario"])
+        raise InputError(f"{self.folder / name}: is that of another study; {_ANEW}")
 
     @contextmanager
     def taken(self, *, overwrite: bool) -> Iterator[None]:
@@ -208,7 +197,7 @@ class Store:
 
     def _is_ours(self, *, damaged: bool) -> bool:
         """Tell whether this program has written the folder: by the manifest, or else by a plan that fits."""
-        manifest, _, plan = ((self.folder / name).is_file() for name in _FILES)
+        manifest, _, plan, _ = ((self.folder / name).is_file() for name in _FILES)
         if manifest:
             return damaged or self.manifest() is not None
         return plan and self._content(_FILES[2], _ANEW)[1]
@@ -223,7 +212,12 @@ class Store:
                 path.unlink(missing_ok=True)
 
     def write_study(
-        self, study: Study, plan: pa.Table, digests: Mapping[str, Any], versions: Mapping[str, str]
+        self,
+        study: Study,
+        plan: pa.Table,
+        points: pa.Table,
+        digests: Mapping[str, Any],
+        versions: Mapping[str, str],
     ) -> None:
         """Write what the study is, and which runs it has."""
         manifest = {
@@ -234,16 +228,15 @@ class Store:
             "digests": dict(digests),
         }
         content = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
-        for name, part in zip(
-            _FILES, (content.encode(), tomli_w.dumps(study.spoken()).encode(), parquet(plan)), strict=True
-        ):
+        text = tomli_w.dumps(study.spoken()).encode()
+        for name, part in zip(_FILES, (content.encode(), text, parquet(plan), parquet(points)), strict=True):
             self.write(name, part)
         for name in ("runs", "failed", *study.keep):
             (self.folder / name).mkdir(exist_ok=True)
 
-    def forget(self, kind: str, key: str) -> None:
-        """Remove a file of a run, or an empty folder in its place."""
-        path = self.folder / self.name(kind, key)
+    def forget(self, name: str) -> None:
+        """Remove a file, or an empty folder in its place."""
+        path = self.folder / name
         if not path.is_dir() or path.is_symlink():
             path.unlink(missing_ok=True)
         elif any(path.iterdir()):

@@ -10,12 +10,12 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
-import pyarrow as pa
 import tomli_w
 
 from aimd_des.scenario.run_folder import library_versions
+from aimd_des.study import journal
 from aimd_des.study.points import Job
-from aimd_des.study.run_tables import frame_table, run_table, summary_of
+from aimd_des.study.run_tables import RUN_AWAY, VERSIONS, frame_table, summary_of
 from aimd_des.study.shared_parts import shared_parts
 from aimd_des.study.store import Store, parquet
 from aimd_des.utils.errors import OverloadWarning
@@ -30,7 +30,6 @@ class Task:
 
     folder: str  # of the study
     sweep: str  # a word by which workers tell one sweep from another
-    schema: pa.Schema  # of a run's rows
     # Columns of the summary and frames to keep.
     measures: tuple[str, ...]
     keep: tuple[str, ...]
@@ -62,9 +61,8 @@ def perform(task: Task, job: Job) -> Outcome:
             shared = parts.problem(job, scenario)
             result = scenario.run(problem=shared.problem)
         summary = summary_of(result, task.measures, shared, lambda: parts.expected(job, scenario))
-        labels = {**job.labels, "digest": result.digest}
-        away = [summary["resource"][j] for j in result.run_away.nonzero()[0]]
-        rows = run_table(task.schema, labels, summary, tomli_w.dumps(job.scenario()), _versions(), away)
+        labels = {**job.labels, "digest": result.digest, VERSIONS: json.dumps(_versions())}
+        record = journal.record_of(labels, {**summary, RUN_AWAY: result.run_away.tolist()})
         frames = {name: frame_table(job.key, result, name) for name in task.keep}
     except Exception as error:  # noqa: BLE001 - whatever goes wrong in one run must not stop the others
         message = raised_in(error) or f"{type(error).__name__}: {error}"
@@ -79,7 +77,7 @@ def perform(task: Task, job: Job) -> Outcome:
         for name, frame in frames.items():
             store.write(store.name(name, job.key), parquet(frame))
         # The rows come last: where they are, everything is.
-        store.write(store.name("runs", job.key), parquet(rows, small=True))
+        journal.append(store.folder / "runs", record)
 
     return _written(write, Outcome("done", values=values, saturated=bool(result.account.saturated.any())))
 
