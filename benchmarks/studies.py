@@ -5,19 +5,19 @@ import shutil
 import statistics
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import tomli_w
-
 from aimd_des.results.measures import MEASURED
-from aimd_des.scenario import Scenario
-from aimd_des.study import Study, run_study
+from aimd_des.study import Study, journal, run_study
 from aimd_des.study.points import Run, expand, run_of
-from aimd_des.study.run_tables import run_schema, run_table, summary_of
-from aimd_des.study.store import parquet, write_file
+from aimd_des.study.run_tables import RUN_AWAY, VERSIONS, run_schema, summary_of
+from aimd_des.study.shared_parts import SharedParts
+from aimd_des.study.store import Store
+from aimd_des.study.stored_rows import StoredRows, put_in_order, read_rows
 from benchmarks.harness import (
     Contestant,
     Timing,
@@ -33,6 +33,7 @@ from benchmarks.harness import (
 __all__ = ["main"]
 
 ALONE = "the runs alone"
+STORED = 5000  # runs of a large study
 CHEAP = [name for name in MEASURED if name != "misallocation"]
 COLUMNS = ("program", "CPU ms\nper run", "over the\nruns alone")
 LEGEND = (
@@ -110,42 +111,60 @@ def _milliseconds(call: Callable[[Any], Any], things: Sequence[Any], clock: Call
 def _parts(options: argparse.Namespace, folder: Path) -> dict[str, float]:
     """Time each step of a run's way through a study by itself, in ms of CPU; the disk by the wall."""
     study = _study(options, options.seed, None)
-    points = expand(study)
-    runs = _runs(study)
-    schema = run_schema(study)
+    points, runs, shared = expand(study), _runs(study), SharedParts()
     jobs = [run.job() for run in runs]
-    done = [(run, run.scenario.run()) for run in runs]
-    rows = [
-        (
-            {**run.labels, "digest": result.digest},
-            summary_of(run.scenario, result, MEASURED),
-            tomli_w.dumps(run.job().scenario),
+    done = []
+    for job in jobs:
+        scenario = shared.scenario(job)
+        problem = shared.problem(job, scenario)
+        done.append((job, scenario.run(problem=problem.problem), problem))
+    records = [
+        journal.record_of(
+            {**job.labels, "digest": result.digest, VERSIONS: "{}"},
+            {**summary_of(result, MEASURED, problem, list), RUN_AWAY: result.run_away.tolist()},
         )
-        for run, result in done
+        for job, result, problem in done
     ]
-    tables = [run_table(schema, *row) for row in rows]
-    files = [parquet(rows_of_run, small=True) for rows_of_run in tables]
+    store = Store(folder / "parts")
+    (store.folder / "runs").mkdir(parents=True)
     cpu, wall = time.process_time, time.perf_counter
-    return {
-        "scenario, seed and key": _milliseconds(
-            lambda run: run_of(study, points[0], run.replication), runs, cpu
-        ),
-        "the scenario as data": _milliseconds(lambda run: run.job(), runs, cpu),
-        "the scenario checked by the worker": _milliseconds(
-            lambda job: Scenario.model_validate(job.scenario), jobs, cpu
-        ),
+    found = {
+        "seed and key": _milliseconds(lambda run: run_of(study, points[0], run.replication), runs, cpu),
+        "the scenario in the worker": _milliseconds(shared.scenario, jobs, cpu),
         "summary without misallocation": _milliseconds(
-            lambda one: summary_of(one[0].scenario, one[1], CHEAP), done, cpu
+            lambda one: summary_of(one[1], CHEAP, one[2], list), done, cpu
         ),
         "misallocation, an optimum": _milliseconds(
-            lambda one: summary_of(one[0].scenario, one[1], ["misallocation"]), done, cpu
+            lambda one: summary_of(one[1], ["misallocation"], one[2], list), done, cpu
         ),
-        "rows": _milliseconds(lambda row: run_table(schema, *row), rows, cpu),
-        "Parquet": _milliseconds(lambda one: parquet(one, small=True), tables, cpu),
-        "file": _milliseconds(lambda one: write_file(folder / "file", one), files, cpu),
-        "file, waiting for the disk": _milliseconds(
-            lambda one: write_file(folder / "file", one), files, wall
+        "a line of the journal": _milliseconds(
+            lambda record: journal.append(store.folder / "runs", record), records, cpu
         ),
+        "the same, waiting for the disk": _milliseconds(
+            lambda record: journal.append(store.folder / "runs", record), records, wall
+        ),
+    }
+    return found | _stored(study, store.folder)
+
+
+def _stored(study: Study, folder: Path) -> dict[str, float]:
+    """Time what a store of many runs costs, in ms of CPU for all of them: one run under many keys."""
+    store, schema = Store(folder), run_schema(study)
+    (record,) = journal.read(journal.journals(folder / "runs")[0].read_bytes(), "", "")[0][:1]
+    for path in journal.journals(folder / "runs"):
+        path.unlink()
+    keys = [f"{number:032x}" for number in range(STORED)]
+    for key in reversed(keys):
+        labels = {**record["labels"], "key": key}
+        journal.append(folder / "runs", journal.record_of(labels, record["columns"]))
+    rows: list[StoredRows] = []
+    clock = time.process_time
+    return {
+        f"{STORED:,} runs read from journals": _milliseconds(
+            lambda _: rows.append(read_rows(store, schema)), [0], clock
+        ),
+        "put in order": _milliseconds(lambda _: put_in_order(store, rows[0], keys), [0], clock),
+        "read from files": _milliseconds(lambda _: read_rows(store, schema).of(keys), range(3), clock),
     }
 
 
@@ -171,6 +190,7 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> None:
     """Measure and print two tables."""
     options = _options(arguments)
+    warnings.simplefilter("ignore")  # short runs have not settled, and say so
     out, host = console(), machine(("numpy", "numba", "pandas", "pyarrow", "pydantic"))
     out.print(", ".join(f"{name} {value}" for name, value in host.items()), soft_wrap=True)
     with tempfile.TemporaryDirectory(dir=options.out) as place:
