@@ -82,19 +82,17 @@ def _means(runs: "pd.DataFrame", axes: list[str], names: list[str]) -> tuple[lis
     """Make a row for each point and resource."""
     from aimd_des.results.measures import measure_words
     from aimd_des.study import summarise
+    from aimd_des.study.statistics.summary import means_by_point
 
     points = [*axes, "resource"]
     # One number of each replication: runs of one replication may have the same seed.
     groups = runs.groupby([*points, "replication"], observed=True, sort=False)
     sizes = groups.size()
     whole = groups[names].mean()[sizes == sizes.max()].reset_index()
-    table = summarise(whole, points, names)
-    rows: list[list[Any]] = []
-    for labels, part in table.groupby(points, observed=True, sort=False):
-        found = part.set_index("measure")
-        half_widths = (found["high"] - found["low"]) / 2.0
-        cells = [plus_or_minus(float(found["mean"][name]), float(half_widths[name])) for name in names]
-        rows.append([*labels, int(found["replications"].max()), *cells])
+    rows = [
+        [*labels, count, *(plus_or_minus(*means[name]) for name in names)]
+        for labels, count, means in means_by_point(summarise(whole, points, names), points)
+    ]
     return [*points, "replications", *map(measure_words, names)], rows
 
 

@@ -1,5 +1,6 @@
 """Tables in the terminal, in several parts where a line is too short."""
 
+import sys
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -18,7 +19,9 @@ _NARROWEST = 20
 
 def plus_minus() -> str:
     """Give the sign that the terminal can show."""
-    return "+/-" if Console().options.ascii_only else "±"
+    # As a console of rich finds out, of which there would be one for every cell.
+    encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
+    return "±" if encoding.lower().startswith("utf") else "+/-"
 
 
 def plus_or_minus(mean: float, half_width: float) -> str:

@@ -12,10 +12,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from aimd_des.problem.problem import Problem, Resource
 from aimd_des.results.result import Result
 from aimd_des.utils import formatting
-
-# Okabe and Ito's colours, which stay apart for all common kinds of colour blindness; yellow is
-# left out as too pale for lines.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+from aimd_des.utils.colours import COLOURS
 
 #: Grey of what is held against the curves: optimum and capacity.
 REFERENCE = "0.35"
@@ -36,7 +33,7 @@ def colour(resource: int) -> str:
     str
         The same in all panels; they repeat after seven.
     """
-    return _COLOURS[resource % len(_COLOURS)]
+    return COLOURS[resource % len(COLOURS)]
 
 
 def plain(text: str) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 import altair as alt
 import pandas as pd
 
-from aimd_des.plots import colour
+from aimd_des.utils.colours import COLOURS
 
 #: Of lines that are no data; seen on light and on dark ground.
 REFERENCE = "#808890"
@@ -39,7 +39,8 @@ def rounded(value: Any) -> Any:
 def resource_colour(names: Sequence[str], *, legend: bool = True) -> alt.Color:
     """Give every resource the colour that it has in all figures."""
     # Black would not be seen on a dark ground.
-    colours = [colour(j) if colour(j) != "#000000" else "currentColor" for j in range(len(names))]
+    shown = ["currentColor" if colour == "#000000" else colour for colour in COLOURS]
+    colours = [shown[j % len(shown)] for j in range(len(names))]
     scale = alt.Scale(domain=list(names), range=colours)
     key = (
         alt.Legend(orient="top", title=None, columns=3, labelLimit=140, symbolOpacity=1.0) if legend else None

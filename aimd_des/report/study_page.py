@@ -12,6 +12,7 @@ from aimd_des.report.verdicts import JUDGED, verdict
 from aimd_des.results.measures import FIRST, measure_words
 from aimd_des.study import StudyResults, summarise
 from aimd_des.study.results import run_away_words
+from aimd_des.study.statistics.summary import means_by_point
 from aimd_des.utils.formatting import interval, short
 
 _MOST_FAILURES = 20
@@ -141,12 +142,10 @@ def _where(labels: dict[str, Any]) -> str:
 
 def _points(table: pd.DataFrame, names: Sequence[str], main: Sequence[str]) -> PageTable:
     """List the means of the main measures at every point."""
-    rows = []
-    for labels, part in table.groupby([*names, "resource"], observed=True, sort=False):
-        of = part.set_index("measure")
-        half = (of["high"] - of["low"]) / 2.0
-        cells = [_interval(float(of["mean"][name]), float(half[name])) for name in main]
-        rows.append([*map(short, labels), f"{int(of['replications'].max()):,}", *cells])
+    rows = [
+        [*map(short, labels), f"{count:,}", *(_interval(*means[name]) for name in main)]
+        for labels, count, means in means_by_point(table, [*names, "resource"])
+    ]
     heads = [*names, "resource", "replications", *map(measure_words, main)]
     title = "Means at every point, with the half-widths of their 95 % confidence intervals"
     return PageTable(title, heads, rows, labels=len(names) + 1)

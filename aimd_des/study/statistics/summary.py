@@ -1,6 +1,6 @@
 """Statistics over the runs of a study, as tidy frames: a row for each point, resource and measure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -68,6 +68,20 @@ def summarise(
     if _PAIR in frame.columns:
         _one_row_each(frame, [*points, draws], _PAIR, columns)
     return _summary_of_draws(frame, points, columns, confidence, draws)
+
+
+def means_by_point(
+    table: pd.DataFrame, points: Sequence[str]
+) -> Iterator[tuple[list[Any], int, dict[str, tuple[float, float]]]]:
+    """Yield each point of a summary: labels, replications, and mean and half-width of each measure."""
+    found: dict[tuple[Any, ...], tuple[int, dict[str, tuple[float, float]]]] = {}
+    columns = (table["measure"], table["mean"], (table["high"] - table["low"]) / 2.0, table["replications"])
+    labels = table[list(points)].itertuples(index=False, name=None)
+    for at, measure, mean, half_width, count in zip(labels, *map(pd.Series.tolist, columns), strict=True):
+        most, means = found.get(at, (0, {}))
+        found[at] = max(most, count), {**means, measure: (mean, half_width)}
+    for at, (most, means) in found.items():
+        yield list(at), most, means
 
 
 def _summary(frame: pd.DataFrame, points: list[str], columns: list[str], confidence: float) -> pd.DataFrame:
