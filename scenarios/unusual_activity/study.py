@@ -1,10 +1,10 @@
 """The study: what is run, and what is made of it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -13,24 +13,28 @@ from matplotlib.figure import Figure
 
 from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour
-from aimd_des.study import jackknife, replicate
+from aimd_des.study import jackknife
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.systems import alike, elasticity
-from scenarios.common.tables import estimate, number, reached, said, shown
+from scenarios.common.measure import run_draws
+from scenarios.common.tables import estimate, number, over_draws, pick, reached, shown
 from scenarios.unusual_activity.runs import (
     AVERAGINGS,
-    PROBLEM,
+    ONE,
+    STEEP,
+    THREE,
     WEIGHT,
+    Case,
     Seen,
-    Size,
     expected_scatter,
     fluid,
-    groups,
     measure,
+    progress,
+    scatter,
     shares,
 )
 
+_WINDOW = "window, 200"
 _LEFT_OUT = ("forgetting, 300", "forgetting, 30")
 # How long after the event begins the demand is looked at, and after its end what is left of the average.
 _SOON, _AFTERWARDS = (50.0, 100.0), 200.0
@@ -38,74 +42,104 @@ _SOON, _AFTERWARDS = (50.0, 100.0), 200.0
 _NEVER = 320.0
 
 
-_Found = dict[tuple[str, str], list[Seen]]
+_MEMORIES = tuple(AVERAGINGS)[:2]
+
+
+class _Found(NamedTuple):
+    """What is found of a case: how much of the way demand and average make, (draws, 2, q), and squares.
+
+    These are mean squares of the scatter before the event, (draws,).
+    """
+
+    ways: FloatArray
+    scatter: FloatArray
+
+
+class _Size(NamedTuple):
+    draws: int
+    replications: int  # runs of each draw
+    begin: float
+    end: float
+    until: float
+    every: float
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Scale the costs of a camera by 0.2 for a while, for several ways of averaging."""
-    size = Size(4, 150.0, 300.0, 520.0, 10.0) if quick else Size(60, 600.0, 1100.0, 1500.0, 5.0)
-    one, steep, three = groups()
+    size = _Size(2, 2, 150.0, 300.0, 520.0, 10.0) if quick else _Size(20, 4, 600.0, 1100.0, 1500.0, 5.0)
     names = [name for name in AVERAGINGS if not (quick and name in _LEFT_OUT)]
-    cases = [(group, name) for group in (one, steep) for name in names]
-    cases += [(three, name) for name in names[:2]]
-    jobs = [partial(measure, groups()[group], name, size) for group, name in cases]
-    outcomes = replicate(jobs, size.replications, seed, workers=1 if quick else None, out=runs)
-    found = dict(zip(cases, outcomes, strict=True))
-    table = pd.DataFrame([row for case, runs in found.items() for row in _rows(*case, size, runs)])
+    kinds = [*product((ONE, STEEP), names), *product((THREE,), _MEMORIES)]
+    cases = [Case(group, name, *size[2:]) for group, name in kinds]
+    cases.append(_older(cases[0]))
+    pairs = run_draws(measure, cases, size.draws, size.replications, seed, quick, runs)
+    found = {case: _found(case, outcomes, seed) for case, outcomes in pairs}
+    theories = {case: _theory(case, range(seed, seed + size.draws)) for case in cases}
+    table = pd.DataFrame([row for case in cases for row in _rows(case, found[case], theories[case])])
     settings = {"seed": seed, **size._asdict(), "weight": WEIGHT}
-    printed = shown(table, ["camera", "averaging", "measure"], ".3g")
-    drawn = {"unusual_activity": partial(_figure, found, table, size)}
-    return Finding("unusual_activity", settings, table, printed, _findings(table, size), drawn)
+    printed = shown(table, ["camera", "averaging", "age", "measure"], ".3g")
+    drawn = {"unusual_activity": partial(_figure, found, theories, table)}
+    return Finding("unusual_activity", settings, table, printed, _findings(table, cases[0], seed), drawn)
 
 
-def _progress(cameras: tuple[int, ...], values: FloatArray) -> FloatArray:
-    """Compute how much of the way from the old to the new share has been made."""
-    old, new = shares(cameras)
-    return np.asarray((values - old) / (new - old))
+def _older(case: Case) -> Case:
+    """Make the same event at twice the age."""
+    begin, end, until = (time + case.begin for time in (case.begin, case.end, case.until))
+    return case._replace(begin=begin, end=end, until=until)
+
+
+def _found(case: Case, outcomes: Sequence[Sequence[Seen]], seed: int) -> _Found:
+    ways = [
+        progress(case.group, draw, np.mean([[run.demand, run.average] for run in seen], axis=0))
+        for draw, seen in enumerate(outcomes, seed)
+    ]
+    return _Found(
+        np.array(ways), np.array([scatter(case, draw, seen) for draw, seen in enumerate(outcomes, seed)])
+    )
+
+
+def _theory(case: Case, draws: Iterable[int]) -> _Found:
+    parts = [(fluid(case, draw), expected_scatter(case, draw)) for draw in draws]
+    return _Found(np.array([way for way, _ in parts]), np.array([square for _, square in parts]))
 
 
 _MEASURES = ("demand soon", "average at the end", "half-way after", "90 % after", "left afterwards")
 
 
-def _numbers(cameras: tuple[int, ...], size: Size, both: FloatArray) -> FloatArray:
-    """Reduce demand and average, (2, q), to the measures."""
-    times, (demand, average) = size.times - size.begin, _progress(cameras, both)
-    during = (times >= 0.0) & (times <= size.end - size.begin)
+def _numbers(case: Case, way: FloatArray) -> FloatArray:
+    """Reduce what demand and average, (2, q), make of the way to the measures."""
+    times, (demand, average) = case.since, way
+    during = (times >= 0.0) & (times <= case.end - case.begin)
     soon = (times >= _SOON[0]) & (times <= _SOON[1])
-    ends, afterwards = np.searchsorted(times, [size.end - size.begin, size.end - size.begin + _AFTERWARDS])
+    ends, afterwards = np.searchsorted(times, [case.end - case.begin, case.end - case.begin + _AFTERWARDS])
     half, most = (reached(times[during], average[during], part) for part in (0.5, 0.9))
     return np.array([demand[soon].mean(), average[ends], half, most, average[afterwards]])
 
 
-def _rows(group: str, name: str, size: Size, runs: Sequence[Seen]) -> list[dict[str, Any]]:
-    cameras = groups()[group]
-    both = [np.array([run.demand, run.average]) for run in runs]
-    value, error = jackknife(both, partial(_numbers, cameras, size))
-    expected = _numbers(cameras, size, np.array(fluid(cameras, name, size)))
-    kin = alike(PROBLEM, float(elasticity(PROBLEM)[cameras[0]]))  # so many that scatter can be measured
-    moments = [np.array([run.before, run.before**2])[:, kin] for run in runs]
-    scatter, wrong = jackknife(moments, _scatter)
-    value, error = np.append(value, scatter), np.append(error, wrong)
-    expected = np.append(expected, expected_scatter(kin, name, size))
-    labels, names = {"camera": group, "averaging": name}, [*_MEASURES, "scatter before"]
-    found = zip(names, zip(value, error, strict=True), expected.tolist(), strict=True)
-    return [estimate(labels, measure, pair, len(runs), wanted) for measure, pair, wanted in found]
+def _rows(case: Case, found: _Found, expected: _Found) -> list[dict[str, Any]]:
+    """Measure the mean over draws, as a draw may not get there at all; each beside what theory has."""
+    value, error = jackknife(list(found.ways), partial(_numbers, case))
+    scattered, wrong = jackknife(list(found.scatter), np.sqrt)
+    value, error = np.append(value, scattered), np.append(error, wrong)
+    known = np.append(_numbers(case, expected.ways.mean(axis=0)), np.sqrt(expected.scatter.mean()))
+    labels, count = {"camera": case.group, "averaging": case.averaging, "age": case.begin}, len(found.ways)
+    return [
+        {**estimate(labels, name, pair, count, wanted), "draws": count, "spread": np.sqrt(count) * pair[1]}
+        for name, pair, wanted in zip(
+            [*_MEASURES, "scatter before"], zip(value, error, strict=True), known.tolist(), strict=True
+        )
+    ]
 
 
-def _scatter(moments: FloatArray) -> FloatArray:
-    """Compute the coefficient of variation of averages over replications, the root of a mean of squares."""
-    mean, square = moments
-    return np.asarray(np.sqrt(np.mean(square / mean**2 - 1.0)))
-
-
-def _figure(found: _Found, table: pd.DataFrame, size: Size) -> Figure:
+def _figure(found: dict[Case, _Found], theories: dict[Case, _Found], table: pd.DataFrame) -> Figure:
     widths = {"width_ratios": [1.15, 1.15, 1.0]}
     figure, (left, middle, right) = figures.panels(1, 3, (13.5, 4.8), gridspec_kw=widths)
-    one, steep, _ = groups()
-    _draw_course(left, found, one, size, "(a) Quadratic costs: the average lags")
-    _draw_course(middle, found, steep, size, "(b) Power 6: demand overdoes it, to pull the average")
+    for axes, group, title in (
+        (left, ONE, "(a) Quadratic costs: the average lags"),
+        (middle, STEEP, "(b) Power 6: demand overdoes it, to pull the average"),
+    ):
+        _draw_course(axes, group, found, theories, title)
     middle.legend(frameon=False, fontsize="small")
-    _draw_price(right, table)
+    _draw_price(right, pick(table, age=table["age"].min()))
     return figure
 
 
@@ -113,20 +147,20 @@ def _place(name: str) -> int:
     return list(AVERAGINGS).index(name)
 
 
-def _draw_course(axes: Axes, found: _Found, group: str, size: Size, title: str) -> None:
-    cameras, times = groups()[group], size.times - size.begin
-    for name in list(AVERAGINGS)[:2]:
-        courses = [[run.demand, run.average] for run in found[group, name]]
-        figures.course(axes, times, courses, fluid(cameras, name, size), colour(_place(name)))
-    old, new = shares(cameras)
-    end = size.end - size.begin
-    steps = [times[0], 0.0, 0.0, end, end, times[-1]], [old, old, new, new, old, old]
-    axes.plot(*steps, "--", color=figures.REFERENCE, linewidth=1.2, label="optimum")
-    for name in list(AVERAGINGS)[:2]:
+def _draw_course(
+    axes: Axes, group: str, found: dict[Case, _Found], theories: dict[Case, _Found], title: str
+) -> None:
+    for name in _MEMORIES:
+        case = next(case for case in found if (case.group, case.averaging) == (group, name))
+        expected = theories[case].ways.mean(axis=0)
+        figures.course(axes, case.since, list(found[case].ways), expected, colour(_place(name)))
         figures.named(axes, f"{name} (thin: demand)", color=colour(_place(name)), linewidth=2.2)
+    end = case.end - case.begin
+    steps = [case.since[0], 0.0, 0.0, end, end, case.since[-1]], [0.0, 0.0, 1.0, 1.0, 0.0, 0.0]
+    axes.plot(*steps, "--", color=figures.REFERENCE, linewidth=1.2, label="optimum")
     figures.named(axes, "theory (fluid)", ":", color="black", linewidth=0.9)
-    x, y = "time since the event began (periods)", "memory of the camera (GB)"
-    figures.dress(axes, title, x, y, ylim=(0.0, None))
+    x, y = "time since the event began (periods)", "part of the way to the new share"
+    figures.dress(axes, title, x, y)
 
 
 def _row_of(table: pd.DataFrame, group: str, name: str, measured: str) -> dict[str, float]:
@@ -135,9 +169,9 @@ def _row_of(table: pd.DataFrame, group: str, name: str, measured: str) -> dict[s
 
 
 def _draw_price(axes: Axes, table: pd.DataFrame) -> None:
-    for group, name in product(list(groups())[:2], table["averaging"].unique()):
+    for group, name in product((ONE, STEEP), table["averaging"].unique()):
         half, scatter = (_row_of(table, group, name, part) for part in ("half-way after", "scatter before"))
-        shade, marker = colour(_place(name)), "os"[list(groups()).index(group)]
+        shade, marker = colour(_place(name)), "os"[group == STEEP]
         if np.isnan(half["mean"]):
             axes.plot(_NEVER, 100 * scatter["mean"], ">", color=shade, markersize=9.0, clip_on=False)
             place = (_NEVER, 100 * scatter["mean"])
@@ -157,7 +191,7 @@ def _draw_price(axes: Axes, table: pd.DataFrame) -> None:
         axes.plot(half["theory"], 100 * scatter["theory"], "+", color="black", markersize=9.0, zorder=5)
     for name in AVERAGINGS:
         figures.named(axes, name, "D", color=colour(_place(name)))
-    for group, marker in zip(list(groups())[:2], "os", strict=True):
+    for group, marker in zip((ONE, STEEP), "os", strict=True):
         figures.named(axes, group, marker)
     figures.named(axes, "theory", "+", color="black", markersize=9.0)
     axes.legend(frameon=False, fontsize="small")
@@ -165,32 +199,46 @@ def _draw_price(axes: Axes, table: pd.DataFrame) -> None:
     figures.dress(axes, "(c) The price of a short memory", x, y, xlim=(0.0, _NEVER), ylim=(0.0, None))
 
 
-def _findings(table: pd.DataFrame, size: Size) -> list[str]:
-    (one, steep, three), (whole, short) = groups(), list(AVERAGINGS)[:2]
+def _findings(table: pd.DataFrame, case: Case, seed: int) -> list[str]:
+    whole, short = _MEMORIES
+    lasts, first = case.end - case.begin, case.begin
 
-    def say(group: str, name: str, measured: str, scale: float = 100.0, digits: int = 0) -> str:
-        return said(table, scale, digits, camera=group, averaging=name, measure=measured)
+    def say(
+        group: str, name: str, measured: str, scale: float = 100.0, digits: int = 0, age: float = first
+    ) -> str:
+        wanted = {"camera": group, "averaging": name, "measure": measured, "age": age}
+        known = number(table, "theory", **wanted)
+        beside = "" if np.isnan(known) else f", theory {scale * known:.{digits}f}"
+        return over_draws(table, scale, digits, **wanted) + beside
 
     def half(group: str, name: str) -> str:
         return say(group, name, "half-way after", 1.0)
 
-    (old, new), (_, shared) = shares(groups()[one]), shares(groups()[three])
+    draws = range(seed, seed + int(table["draws"].iloc[0]))
+    (old, new), (_, shared) = (np.mean([shares(group, k) for k in draws], axis=0) for group in (ONE, THREE))
     names = table["averaging"].unique()
-    scatter = ", ".join(f"{say(one, name, 'scatter before', digits=1)} with {name}" for name in names)
+    halves = pick(table, camera=ONE, measure="half-way after", age=first).dropna(subset="mean")
+    there = halves["averaging"].tolist()
+    scattered = "; ".join(f"{say(ONE, name, 'scatter before', digits=1)}, with {name}" for name in names)
     soon = f"From period {_SOON[0]:g} to {_SOON[1]:g}"
     return sentences(f"""
         - The optimum of a camera with quadratic costs rises from {old:.2f} to {new:.2f} GB (of each of three:
-          {shared:.2f}). {soon} its demand has made {say(one, whole, "demand soon")} % of the way, whatever
-          the memory. The average over all of the past has made {say(one, whole, "average at the end")} %
-          after {size.end - size.begin:g} periods (of three: {say(three, whole, "average at the end")} %);
-          with {short} it is half-way after {half(one, short)}.
+          {shared:.2f}). {soon} its demand has made {say(ONE, whole, "demand soon")} % of the way over all of
+          the past, {say(ONE, short, "demand soon")} with {short}. The average over all of the past has made
+          {say(ONE, whole, "average at the end")} % after {lasts:g} periods (of three:
+          {say(THREE, whole, "average at the end")} %), and at twice the age
+          {say(ONE, whole, "average at the end", age=2.0 * first)} %; with {short} it is half-way after
+          {half(ONE, short)}.
         - With costs of power 6 demand answers to the average, and overdoes it. {soon} it has made
-          {say(steep, whole, "demand soon", 1.0, 1)} times the way; so the average over all of the past is
-          half-way after {half(steep, whole)} periods, with {short} after {half(steep, short)}.
-          {_AFTERWARDS:g} periods after the end it keeps {say(steep, whole, "left afterwards")} % of the rise.
-        - The price is scatter of the averages before, in %: with quadratic costs {scatter}; with costs of
-          power 6 {say(steep, whole, "scatter before", digits=1)} with {whole},
-          {say(steep, short, "scatter before", digits=1)} with {short}.
+          {say(STEEP, whole, "demand soon", 1.0, 1)} times the way; so the average over all of the past is
+          half-way after {half(STEEP, whole)} periods, with {short} after {half(STEEP, short)}.
+          {_AFTERWARDS:g} periods after the end it keeps {say(STEEP, whole, "left afterwards")} % of the rise.
+        - With a window and power 6 {say(STEEP, _WINDOW, "average at the end")} % of the way are made at the
+          end, and {say(STEEP, _WINDOW, "left afterwards")} % are left {_AFTERWARDS:g} periods later.
+        - Half-way with quadratic costs: {"; ".join(f"{half(ONE, name)}, with {name}" for name in there)}.
+        - The price is scatter of the averages before, in %: with quadratic costs {scattered}; with costs of
+          power 6 {say(STEEP, whole, "scatter before", digits=1)}, with {whole},
+          {say(STEEP, short, "scatter before", digits=1)}, with {short}.
     """)
 
 
