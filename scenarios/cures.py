@@ -3,11 +3,11 @@
 Cures are compared at the same bits per unit of time, by Gamma, and at the same risk, by the threshold: total
 demand is above the capacity for about 1 % of the time.  Who knows its loss needs no other cure: signals sent
 once and answered 1 / (1 - p) times as often beat signals sent three times.  Who does not can infer it from
-signals that are sent twice, without running numbers.  Against latency no bit helps: what helps is a hold-off
+signals that are sent twice, without running numbers; in bursts copies are lost together, and tell nothing.
+Against latency no bit helps: what helps is a hold-off
 that repeats less of what is still on its way.
 """  # noqa: D400 - a question
 
-import dataclasses
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -18,23 +18,24 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from aimd_des import BroadcastChannel, Crossing, Fleet, Problem, Recording, Simulation
+from aimd_des import BroadcastChannel, Problem, Recording, Result
 from aimd_des.compensation import Compensation, EstimatedLoss, KnownLoss
+from aimd_des.loss import GilbertElliott
 from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour
 from aimd_des.responses import CustomResponse, Derandomised, EventNormalised, Response
 from scenarios.common import figures
 from scenarios.common.command import Finding, command
-from scenarios.common.measure import distance, quietly, run_draws
-from scenarios.common.systems import memory_alone, rate
+from scenarios.common.measure import distance, quietly, run_draws, sensed
+from scenarios.common.systems import lowered, memory_alone, rate
 from scenarios.common.tables import number, numbers, over_draws, pick, shown, summarise_draws
 
 _N = 60
 _HOLD_OFF, _LONG = 0.25, 1.0
 # Above the capacity for at most so much of the time.
 _RISK = 0.01
-# Runs by which a threshold is chosen, with seeds of their own, and the lowest one.
-_PILOTS, _PILOT, _FLOOR, _PILOT_SEED = 3, 0.25, 0.05, 500
+# The length of a pilot run, as a part of the run, the lowest threshold, and the first seed of pilots.
+_PILOT, _FLOOR, _PILOT_SEED = 0.25, 0.05, 500
 _LOOKS = 0.1
 # Copies of one signal leave together; another signal leaves a hold-off later at the earliest.
 _SAME_SIGNAL = 0.5 * _HOLD_OFF
@@ -42,9 +43,11 @@ _SAME_SIGNAL = 0.5 * _HOLD_OFF
 _LOAD = 0.8
 
 LOSS, DELAY, BOTH = "loss 0 to 0.5", "latency 5", "both"
-_LATENCY = {LOSS: 0.25, DELAY: 5.0, BOTH: 5.0}
+_BURST = 10.0
+BURSTS = f"loss 0 to 0.5 in bursts of {_BURST:g}"
+_LATENCY = {LOSS: 0.25, DELAY: 5.0, BOTH: 5.0, BURSTS: 0.25}
 # Bits per unit of time that cures may take at most where they are compared.
-BUDGET = {LOSS: 1.5, DELAY: 1.5, BOTH: 2.0}
+BUDGET = {LOSS: 1.5, DELAY: 1.5, BOTH: 2.0, BURSTS: 1.5}
 
 
 @numba.njit  # type: ignore[untyped-decorator]
@@ -79,15 +82,21 @@ class Cure(NamedTuple):
         """Bits of a broadcast."""
         return self.copies * (1 + self.number_bits)
 
-    def channel(self, latency: float, loss: FloatArray) -> BroadcastChannel:
-        """Make the channel: a signal is lost if all its copies are, each for itself."""
-        second = (1.0 - loss) / (1.0 + loss) if self.both_heard else 0.0
-        return BroadcastChannel(latency=latency, loss=loss**self.copies, duplication=second)
+    def lost(self, setting: str, loss: FloatArray) -> FloatArray:
+        """Compute who loses which share of the signals: all copies, each for itself or in one burst."""
+        return loss if setting == BURSTS else loss**self.copies
 
-    def compensation(self, loss: FloatArray) -> Compensation | None:
+    def channel(self, setting: str, loss: FloatArray) -> BroadcastChannel:
+        """Make the channel; of the signals that are heard, so many are heard twice."""
+        lost, second = self.lost(setting, loss), (1.0 - loss) / (1.0 + loss)
+        if setting == BURSTS:
+            return BroadcastChannel(_LATENCY[setting], GilbertElliott(lost, _BURST), float(self.both_heard))
+        return BroadcastChannel(_LATENCY[setting], lost, second if self.both_heard else 0.0)
+
+    def compensation(self, setting: str, loss: FloatArray) -> Compensation | None:
         """Make what agents do about what they lose."""
         if self.known:
-            return KnownLoss(loss**self.copies)
+            return KnownLoss(self.lost(setting, loss))
         return EstimatedLoss(self.number_bits) if self.number_bits else None
 
 
@@ -124,6 +133,14 @@ CURES: dict[str, dict[str, Cure]] = {
         f"{WAIT}, {KNOWN}": Cure(hold_off=_LONG, known=True),
         f"{WAIT}, {KNOWN}, {FRACTIONAL}": Cure(hold_off=_LONG, known=True, response=_EXACT),
     },
+    BURSTS: {
+        NOTHING: Cure(),
+        KNOWN: Cure(known=True),
+        INFERRED: Cure(copies=2, response=_INFERS, both_heard=True),
+        FRACTIONAL: Cure(response=_EXACT),
+        f"{KNOWN}, {FRACTIONAL}": Cure(known=True, response=_EXACT),
+        WAIT: Cure(hold_off=_LONG),
+    },
 }
 # What is run for longer, too: its errors are bias, or luck that is left.
 _LONGER = (NOTHING, THRICE, KNOWN, f"{KNOWN}, {FRACTIONAL}")
@@ -137,14 +154,17 @@ class Case(NamedTuple):
     cure: str
     over_gamma: float
     until: float
+    pilots: int = 3  # runs by which the threshold is chosen, with seeds of their own
 
     @property
     def possible(self) -> bool:
         """Whether the hold-off admits the signals that are needed, below a threshold for the latency."""
         cure, plain = CURES[self.setting][self.cure], memory_alone(normalization=1.0 / self.over_gamma)
         lift = float(plain.increase.sum() / plain.capacity[0]) * _LATENCY[self.setting]
-        heard = 1.0 if self.setting == DELAY or cure.known else 1.0 - np.mean(losses(0) ** cure.copies)
-        return bool(rate(with_threshold(plain, 1.0 - lift)) / heard * cure.hold_off < _LOAD)
+        heard = 1.0
+        if not (self.setting == DELAY or cure.known):
+            heard -= float(cure.lost(self.setting, losses(0)).mean())
+        return rate(lowered(plain, 1.0 - lift)) / heard * cure.hold_off < _LOAD
 
 
 class Outcome(NamedTuple):
@@ -158,11 +178,6 @@ class Outcome(NamedTuple):
     threshold: float
 
 
-def with_threshold(problem: Problem, threshold: float) -> Problem:
-    """Make the same problem with another threshold."""
-    return Problem([dataclasses.replace(problem.resources[0], threshold=threshold)], problem.costs)
-
-
 def losses(draw: int) -> FloatArray:
     """Draw who loses how much, (n,)."""
     return np.random.default_rng([2028, draw]).permutation(np.linspace(0.0, 0.5, _N))
@@ -170,36 +185,18 @@ def losses(draw: int) -> FloatArray:
 
 def measure(case: Case, draw: int, seed: int) -> Outcome:
     """Choose the threshold for the risk by pilot runs, then run and measure."""
-    threshold = 1.0
-    for pilot in range(_PILOTS):
-        high, _ = _run(case, draw, seed + _PILOT_SEED + pilot, threshold, _PILOT * case.until)
+    problem, threshold = memory_alone(normalization=1.0 / case.over_gamma, draw=draw), 1.0
+    for pilot in range(case.pilots):
+        short = case._replace(until=_PILOT * case.until)
+        seen = _run(short, lowered(problem, threshold), draw, seed + _PILOT_SEED + pilot)
+        high = float(np.quantile(_totals(seen), 1.0 - _RISK))
         threshold = float(np.clip(threshold + 1.0 - high, _FLOOR, 1.0))
-    return _run(case, draw, seed, threshold, case.until)[1]
-
-
-def _run(case: Case, draw: int, seed: int, threshold: float, until: float) -> tuple[float, Outcome]:
-    """Run with a threshold; also gives what the total is above for the share of the time that is the risk."""
-    cure, loss = CURES[case.setting][case.cure], np.zeros(_N) if case.setting == DELAY else losses(draw)
-    problem = with_threshold(memory_alone(normalization=1.0 / case.over_gamma, draw=draw), threshold)
-    looks = np.arange(until / 4.0, until, _LOOKS)
-    simulation = Simulation(
-        problem,
-        dynamics="continuous",
-        control_unit=Crossing(cure.hold_off),
-        channel=cure.channel(_LATENCY[case.setting], loss),
-        agents=Fleet,
-        response=cure.response,
-        compensation=cure.compensation(loss),
-        seed=seed,
-        recording=Recording(demand=looks, overshoot=False),
-    )
-    result = quietly(simulation, until)
-    total = result.observations.total_demand[:, 0] / problem.capacity[0]
-    signals = (result.signals_sent.time >= until / 4.0).sum() / (0.75 * until)
-    account = result.account
-    return float(np.quantile(total, 1.0 - _RISK)), Outcome(
-        bits=float(signals * cure.bits),
-        misallocation=float(distance(problem, result.average_at_end)[0]),
+    result = _run(case, lowered(problem, threshold), draw, seed)
+    total, account = _totals(result), result.account
+    signals = (result.signals_sent.time >= case.until / 4.0).sum() / (0.75 * case.until)
+    return Outcome(
+        bits=float(signals * CURES[case.setting][case.cure].bits),
+        misallocation=float(distance(result.problem, result.average_at_end)[0]),
         utilisation=float(total.mean()),
         above=float((total > 1.0).mean()),
         saturated=float(account.saturated.sum() / max(account.responses.sum(), 1)),
@@ -207,20 +204,39 @@ def _run(case: Case, draw: int, seed: int, threshold: float, until: float) -> tu
     )
 
 
+def _run(case: Case, problem: Problem, draw: int, seed: int) -> Result:
+    cure, loss = CURES[case.setting][case.cure], np.zeros(_N) if case.setting == DELAY else losses(draw)
+    simulation = sensed(
+        problem,
+        cure.hold_off,
+        channel=cure.channel(case.setting, loss),
+        response=cure.response,
+        compensation=cure.compensation(case.setting, loss),
+        seed=seed,
+        recording=Recording(demand=np.arange(case.until / 4.0, case.until, _LOOKS), overshoot=False),
+    )
+    return quietly(simulation, case.until)
+
+
+def _totals(result: Result) -> FloatArray:
+    """Take total demand over the capacity at all looks after the start."""
+    return np.asarray(result.observations.total_demand[:, 0] / result.problem.capacity[0])
+
+
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run memory alone with every cure, for several Gamma."""
-    draws, until = (2, 100.0) if quick else (12, 5000.0)
+    draws, until, pilots = (2, 80.0, 1) if quick else (12, 5000.0, 3)
     scales = (45.0, 140.0) if quick else (45.0, 80.0, 140.0, 250.0)
     cases = [
-        Case(setting, cure, scale, until)
+        Case(setting, cure, scale, until, pilots)
         for setting, cures in CURES.items()
         for cure in cures
         for scale in scales
     ]
-    cases += [Case(LOSS, cure, scales[1], 4.0 * until) for cure in _LONGER]
+    cases += [Case(LOSS, cure, scales[1], 4.0 * until, pilots) for cure in _LONGER]
     pairs = run_draws(measure, [case for case in cases if case.possible], draws, 1, seed, quick, runs)
     rows = [
-        {**case._asdict(), "draw": draw, **one._asdict()}
+        {**dict(zip(_LABELS, case, strict=False)), "draw": draw, **one._asdict()}
         for case, found in pairs
         for draw, (one,) in enumerate(found, seed)
     ]
@@ -256,9 +272,9 @@ def _at_budget(rows: Sequence[dict[str, Any]], until: float) -> list[dict[str, A
 def _figure(table: pd.DataFrame, until: float) -> Figure:
     figure, panels = figures.panels(2, 3, (14.0, 8.6))
     usual = table[(table["until"] == until) & table["over_gamma"].notna()]
-    for column, (setting, cures) in enumerate(CURES.items()):
+    for column, setting in enumerate((LOSS, DELAY, BOTH)):
         high, low = panels[column], panels[3 + column]
-        for place, cure in enumerate(cures):
+        for place, cure in enumerate(CURES[setting]):
             x = numbers(usual, setting=setting, cure=cure, measure="bits")
             look: dict[str, Any] = {"linestyle": "-", "color": colour(place)}
             for axes, name in ((high, "misallocation"), (low, "utilisation")):

@@ -7,6 +7,7 @@ import pytest
 
 from aimd_des.study import mean_and_error
 from scenarios.cures import (
+    BURSTS,
     CURES,
     DELAY,
     INFERRED,
@@ -40,10 +41,14 @@ def gap(name: str, setting: str, one: str, other: str) -> tuple[float, float]:
 
 
 def test_copies_are_lost_together_with_the_power_of_the_loss() -> None:
-    channel = Cure(copies=2, both_heard=True).channel(0.5, np.array([0.0, 0.2]))
+    channel = Cure(copies=2, both_heard=True).channel(LOSS, np.array([0.0, 0.2]))
     assert channel.loss.mean == pytest.approx([0.0, 0.04])
     # Both of two copies arrive with probability 0.64, which is 2/3 of the 0.96 of which at least one does.
     assert channel.duplication == pytest.approx([1.0, 2 / 3])
+    # In a burst both are lost, or none.
+    bursty = Cure(copies=2, both_heard=True).channel(BURSTS, np.array([0.0, 0.2]))
+    assert bursty.loss.mean == pytest.approx([0.0, 0.2])
+    assert bursty.duplication == pytest.approx(1.0)
     assert (Cure(copies=3).bits, Cure(number_bits=5).bits, Cure().bits) == (3, 6, 1)
     assert losses(3).mean() == pytest.approx(0.25)
     assert not np.array_equal(losses(3), losses(4))
@@ -95,3 +100,19 @@ def test_against_latency_a_longer_hold_off_takes_fewer_bits_and_uses_more() -> N
     for cure in (NOTHING, WAIT):
         above, error = mean_and_error([one.above for one in runs(DELAY, cure)])
         assert above < 0.02 + Z * error  # risk is about the same, of 1 %
+
+
+def test_in_bursts_copies_are_worth_nothing() -> None:
+    once, twice = (measure(Case(BURSTS, cure, 80.0, 100.0), 0, 0) for cure in (NOTHING, INFERRED))
+    assert twice == once._replace(bits=2.0 * once.bits)
+    alone, other = (measure(Case(LOSS, cure, 80.0, 100.0), 0, 0) for cure in (NOTHING, INFERRED))
+    assert other != alone._replace(bits=2.0 * alone.bits)  # negative control: each lost for itself
+
+
+@pytest.mark.slow
+def test_in_bursts_known_loss_helps_less() -> None:
+    nearer, error = gap("misallocation", BURSTS, NOTHING, KNOWN)
+    assert nearer > Z * error
+    pairs = zip(runs(BURSTS, KNOWN), runs(LOSS, KNOWN), strict=True)
+    worse, error = mean_and_error([a.misallocation - b.misallocation for a, b in pairs])
+    assert worse > Z * error
