@@ -27,8 +27,10 @@ from scenarios.congested_channel.runs import (
     LoadLoss,
     Overflow,
     Silence,
+    Stay,
     load,
     shares,
+    stay,
     system_of,
 )
 
@@ -94,6 +96,16 @@ def test_runs_come_back_from_below_the_turning_load_and_not_from_beyond() -> Non
             assert far.last > far.lifted  # it runs on
     # The run without the cause.
     assert load(Silence(Constant(0.2), 1.0, 12.0, after=200.0), 0, 0).last < 1.1
+
+
+def test_escapes_are_counted_with_the_time_until_then() -> None:
+    law = Excess(0.2, 0.95)
+    assert congestion(system_of(0), law, hold_off=1.4).turning == 1.0
+    gone, time = stay(Stay(law, 1.4, 1.0, 400.0, 0.5), 0, 0)
+    assert gone == 1.0
+    assert 0.0 < time < 300.0
+    # Negative control: the run without the cause stays for all of the time after the start.
+    assert stay(Stay(Constant(0.2), 1.0, 1.0, 400.0, 0.5), 0, 0).tolist() == [0.0, 300.0]
 
 
 def distances(own: bool) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des import BroadcastChannel, Problem, Recording
+from aimd_des import BroadcastChannel, Problem, Recording, theory
 from aimd_des.interventions import Partition
 from aimd_des.loss import Bernoulli, Loss
 from aimd_des.lowlevel import Draws, FloatArray, Purpose, System
@@ -145,6 +145,33 @@ def load(case: Silence, draw: int, seed: int) -> Load:
     )
     total = quietly(simulation, until).observations.total_demand[:, 0] / problem.capacity[0]
     return Load(float(total[0]), float(total[1:].mean()))
+
+
+class Stay(NamedTuple):
+    """A run that nothing but chance takes from the capacity, with loss by a law from the start on."""
+
+    law: Law
+    hold_off: float
+    threshold: float
+    until: float
+    gone: float  # so far beyond the turning load no run is ever on its way back
+
+
+def stay(case: Stay, draw: int, seed: int) -> FloatArray:
+    """Run, and count escapes, 0 or 1, and the time until then; without the first stretch."""
+    problem, begin = system_of(draw, case.threshold), 2.0 * _STRETCH
+    looks = np.arange(begin, case.until)
+    simulation = sensed(
+        problem,
+        case.hold_off,
+        channel=BroadcastChannel(loss=LoadLoss(case.law, begin)),
+        seed=seed,
+        recording=Recording(demand=looks, overshoot=False),
+    )
+    total = quietly(simulation, case.until).observations.total_demand[:, 0] / problem.capacity[0]
+    turning = theory.congestion(problem, case.law, hold_off=case.hold_off).turning
+    away = np.flatnonzero(total > turning + case.gone)
+    return np.array([len(away) > 0, looks[away[0]] - begin if len(away) else case.until - begin])
 
 
 class Holding(NamedTuple):

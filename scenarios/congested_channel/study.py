@@ -9,13 +9,16 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.stats import gamma
 
 from aimd_des import theory
 from aimd_des.plots import colour
+from aimd_des.study import jackknife
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import distance, run_draws
 from scenarios.common.tables import (
+    estimate,
     number,
     numbers,
     over_draws,
@@ -34,8 +37,10 @@ from scenarios.congested_channel.runs import (
     Overflow,
     Shares,
     Silence,
+    Stay,
     load,
     shares,
+    stay,
     system_of,
 )
 
@@ -50,6 +55,9 @@ _LAWS: dict[str, Law] = {
     _KEPT: Excess(_BASE, 0.6),
     _LOWER: Excess(_BASE, _LIMIT),
 }
+# What chance may take away: loss, hold-off and threshold; and how far beyond the turning load that is.
+_STAYS = ((_EXCESS, 1.0, 1.0), (_LOWER, 1.0, 0.9))
+_GONE = 0.5
 # Who is cut off for so long has a load far beyond every turning load.
 _LONG = 60.0
 # A load that is not back: below it are all that demand has under control.
@@ -57,6 +65,7 @@ _AWAY = 1.2
 # How near the turning load chance may decide.
 _NEAR, _HALF = 0.1, 0.5
 _SILENCE, _REST, _SHARES = "comes back", "rest", "distance (%)"
+_RATE, _EXPOSURE = "escapes per unit of time", "time at the capacity"
 _LABELS = ["experiment", "loss", "hold_off", "x", "length"]
 _OWN, _EQUAL = "in proportion to holdings", "the same for all"
 
@@ -70,6 +79,7 @@ class _Size(NamedTuple):
     lengths: tuple[float, ...]
     shares: tuple[float, ...]
     ends: tuple[float, float]
+    stays: tuple[int, float]  # how many runs of a draw chance may take away, and how long they are
 
 
 _FULL = _Size(
@@ -81,8 +91,9 @@ _FULL = _Size(
     lengths=(500.0, 2000.0),
     shares=(0.05, 0.1, 0.2),
     ends=(1000.0, 3000.0),
+    stays=(2, 2000.0),
 )
-_QUICK = _Size(2, (0.0, 8.0, 16.0), (1.0, 0.5), 150.0, (0.95,), (300.0,), (0.2,), (100.0, 200.0))
+_QUICK = _Size(2, (0.0, 8.0, 16.0), (1.0, 0.5), 150.0, (0.95,), (300.0,), (0.2,), (100.0, 200.0), (1, 200.0))
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
@@ -114,6 +125,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         ignore_index=True,
     )
     table = with_theory(table, _LABELS)
+    table = pd.concat([table, pd.DataFrame(_escapes(size, seed, quick, runs))], ignore_index=True)
     settings = {"seed": seed, **size._asdict()}
     printed = shown(table[table["measure"].isin([_SILENCE, _REST, _SHARES])], [*_LABELS, "measure"], ".3f")
     drawn = {"congested_channel": partial(_figure, table, size, seed)}
@@ -166,6 +178,24 @@ def _rest_rows(case: Silence, found: Sequence[Sequence[Load]], seed: int) -> lis
         rows.append(
             {**labels, "length": case.after, "draw": draw, _REST: one.last, "theory of rest": expected}
         )
+    return rows
+
+
+def _escapes(size: _Size, seed: int, quick: bool, runs: Path | None) -> list[dict[str, Any]]:
+    """Measure how often chance takes demand past the turning load, per unit of time, over draws."""
+    each, until = size.stays
+    cases = [Stay(_LAWS[law], hold_off, threshold, until, _GONE) for law, hold_off, threshold in _STAYS]
+    pairs = run_draws(stay, cases, size.draws, each, seed, quick, runs)
+    rows = []
+    for (law, hold_off, threshold), (_, found) in zip(_STAYS, pairs, strict=True):
+        counts = [np.sum(seen, axis=0) for seen in found]
+        rate, error = jackknife(counts, lambda mean: mean[:1] / mean[1:])
+        labels = {"experiment": "stay", "loss": law, "hold_off": hold_off, "x": threshold, "length": until}
+        row = estimate(labels, _RATE, (rate, error), each * size.draws)
+        spread = float(np.std([count[0] / count[1] for count in counts], ddof=1))
+        rows.append({**row, "draws": size.draws, "spread": spread})
+        row = estimate(labels, _EXPOSURE, (np.sum(counts, axis=0)[1], np.nan), each * size.draws)
+        rows.append({**row, "draws": size.draws})
     return rows
 
 
@@ -255,8 +285,6 @@ def _findings(table: pd.DataFrame, size: _Size, seed: int) -> list[str]:
     )
     right, clear = (numbers(table, measure=name) for name in ("as predicted", "clearly predicted"))
     weights = numbers(table, "draws", measure="clearly predicted")
-    quiet = pick(table, measure=_SILENCE, x=0.0, hold_off=slow)
-    left = [100 * (1.0 - number(quiet, loss=law)) for law in (_EXCESS, _LOWER)]
     helped = {
         (law, hold_off): _survived(table, law, hold_off)
         for law, hold_off in [(_EXCESS, slow), (_EXCESS, fast), (_LOWER, slow)]
@@ -277,8 +305,8 @@ def _findings(table: pd.DataFrame, size: _Size, seed: int) -> list[str]:
           {100 * float(clear @ weights) / float(weights.sum()):.1f} % of those that are more than {_NEAR:g}
           away from it.
         - What does not come back rests, with hold-off {slow:g}, at a load of {rests}.
-        - Without a silence {left[0]:.0f} % of the runs with hold-off {slow:g} leave the capacity within
-          {size.after:g} periods, and {left[1]:.0f} % with threshold 0.9, which takes more signals to hold.
+        - Chance alone takes demand past the turning load {"; ".join(_said(table, *one) for one in _STAYS)}.
+          That is measured: there is no theory of it here.
         - Half of the runs survive a silence of {helped[_EXCESS, slow]:.1f} periods with hold-off {slow:g},
           {helped[_LOWER, slow]:.1f} with that and threshold 0.9, and {helped[_EXCESS, fast]:.1f} with
           hold-off {fast:g}. After silences of up to {size.silences[-1]:g} {100 * back[0]:.0f} % come
@@ -290,6 +318,19 @@ def _findings(table: pd.DataFrame, size: _Size, seed: int) -> list[str]:
           with {top:g} {longer} periods; the same loss for all leaves
           {off(_EQUAL, top, size.ends[-1])} %.
     """)
+
+
+def _said(table: pd.DataFrame, law: str, hold_off: float, threshold: float) -> str:
+    """Say a rate, with its interval by Poisson for the draws that there are."""
+    where: dict[str, Any] = {"experiment": "stay", "loss": law, "hold_off": hold_off}
+    rate, time = (number(table, measure=measure, **where) for measure in (_RATE, _EXPOSURE))
+    count = round(rate * time)
+    low, high = (float(gamma.ppf(part, n)) if n else 0.0 for part, n in ((0.025, count), (0.975, count + 1)))
+    return (
+        f"{1e3 * rate:.2f} times in 1,000 periods ({1e3 * low / time:.2f} to "
+        f"{1e3 * high / time:.2f}) with hold-off {hold_off:g} and threshold {threshold:g} ({count} times in "
+        f"{time:,.0f})"
+    )
 
 
 main = command("congested_channel", study, "Can signals be lost to the excess that they report?")
