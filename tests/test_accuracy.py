@@ -226,6 +226,15 @@ def test_the_chart_of_a_report_has_logarithmic_axes_and_the_band() -> None:
     )
 
 
+def test_so_many_agents_are_left_to_validate(monkeypatch: pytest.MonkeyPatch) -> None:
+    write(INLINE)
+    monkeypatch.setattr("aimd_des.scenario.accuracy._MOST_AGENTS", 4)
+    scenario = load_scenario("five.toml")
+    found = accuracy_of(scenario, quietly(scenario.run))
+    assert found.expected is None
+    assert "at most 4" in found.reason
+
+
 def test_a_study_has_the_column_where_it_is_asked_for() -> None:
     write(INLINE)
     data = {

@@ -345,6 +345,16 @@ class TestTheInterface:
         variances = [np.einsum("jii->j", kind.covariance(1e4)) for kind in (together, alone)]
         assert (abs(variances[1] / variances[0] - 1.0) < 0.1).all()
 
+    def test_a_few_kinds_of_agents_sway_for_all(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        problem, lost = smart_cameras(seed=0), np.linspace(0.0, 0.4, 60)
+        found = {}
+        for kinds in (3, 8, 12):
+            monkeypatch.setattr("aimd_des.theory.sways._KAPPAS", kinds)
+            found[kinds] = theory.convergence(problem, lag=5, loss=lost)
+        average = {kinds: one.steady.average for kinds, one in found.items()}
+        assert np.allclose(average[8], average[12], rtol=1e-6)
+        assert not np.allclose(average[3], average[12], rtol=1e-4)
+
     @pytest.mark.parametrize(
         ("arguments", "message"),
         [

@@ -22,8 +22,8 @@ _LOOKS = 16
 # Of many agents fewer looks are taken: each is an optimum to be solved.
 _BUDGET = 100_000
 _FEWEST_LOOKS = 4
-# With more a prediction takes longer than many a run.
-_MOST_AGENTS = 200
+# With so many a prediction takes some seconds.
+_MOST_AGENTS = 20_000
 
 
 class Accuracy(NamedTuple):
@@ -71,6 +71,6 @@ def accuracy_of(scenario: Scenario, result: Result) -> Accuracy:
 
 def _expected(scenario: Scenario, n_agents: int) -> Convergence:
     if n_agents > _MOST_AGENTS:
-        remedy = "aimd-des validate --accuracy predicts it; that takes long"
+        remedy = "aimd-des validate --accuracy predicts it; that takes a while"
         raise InputError.of("n_agents", n_agents, f"at most {_MOST_AGENTS}", remedy)
     return scenario.convergence()

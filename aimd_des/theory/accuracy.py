@@ -30,8 +30,9 @@ from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
-# Larger matrices take long, and one agent among so many has hardly a part in the total.
-_TOGETHER = 1000
+# Larger matrices take long, and one agent among so many has hardly a part in the total: 200 agents taken one
+# by one have a mean misallocation up to 0.5 % larger, and an interval 1 % narrower to 7 % wider.
+_TOGETHER, _LARGEST = 200, 1000
 # A wanted length is looked for in stretches up to a longest time.
 _LONGEST = 1e15
 # As near as other random numbers would lead.
@@ -178,7 +179,7 @@ class Convergence:
         Returns
         -------
         ndarray, shape (m, n, n)
-            In units of the resources squared; with 0 between agents where there are more than 1,000.  Times
+            In units of the resources squared; with 0 between agents where there are more than 200.  Times
             `at` it is constant for long runs if averages are over all of the past and exponents above 1/2.
         """
         (time,) = _times([at]).tolist()
@@ -409,7 +410,7 @@ def convergence(
         slices = [slice(j, j + 1) for j in range(m)]
         blocks = [modes_of(setting, steady, columns, n <= _TOGETHER) for columns in slices]
     else:
-        blocks = [modes_of(setting, steady, slice(0, m), n * m <= _TOGETHER)]
+        blocks = [modes_of(setting, steady, slice(0, m), n <= _TOGETHER and n * m <= _LARGEST)]
     return Convergence(setting, steady, _memory(averaging), tuple(blocks))
 
 

@@ -7,16 +7,17 @@ Given when signals act, the mean of an agent's demand over its draws obeys
 and the total differs from the sum of these means by what the random cuts of all have added up to, of which
 the next signals take their part as of all demand.  So no agent's draws are needed.
 
+Nor is every agent: x / alpha is a smooth function of kappa, and linear in p.  So a few kinds of agents are
+followed, at Chebyshev points of log kappa and p, and polynomials through them say what all others hold.
+
 Signals come in bursts then, and how demand answers to kappa is followed beside it.  Its derivative D obeys
 D <- (1 - kappa) D - x where a signal acts; a kick of the size x leaves D <- (1 - kappa) D + x.
 """
 
-from collections.abc import Iterator
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
+from numpy.polynomial import chebyshev
 
 from aimd_des.theory.prediction import Steady
 from aimd_des.theory.setting import Following, Setting
@@ -24,9 +25,16 @@ from aimd_des.theory.totals import cuts
 from aimd_des.utils.validation import FloatArray
 
 # So many runs side by side, of so many steps besides those on the way to the steady state.
-_RUNS = 12
-_STEPS = 1500
+_RUNS = 24
+_STEPS = 900
 _SETTLING = 300
+# Points of log kappa, and of p, in which variances are of the second degree.
+_KAPPAS, _LOSSES = 8, 3
+# Half of the least distance of points, so that agents may all be of one kind.
+_NARROWEST = 1e-2
+
+# Part of the demand that is missing at the start, at most.
+_LOWEST = 0.5
 
 
 class Sway(NamedTuple):
@@ -36,30 +44,36 @@ class Sway(NamedTuple):
     variance: FloatArray  # (n, m): of the mean of an agent's demand over its draws
 
 
-class _Step(NamedTuple):
-    """What a step finds, a row for each run of each resource."""
+class _Kinds(NamedTuple):
+    """Agents that stand for all others; demand is over the growth in a step."""
 
-    counts: bool  # whether the way to the steady state is over
-    acts: npt.NDArray[np.intp]  # rows in which a signal acts
-    demand: FloatArray  # (rows, n)
-    beyond: FloatArray  # (rows,): total above the threshold
+    kappa: FloatArray  # (m, 1, q)
+    loss: FloatArray  # (m, 1, q)
+    shares: FloatArray  # (m, n, q): what agents are made of
+
+    def of_agents(self, values: FloatArray) -> FloatArray:
+        """Interpolate from kinds, (m, q), to agents, (n, m)."""
+        return np.asarray(np.einsum("jiq,jq->ij", self.shares, values))
+
+
+class _Runs(NamedTuple):
+    """What steps find in the runs of each resource, those on the way to the steady state included."""
+
+    acts: FloatArray  # (steps, m, runs, 1): 1 where a signal acts
+    demand: FloatArray  # (steps, m, runs, q)
+    beyond: FloatArray  # (steps, m, runs, 1): total above the threshold
 
 
 def follow_sway(setting: Setting, steady: Steady, lag: int) -> Sway:
     """Follow all agents through the same delays; with the same random numbers at every call."""
-    n, m = setting.problem.increase.shape
-    count, beyond, once, twice = *np.zeros((2, _RUNS * m)), *np.zeros((2, _RUNS * m, n))
-    for step in _steps(setting, steady, lag):
-        if step.counts:
-            met = step.demand[step.acts]
-            count[step.acts] += 1.0
-            once[step.acts] += met
-            twice[step.acts] += met * met
-            beyond[step.acts] += step.beyond[step.acts]
-    count, once, twice, beyond = (_sum_of_runs(rows, m) for rows in (count, once, twice, beyond))
-    mean = once / count
-    growth = setting.problem.increase.sum(axis=0)
-    return Sway((beyond / count)[:, 0] / growth, (twice / count - mean**2).T)
+    kinds = _kinds(setting, steady)
+    acts, demand, beyond = (part[_SETTLING:] for part in _runs(setting, steady, lag, kinds))
+    met, over = acts * demand, (0, 2)
+    count = acts.sum(axis=over)
+    variance = (met * demand).sum(axis=over) / count - (met.sum(axis=over) / count) ** 2
+    growth = setting.problem.increase
+    above = ((acts * beyond).sum(axis=over) / count)[:, 0] / growth.sum(axis=0)
+    return Sway(above, growth**2 * kinds.of_agents(variance))
 
 
 def follow_averages(setting: Setting, steady: Steady, lag: int) -> Following:
@@ -73,55 +87,69 @@ def follow_averages(setting: Setting, steady: Steady, lag: int) -> Following:
     by 2 w + v a step.  It would be (E y / kappa)**2 / e, e being the share of steps with a signal, if signals
     were evenly spread.
     """
-    n, m = setting.problem.increase.shape
-    kappa = steady.keep * steady.hit
-    stays = np.repeat(1.0 - kappa.T, _RUNS, axis=0)
-    answer, variance, shared = np.zeros((3, *stays.shape))
-    count, once, moved, scattered = np.zeros(_RUNS * m), *np.zeros((3, _RUNS * m, n))
-    for step in _steps(setting, steady, lag):
-        acts, met = step.acts, step.demand[step.acts]
-        if step.counts:
-            count[acts] += 1.0
-            once[acts] += met
+    kinds = _kinds(setting, steady)
+    acts, demand, _ = _runs(setting, steady, lag, kinds)
+    met, stays = acts * demand, 1.0 - acts * kinds.kappa
+    answer, variance, shared, moved, scattered = np.zeros((5, *demand.shape[1:]))
+    for step, (lost, held, stay) in enumerate(zip(met, met * demand, stays, strict=True)):
+        if step >= _SETTLING:
             moved += answer
             scattered += 2.0 * shared + variance
-        shared += variance
-        shared[acts] *= stays[acts]
-        variance[acts] = stays[acts] ** 2 * variance[acts] + met**2
-        answer[acts] = stays[acts] * answer[acts] - met
-    count, once, moved, scattered = (_sum_of_runs(rows, m).T for rows in (count, once, moved, scattered))
-    part, steps = kappa * count / once, _RUNS * _STEPS
-    return Following(-part * moved / steps, part * np.sqrt(scattered * count) / steps)
+        shared = stay * (shared + variance)
+        variance = stay * stay * variance + held
+        answer = stay * answer - lost
+    count, once = (part[_SETTLING:].sum(axis=(0, 2)) for part in (acts, met))
+    part, steps = kinds.kappa[:, 0] * count / once, _RUNS * _STEPS
+    mean, noise = -part * moved.sum(axis=1), part * np.sqrt(scattered.sum(axis=1) * count)
+    return Following(kinds.of_agents(mean / steps), kinds.of_agents(noise / steps))
 
 
-def _sum_of_runs(rows: FloatArray, resources: int) -> FloatArray:
-    return np.asarray(rows.reshape(resources, _RUNS, -1).sum(axis=1))
+def _kinds(setting: Setting, steady: Steady) -> _Kinds:
+    """Choose the kinds of agents that are followed for each resource."""
+    loss = setting.loss[:, 0]
+    # Where all lose as much one kind will do.
+    losses, by_loss = _points(loss, _LOSSES if np.ptp(loss) > 0.0 else 1)
+    columns = [_points(np.log(kappa), _KAPPAS) for kappa in (steady.keep * steady.hit).T]
+    return _Kinds(
+        np.stack([np.repeat(np.exp(points), len(losses)) for points, _ in columns])[:, None],
+        np.tile(losses, (len(columns), 1, _KAPPAS)),
+        np.stack([(by[:, :, None] * by_loss[:, None, :]).reshape(len(loss), -1) for _, by in columns]),
+    )
 
 
-def _steps(setting: Setting, steady: Steady, lag: int) -> Iterator[_Step]:
+def _points(values: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """Choose points among values, (q,), and say how polynomials through them make up the values, (n, q)."""
+    middle, half = 0.5 * (values.max() + values.min()), 0.5 * np.ptp(values) + _NARROWEST
+    points = chebyshev.chebpts1(count)
+    back = np.linalg.inv(chebyshev.chebvander(points, count - 1))
+    return middle + half * points, chebyshev.chebvander((values - middle) / half, count - 1) @ back
+
+
+def _runs(setting: Setting, steady: Steady, lag: int, kinds: _Kinds) -> _Runs:
     """Follow all runs step by step."""
-    problem, kappa = setting.problem, steady.keep * steady.hit
-    growth = problem.increase
+    growth = setting.problem.increase.T  # (m, n)
     laws = cuts(steady.found, steady.keep, steady.hit)
-    scatter = np.array([law.share * law.variation for law in laws]) * steady.found.sum(axis=0)
-    forgotten = np.array([law.share for law in laws])
+    scatters = np.array([law.share * law.variation for law in laws]) * steady.found.sum(axis=0)
+    # All further arrays broadcast to (m, runs, q).
+    scatter, limit = scatters[:, None, None], setting.problem.limit[:, None, None]
+    forgotten = np.array([law.share for law in laws])[:, None, None]
+    weights = np.einsum("ji,jiq->jq", growth, kinds.shares)[:, :, None]
     rng = np.random.default_rng(0)
-    n, m = growth.shape
-    start = rng.standard_normal((_RUNS, 1, m))
-    kicks = rng.standard_normal((_SETTLING + _STEPS, _RUNS, m)).transpose(0, 2, 1)
-    # A row for each run of each resource.
-    by_run = partial(np.repeat, repeats=_RUNS, axis=0)
-    added, stays, lost = (by_run(columns.T) for columns in (growth, 1.0 - kappa, setting.loss * growth))
-    demand = (steady.found * (1.0 + 0.1 * start)).transpose(2, 0, 1).reshape(-1, n)
-    limit, scatter, kept = (by_run(row) for row in (problem.limit, scatter, 1.0 - forgotten))
-    off = np.zeros(len(demand))
-    flags = np.zeros((lag + 1, len(demand)), dtype=np.bool_)
-    for step, drawn in enumerate(kicks.reshape(len(kicks), -1)):
-        beyond = demand.sum(axis=1) + off - limit
-        flags[step % (lag + 1)] = beyond > 0.0
-        acts = np.flatnonzero(flags[(step + 1) % (lag + 1)])
-        yield _Step(step >= _SETTLING, acts, demand, beyond)
-        met = demand[acts]
-        demand += added
-        demand[acts] = stays[acts] * met + lost[acts]
-        off[acts] = kept[acts] * off[acts] - scatter[acts] * drawn[acts]
+    # Runs begin below the threshold, so that bursts come at different times in them.
+    cycle = 2.0 * (lag + 1) / steady.signals * growth.sum(axis=1) / steady.found.sum(axis=0)
+    below = np.minimum(cycle, _LOWEST)[:, None, None] * rng.random((len(growth), _RUNS, 1))
+    kicks = scatter * rng.standard_normal((_SETTLING + _STEPS, len(growth), _RUNS, 1))
+    balance = 1.0 / steady.signals[:, None, None] - 1.0 + kinds.loss
+    demand = balance / kinds.kappa * (1.0 - below)
+    less = 1.0 - kinds.loss
+    off = np.zeros((len(growth), _RUNS, 1))
+    signals, beyond = np.zeros((2, lag + len(kicks), *off.shape))
+    demands = np.empty((len(kicks), *demand.shape))
+    for step, drawn in enumerate(kicks):
+        demands[step] = demand
+        beyond[step] = demand @ weights + off - limit
+        signals[step + lag] = beyond[step] > 0.0
+        acts = signals[step]
+        demand = demand + 1.0 - acts * (kinds.kappa * demand + less)
+        off = off - acts * (forgotten * off + drawn)
+    return _Runs(signals[: len(kicks)], demands, beyond[: len(kicks)])
