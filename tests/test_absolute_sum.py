@@ -73,6 +73,9 @@ def test_two_variates_with_mean_0_have_the_covariance_of_the_arcsine_law() -> No
 def test_what_does_not_vary_has_no_interval() -> None:
     mean = np.array([1.0, -2.0])
     assert absolute_interval(mean, np.zeros(2), np.zeros((2, 2))) == (3.0, 3.0)
+    low, high = absolute_interval(mean, np.zeros(2), None, np.array([0.2, 0.1]))
+    off = abs((np.sign(mean) * [0.2, 0.1]).sum())
+    assert (low, high) == pytest.approx((3.0 - 1.96 * off, 3.0 + 1.96 * off), rel=1e-4)
     # Far from 0 the variates' own sum is all there is, and it is constant.
     low, high = absolute_interval(np.array([9.0, 9.0]), np.ones(2), np.array([[0.0, -1.0], [-1.0, 0.0]]))
     assert low == pytest.approx(18.0)

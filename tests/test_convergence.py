@@ -319,6 +319,20 @@ class TestAverages:
 
 
 class TestTheInterface:
+    def test_idle_capacity_makes_up_the_error_of_long_runs(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        # Of 36 cases, each inside with 0.95, less than 31 are inside at odds of one in a hundred.
+        problem, at = smart_cameras(seed=1), 30_000.0
+        optimum = solve_optimum(problem).allocation
+        averages = synchronous(problem, [at], 12)[:, 0]
+        measured = np.abs(averages - optimum).sum(axis=1) / problem.capacity
+        inside = {}
+        for off in (5e-4, 0.0):
+            monkeypatch.setattr("aimd_des.theory.accuracy._TOTALS", off)
+            _, low, high = theory.convergence(problem).relative_error(at)
+            inside[off] = ((low <= measured) & (measured <= high)).sum(axis=0)
+        assert inside[5e-4].sum() >= 31
+        assert inside[0.0].min() < 6  # without the error of the predicted totals
+
     def test_what_an_accuracy_takes(self) -> None:
         problem = smart_cameras(seed=0)
         expected = theory.convergence(problem)

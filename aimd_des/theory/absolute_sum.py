@@ -36,20 +36,24 @@ def absolute_mean(mean: FloatArray, spread: FloatArray) -> FloatArray:
 
 
 def absolute_interval(
-    mean: FloatArray, variance: FloatArray, shared: FloatArray | None
+    mean: FloatArray, variance: FloatArray, shared: FloatArray | None, common: FloatArray | float = 0.0
 ) -> tuple[float, float]:
-    """Say between which bounds S is; `shared` are the covariances, (n, n), with 0 on the diagonal."""
+    """Say between which bounds S is.
+
+    `shared` are the covariances, (n, n), with 0 on the diagonal; besides, all are off together by one normal
+    variate times `common`, (n,), which is small.
+    """
     varied = variance > 0.0
-    if not varied.any():
-        return (float(np.abs(mean).sum()),) * 2
-    center, second, third = _cumulants(
-        mean[varied], variance[varied], None if shared is None else shared[np.ix_(varied, varied)]
-    )
-    center += float(np.abs(mean[~varied]).sum())
-    width = math.sqrt(max(second, 0.0))
+    center, second, third = float(np.abs(mean[~varied]).sum()), 0.0, 0.0
+    if varied.any():
+        among = None if shared is None else shared[np.ix_(varied, varied)]
+        first, second, third = _cumulants(mean[varied], variance[varied], among)
+        center += first
+    signs = np.where(varied, erf(mean / np.sqrt(2.0 * np.where(varied, variance, 1.0))), np.sign(mean))
+    width = math.sqrt(max(second, 0.0) + float((signs * common).sum()) ** 2)
     if width == 0.0:
         return center, center
-    skewness = third / second**1.5
+    skewness = third / width**3
     if abs(skewness) < _SKEWED:
         return center - _NORMAL * width, center + _NORMAL * width
     shape = 4.0 / skewness**2
