@@ -318,6 +318,18 @@ class TestAverages:
         assert remaining(Memory(window=100.0), ones, ones, 1.0, 0.0, 1e4) == pytest.approx(0.01, rel=2e-3)
 
 
+def test_signals_and_use_are_predicted_for_every_response() -> None:
+    problem, steps = smart_cameras(seed=0), 30_000
+    for response in (CURED, PARTS, BOTH, WHOLE):
+        expected = theory.predict(problem, response=response)
+        run = run_synchronous(problem, steps=steps, seed=1, lag=0, response=response)
+        signals = run.summary()["signals"] / steps
+        # Runs without draws lock into patterns, of which the mean is predicted: half a point, and 1 %.
+        assert np.allclose(expected.signals, signals, rtol=0.01)
+        assert np.allclose(expected.utilisation, run.summary()["utilisation"], atol=0.005)
+        assert not np.allclose(theory.predict(problem).signals, signals, rtol=0.01) or response is PARTS
+
+
 class TestTheInterface:
     def test_idle_capacity_makes_up_the_error_of_long_runs(self, monkeypatch: pytest.MonkeyPatch) -> None:
         # Of 36 cases, each inside with 0.95, less than 31 are inside at odds of one in a hundred.

@@ -16,10 +16,10 @@ from aimd_des.theory.classics import (
     square_root_law,
     synchronised_utilisation,
 )
-from aimd_des.theory.congestion import Congestion, congestion
 from aimd_des.theory.fluid import Flow, Spell, flow
 from aimd_des.theory.hold_off import hold_off_bounds
 from aimd_des.theory.limit_cycles import LimitCycle, limit_cycle
+from aimd_des.theory.loss_by_load import Congestion, congestion
 from aimd_des.theory.losses import compensated_probability, critical_loss, loss_weights, runaway_multiplier
 from aimd_des.theory.prediction import Prediction, predict
 from aimd_des.theory.recovery import Recovery, recovery

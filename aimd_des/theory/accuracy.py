@@ -214,17 +214,17 @@ class Convergence:
         return self._expected(at, used=True)
 
     def relative_error(self, at: npt.ArrayLike) -> Expected:
-        """Say how far averages are from the optimum for all of the capacity, the paper's measure.
+        """Say the same of the optimum for all of the capacity, the paper's measure.
 
         Parameters
         ----------
         at : float or array_like, shape (k,)
-            Times > 0.
+            As for `misallocation`.
 
         Returns
         -------
         Expected
-            ``sum_i |average - optimum|`` over the capacity of each resource, (m,) or (k, m); a pure number.
+            As of `misallocation`, but over the capacity.
             Where capacity that is not used makes up the error, as in long runs, runs hardly differ, and the
             interval is that of the prediction: totals of averages are predicted to 0.1 %.
         """

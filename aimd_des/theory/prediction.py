@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.dynamics.responses import Response
 from aimd_des.problem.optimum import solve_optimum
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.arguments import Dynamics
@@ -53,7 +54,8 @@ class Prediction:
     allocation : ndarray, shape (n, m)
         Averages, in units of the resources.
     probability : ndarray, shape (n, m)
-        Response probabilities at these averages, cut off at 1.
+        Response probabilities at these averages, cut off at 1; of `responses.Derandomised` the parts of
+        1 - beta that a signal takes.
     """
 
     signals: FloatArray
@@ -85,6 +87,7 @@ def predict(
     period: float = 0.0,
     loss: npt.ArrayLike = 0.0,
     hold_off: float | None = None,
+    response: Response | None = None,
 ) -> Prediction:
     """Predict signals, utilisation and averages of a long run.
 
@@ -105,6 +108,8 @@ def predict(
     hold_off : float, optional
         Hold-off of a control unit that senses crossings, for continuous agents; shorter than the latency
         if you like, but not 0 then.  Signals that repeat are taken into account if it is given.
+    response : Response, optional
+        How agents answer signals: `responses.Randomised`, the paper's rule, unless given.
 
     Returns
     -------
@@ -129,6 +134,10 @@ def predict(
     For looks, and where a hold-off is given, the total is followed as a walk, which takes tenths of a second.
     It knows of agents only what they take together, so with less than ten of them it is rough.
 
+    Not covered are control units that draw whether they signal (`EarlyDetection`): they signal below the
+    threshold, at a level that depends on how demand spreads around it, and here signals come where it is
+    passed.
+
     Examples
     --------
     >>> from aimd_des import PolynomialCosts, Resource
@@ -138,7 +147,9 @@ def predict(
     >>> bool(0.17 < expected.signals[0] < 0.18), bool(0.92 < expected.utilisation[0] < 0.94)
     (True, True)
     """
-    setting = check_setting(problem, dynamics, latency=latency, period=period, loss=loss, hold_off=hold_off)
+    setting = check_setting(
+        problem, dynamics, latency=latency, period=period, loss=loss, hold_off=hold_off, response=response
+    )
     expected = steady_state(setting)
     used = expected.average.sum(axis=0) / problem.capacity
     return Prediction(expected.signals, used, expected.average, expected.part)

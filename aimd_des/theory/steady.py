@@ -110,9 +110,9 @@ def steady_total(
         raise InputError.of("number of resources", problem.n_resources, "1", "take one at a time")
     hold_off = validation.number("hold_off", hold_off, low=0.0)
     if loss < critical_loss(needed_rate(problem), dynamics, hold_off=hold_off)[0]:
-        known = {"hold_off": hold_off} if repeats else {}
+        known = hold_off if repeats else None
         try:
-            expected = predict(problem, dynamics, latency=latency, loss=loss, **known)
+            expected = predict(problem, dynamics, latency=latency, loss=loss, hold_off=known)
         except InputError:  # so near the critical loss that signals do not suffice after all
             return SteadyTotal(np.nan, np.nan)
         if expected.signals[0] * hold_off >= 1.0:
