@@ -34,6 +34,7 @@ from aimd_des.report import report_run
 from aimd_des.results.measures import EXPECTED
 from aimd_des.scenario import load_scenario
 from aimd_des.scenario.accuracy import accuracy_of
+from aimd_des.scenario.expected import expected_of
 from aimd_des.scenario.run_folder import load_run
 from aimd_des.study import Study, run_study
 from aimd_des.theory import convergence
@@ -309,3 +310,21 @@ def test_what_is_in_run_json_is_text() -> None:
     stored = json.loads(Path("results/five/run.json").read_text(encoding="utf-8"))
     assert stored["unpredicted"] == ""
     assert [type(sentence) for sentence in stored["accuracy"]] == [str]
+
+
+def test_theory_is_asked_once_for_scenarios_that_differ_in_seed_and_length(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    write(INLINE)
+    asked: list[float] = []
+    own = type(load_scenario("five.toml")).convergence
+
+    def counted(scenario: Any) -> Any:
+        asked.append(scenario.until)
+        return own(scenario)
+
+    monkeypatch.setattr("aimd_des.scenario.scenario.Scenario.convergence", counted)
+    gamma = {"resources.0.normalization": 0.0731}  # of no other test, so that nobody has asked yet
+    for setting in ({"seed": 5}, {"seed": 6}, {"until": 90.0}, {"channel.latency": 1.5}):
+        expected_of(load_scenario("five.toml", **{**gamma, **setting}), 5)
+    assert len(asked) == 2

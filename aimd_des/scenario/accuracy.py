@@ -10,6 +10,7 @@ from aimd_des.results.looks import looks
 from aimd_des.results.misallocation import misallocation
 from aimd_des.results.result import Result
 from aimd_des.results.tracking import piece_problem
+from aimd_des.scenario.expected import expected_of
 from aimd_des.scenario.scenario import Scenario
 from aimd_des.theory.accuracy import Convergence, Expected
 from aimd_des.theory.accuracy_words import accuracy_words
@@ -22,8 +23,8 @@ _LOOKS = 16
 # Of many agents fewer looks are taken: each is an optimum to be solved.
 _BUDGET = 100_000
 _FEWEST_LOOKS = 4
-# With so many a prediction takes some seconds.
-_MOST_AGENTS = 20_000
+# With so many a prediction takes seconds, and more than 100 MB.
+_MOST_AGENTS = 10_000
 
 
 class Accuracy(NamedTuple):
@@ -73,4 +74,4 @@ def _expected(scenario: Scenario, n_agents: int) -> Convergence:
     if n_agents > _MOST_AGENTS:
         remedy = "aimd-des validate --accuracy predicts it; that takes a while"
         raise InputError.of("n_agents", n_agents, f"at most {_MOST_AGENTS}", remedy)
-    return scenario.convergence()
+    return expected_of(scenario, n_agents)

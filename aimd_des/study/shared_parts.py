@@ -9,6 +9,7 @@ from aimd_des.problem.optimum import Optimum, solve_optimum
 from aimd_des.problem.problem import Problem
 from aimd_des.scenario import Scenario
 from aimd_des.scenario.canonical import with_seed
+from aimd_des.scenario.expected import expected_of
 from aimd_des.study.points import Job, problem_words
 from aimd_des.utils.errors import InputError, SimulationError
 
@@ -76,7 +77,8 @@ class SharedParts:
         known, seed = self._point(job).expected, job.labels["seed"] if job.own_seed else 0
         if seed not in known:
             try:
-                mean = scenario.convergence().misallocation(scenario.until).mean
+                theory = expected_of(scenario, self.problem(job, scenario).problem.n_agents)
+                mean = theory.misallocation(scenario.until).mean
                 known[seed] = list(mean.tolist())
             except (InputError, SimulationError) as refusal:
                 _LOGGER.warning("no misallocation is expected: %s", refusal)
