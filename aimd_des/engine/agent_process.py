@@ -5,15 +5,12 @@ from collections.abc import Sequence
 from aimd_des.dynamics.averaging import (
     CUMULATIVE,
     WINDOW,
-    accumulated_at,
     age_at,
     average_at,
     folded_at,
     keep_parts,
-    time_average,
 )
 from aimd_des.dynamics.custom_response import called_plainly
-from aimd_des.dynamics.demand import demand_at
 from aimd_des.dynamics.loss_compensation import (
     ESTIMATED,
     KNOWN,
@@ -30,7 +27,6 @@ from aimd_des.dynamics.responses import (
     cut_factor,
     is_saturated,
     probability_of,
-    response_probability,
 )
 from aimd_des.engine.delivery import ProcessGenerator, Signal
 from aimd_des.engine.environment import EventKind, Mailbox
@@ -171,50 +167,54 @@ class AgentProcess:
         if not self.separable:
             self._take_averages(moment)
         i, tick_weight, averages, papers = self.agent, self._tick_weight, self._averages, self._papers
-        now = self._env.now if self._discrete else moment
         for signal in signals:
-            j = signal.resource
+            j = signal[0]
             demand, accumulated, anchor, origin, increase, decrease, normalization = self._rows[j]
             held, since = demand[i], moment - anchor[i]
-            # The paper's average is written out: it is most runs' way, and a call less for every answer.
+            # Formulas that kernels compile, too: whoever rearranges one moves the bits of both.  Those of the
+            # paper's average and rule are written out, which spares most runs five calls for every answer.
             if self._cumulative:
-                folded = accumulated_at(accumulated[i], held, increase, since, tick_weight)
-                averages[j] = average = time_average(folded, age_at(moment, origin[i], tick_weight))
+                folded = accumulated[i] + (since * held + increase * (0.5 * since * (since - tick_weight)))
+                age = (moment - origin[i]) + tick_weight
+                averages[j] = average = folded / age if age > 0.0 else 0.0
             else:
                 folded, average = self._fold(j, moment)
                 averages[j] = average
-            # Formulas that kernels compile, too: whoever rearranges one moves the bits of both.
-            present = demand_at(held, increase, since, tick_weight)
-            slope = self.marginal_cost(averages, j)
-            # The paper's rule is written out for the same reason as its average.
-            probability = (
-                response_probability(normalization, slope, average)
-                if papers
-                else self._probability(j, slope, average, present, moment)
-            )
+            slope, present = self.marginal_cost(averages, j), held + increase * (since - tick_weight)
+            if papers:
+                probability = normalization * slope / average if average > 0.0 else 0.0
+            else:
+                probability = self._probability(j, slope, average, present, moment)
             if self._compensates:
                 probability *= self._factor(signal, moment)
             uniform = self.system.response_draws(signal)[i]
             factor = decrease if papers else self._cut(j, probability, uniform, present)
             if uniform < probability if papers else factor < 1.0:
-                kept = present * factor
-                self._break_line(j, kept, folded, moment)
-                self._responses[j][i] += 1
-                # Draws are below 1, so that whoever has more than 1 responds, and is counted.
-                if probability > 1.0:
-                    self._saturated[j][i] += is_saturated(self._response, probability, decrease)
-                # Listeners are told when the new line has begun, so what they read is what is so now.
-                for tell in self._on_response:
-                    tell(now, j, kept - present)
-                if self._log is not None:
-                    entry = (j, i, signal.number, present - kept)
-                    self._log.add((now, Entry.RESPOND, *entry))
-            else:
-                # A tick that holds is a tick without growth; a continuous agent just grows on.
-                if self._discrete:
-                    self._break_line(j, present, folded, moment)
-                if self._log is not None:
-                    self._log.add((now, Entry.HOLD, j, i, signal.number, 0.0))
+                self._begin_line(signal, moment, folded, present, present * factor, probability)
+                continue
+            # A tick that holds is a tick without growth; a continuous agent just grows on.
+            if self._discrete:
+                self._break_line(j, present, folded, moment)
+            if self._log is not None:
+                now = self._env.now if self._discrete else moment
+                self._log.add((now, Entry.HOLD, j, i, signal.number, 0.0))
+
+    def _begin_line(
+        self, signal: Signal, moment: float, folded: float, present: float, kept: float, probability: float
+    ) -> None:
+        """Respond: go on from what is kept, and let others know."""
+        i, j = self.agent, signal.resource
+        now = self._env.now if self._discrete else moment
+        self._break_line(j, kept, folded, moment)
+        self._responses[j][i] += 1
+        # Draws are below 1, so that whoever has more than 1 responds, and is counted.
+        if probability > 1.0:
+            self._saturated[j][i] += is_saturated(self._response, probability, self.decrease[j])
+        # Listeners are told when the new line has begun, so what they read is what is so now.
+        for tell in self._on_response:
+            tell(now, j, kept - present)
+        if self._log is not None:
+            self._log.add((now, Entry.RESPOND, j, i, signal.number, present - kept))
 
     def _probability(
         self, resource: int, slope: float, average: float, demand: float, moment: float

@@ -1,7 +1,6 @@
 """What travels and to whom: the bit, those who take part, and copies on their way."""
 
-from collections.abc import Callable, Generator, Iterator, Mapping
-from heapq import heappop, heappush, heapreplace
+from collections.abc import Callable, Generator, Mapping
 from itertools import repeat
 from typing import Any, NamedTuple, Protocol
 
@@ -97,22 +96,12 @@ class ResponseDraws(dict[Signal, list[float]]):
         return draws
 
 
-class _Flight:
-    """A broadcast on its way: the signal, and the copies that are not yet among the next to land."""
-
-    __slots__ = ("copies", "signal")
-    copies: "Iterator[_Due]"
-
-    def __init__(self, signal: Signal) -> None:
-        self.signal = signal
-
-
-# When a copy lands, its order number, its receiver, and the broadcast it belongs to.
-_Due = tuple[float, int, int, _Flight]
+# When a copy lands, its order number, its receiver, and the signal.
+_Due = tuple[float, int, int, Signal]
 
 
 class Carrier:
-    """All copies on their way: those of a broadcast are sorted, and a heap holds the next of each.
+    """All copies on their way, in one list with the next to land at its end.
 
     The environment knows only the earliest copy.  When that has landed, the next one lands within the
     same event unless something else is due first.
@@ -136,22 +125,20 @@ class Carrier:
         self.away = memoryview(away)  # type: ignore[arg-type]  # typeshed knows no buffers of bools
         self.log = log
         self.missed: Callable[[Signal, int], None] = lambda signal, agent: None
-        self._next: list[_Due] = []
+        self._due: list[_Due] = []
         # Order numbers of the copies that are scheduled.  One is scheduled only if it is earlier than
         # all others, so they form a stack with the earliest on top.
         self._scheduled: list[int] = []
 
-    def send(self, signal: Signal, times: list[float], receivers: list[int], first_order: int) -> None:
+    def send(self, signal: Signal, times: list[float], receivers: list[int], orders: list[int]) -> None:
         """Put copies of one broadcast on their way, sorted by time and then by receiver; at least one."""
-        # By receiver, lost copies included: at one instant copies land in the order of broadcasts, then of
-        # agents, and compiled code comes to the same numbers.
-        orders = [first_order + receiver for receiver in receivers]
-        flight = _Flight(signal)
-        flight.copies = zip(times, orders, receivers, repeat(flight), strict=False)
-        first = next(flight.copies)
-        heappush(self._next, first)
+        due = self._due
+        earliest = due[-1] if due else None
+        # Two sorted runs, which the sort of Python merges.
+        due.extend(zip(times, orders, receivers, repeat(signal), strict=False))
+        due.sort(reverse=True)
         # Behind an earlier copy it needs no event: `_land` comes to it.
-        if self._next[0] is first:
+        if due[-1] is not earliest:
             self._schedule(times[0], orders[0])
 
     def _schedule(self, time: float, order: int) -> None:
@@ -161,7 +148,7 @@ class Carrier:
     def _land(self, event: simpy.Event) -> None:
         """Hand copies to their receivers one by one, for as long as nothing else comes in between."""
         due, scheduled, agents, away, log, advance = (
-            self._next,
+            self._due,
             self._scheduled,
             self.agents,
             self.away,
@@ -171,16 +158,10 @@ class Carrier:
         # The event that happens is that of the top of the stack: all others are later.
         scheduled.pop()
         while True:
-            time, _, agent, flight = due[0]
-            # Before the copy is handed over: a receiver may send, and so change the heap.
-            following = next(flight.copies, None)
-            if following is None:
-                heappop(due)
-                del flight.copies  # they name the flight in turn: nothing is left for the garbage collector
-            else:
-                heapreplace(due, following)
+            # Before the copy is handed over: a receiver may send, and so change the list.
+            time, _, agent, signal = due.pop()
             # Asked when it lands: where nobody is now, it is of no use that somebody was when it was sent.
-            signal, gone = flight.signal, away[agent]
+            gone = away[agent]
             if log is not None:
                 entry = (signal.resource, agent, signal.number, float(signal.copy))
                 log.add((time, Entry.LOST if gone else Entry.DELIVER, *entry))
@@ -190,7 +171,7 @@ class Carrier:
                 agents[agent].receive(signal)
             if not due:
                 return
-            time, order = due[0][0], due[0][1]
+            time, order, _, _ = due[-1]
             # It has an event already, from before a copy that was sent later came in ahead of it.
             if scheduled and scheduled[-1] == order:
                 return

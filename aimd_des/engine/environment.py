@@ -18,6 +18,7 @@ from collections.abc import Callable, Generator
 from enum import IntEnum
 from heapq import heappop, heappush
 from itertools import count
+from operator import attrgetter
 from typing import Any
 
 import simpy
@@ -87,6 +88,9 @@ class OrderedEnvironment(simpy.Environment):
         self._handled = 0
         #: How far the run goes for now, and whether it stops after one event: compiled code does likewise.
         self.horizon, self.one = math.inf, False
+
+    # As SimPy's, and no call of Python: agents ask at every signal.
+    now = property(attrgetter("_now"))
 
     @property
     def reached(self) -> tuple[float, int, int]:
@@ -218,14 +222,14 @@ class OrderedEnvironment(simpy.Environment):
             Whether the clock stands at `time` now; if not, it has to be scheduled.
         """
         # A tuple of three is before one of four that begins with it: an event of this very key comes later.
-        queue, key = self._queue, (time, kind, order)
-        if queue and queue[0] < key:
+        queue = self._queue
+        if queue and queue[0][0] <= time and queue[0] < (time, kind, order):
             return False
         self._now = time
         # Not always later: copies without latency land after the look that has sent them, and their kind is
         # before its.  What counts as reached never falls within one instant.
         if self.tracking:
-            self._reached = max(self._reached, key)
+            self._reached = max(self._reached, (time, kind, order))
         return True
 
     def report(self, time: float) -> None:

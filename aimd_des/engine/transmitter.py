@@ -199,7 +199,9 @@ class Transmitter:
         receivers = arrival.argsort(kind="stable")[: np.count_nonzero(arrives)]
         if len(receivers):
             times = arrival[receivers].tolist()
-            self.carrier.send(signal, times, receivers.tolist(), first_order)
+            # By receiver, lost copies included: at one instant copies land in the order of broadcasts, then
+            # of agents, and compiled code comes to the same numbers.
+            self.carrier.send(signal, times, receivers.tolist(), (first_order + receivers).tolist())
 
 
 def _without(cut: npt.NDArray[np.bool_], copies: Copies) -> Copies:

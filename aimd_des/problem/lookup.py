@@ -25,6 +25,8 @@ def _index(field: str, names: Sequence[str], given: object) -> int:
 
 def resource_index(problem: Problem, resource: str | int) -> int:
     """Find a resource."""
+    if type(resource) is int and 0 <= resource < problem.n_resources:
+        return resource  # without the names: every look at a total asks for it
     return _index("resource", problem.resource_names, resource)
 
 

@@ -3,6 +3,7 @@
 import math
 import os
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence, Set
+from contextlib import suppress
 from difflib import get_close_matches
 from numbers import Integral, Real
 from pathlib import Path
@@ -104,17 +105,16 @@ def number(
     InputError
         With the field, the value, the range and the remedy.
     """
-    allowed = _interval(low, high, low_open, high_open)
-    value = _scalar(value)
-    if isinstance(value, _NO_NUMBERS) or not isinstance(value, Real):
-        raise InputError.of(field, value, allowed, remedy)
-    try:
-        clean = float(value)
-    except OverflowError:  # an int beyond the range of floats
-        raise InputError.of(field, value, allowed, remedy) from None
-    if _outside(np.array(clean), low, high, low_open, high_open):
-        raise InputError.of(field, clean, allowed, remedy)
-    return clean
+    given = _scalar(value)
+    if not isinstance(given, _NO_NUMBERS) and isinstance(given, Real):
+        with suppress(OverflowError):  # an int beyond the range of floats
+            given = float(given)
+            below = given <= low if low_open else given < low
+            above = given >= high if high_open else given > high
+            if math.isfinite(given) and not below and not above:
+                return given
+    # Put into words here, not before: most numbers are fine.
+    raise InputError.of(field, given, _interval(low, high, low_open, high_open), remedy)
 
 
 @described_like(number)
