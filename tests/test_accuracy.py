@@ -198,19 +198,6 @@ def test_where_theory_says_nothing_nothing_is_shown_and_the_report_says_why() ->
     assert [note for note in page.notes if "must be constant; theory covers nothing else" in note]
 
 
-def test_many_agents_are_left_to_those_who_ask() -> None:
-    write(INLINE)
-    scenario = load_scenario("five.toml")
-    many = Problem(
-        [Resource("memory", capacity=300.0, increase=0.02, decrease=0.7, normalization=0.1)],
-        PolynomialCosts([2], [[[1.0]]] * 300),
-    )
-    result = Simulation(many, seed=1).run(until=20)
-    found = accuracy_of(scenario, result)
-    assert "aimd-des validate --accuracy" in found.reason
-    assert found.expected is None
-
-
 def test_the_chart_of_a_report_has_logarithmic_axes_and_the_band() -> None:
     write(INLINE.replace("until = 60", "until = 400"))
     run("five.toml")

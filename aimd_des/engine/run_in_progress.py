@@ -54,7 +54,7 @@ class Run:
     @property
     def time(self) -> float:
         """The present: what is due before it has happened, in units of time."""
-        return self.system.env.now
+        return float(self.system.env.now)
 
     def peek(self) -> float:
         """Tell when the next event is due.
