@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
@@ -15,7 +15,7 @@ from aimd_des.metrics import relative_error
 from aimd_des.study import jackknife, mean_and_error
 from scenarios.common.measure import sensed
 from scenarios.common.systems import memory_alone
-from scenarios.common.tables import estimate
+from scenarios.common.tables import theory_of
 
 WITHIN = 0.05
 LEFT = 0.6  # of the capacity, unless it is said
@@ -23,6 +23,8 @@ GRAIN = 5.0  # time between two records of all agents; totals are kept every uni
 # A window that slides by finer parts would make no difference here.
 _PARTS = 200
 PAPER, QUADRATIC = "paper's memory", "quadratic costs"
+LEVEL, SHARES, SCATTER = "recovery of the level", "recovery of the shares", "scatter of an average"
+ERROR, DYNAMICS = "error left in one run", "recovery by mean dynamics"
 WAYS = ("cumulative", "window", "forgetting")
 
 
@@ -59,13 +61,22 @@ class Drop(NamedTuple):
         return float(GRAIN * np.ceil((self.age + 1.25 * closed_form(self) + self.ramp) / GRAIN))
 
 
-class Found(NamedTuple):
-    """Level (q,) each unit of time; averages (r, n) and single run's relative error (r,) each grain."""
+class Run(NamedTuple):
+    """Level (q,) each unit of time; averages (r, n) and the run's relative error (r,) each grain."""
 
     level: FloatArray
     average: FloatArray
     error: FloatArray
     recovery: float  # of the level, as the result measures it
+
+
+class Found(NamedTuple):
+    """What runs of one draw of the costs come to: in the mean, and beside it what theory has."""
+
+    level: FloatArray  # (q,)
+    alone: FloatArray  # (r,): relative error of single runs
+    together: FloatArray  # (r,): relative error of the averages over all runs
+    numbers: dict[str, float]  # by measure; theory of X is called that
 
 
 @lru_cache
@@ -143,7 +154,7 @@ def mean_field(case: Drop) -> FloatArray:
     return np.array(kept)
 
 
-def measure(case: Drop, seed: int) -> Found:
+def run(case: Drop, seed: int) -> Run:
     """Run once, and keep what is looked at."""
     problem = _problem(case.costs, case.draw)
     capacity = case.left * float(problem.capacity[0])
@@ -163,13 +174,16 @@ def measure(case: Drop, seed: int) -> Found:
     seen = result.observations
     tracked = result.tracking["relative_error"].to_numpy()
     recovery = float(result.recovery(within=WITHIN)["recovery_time"].to_numpy()[-1])
-    return Found(seen.total_average[:, 0] / capacity, seen.average[:, 0, :], tracked, recovery)
+    return Run(seen.total_average[:, 0] / capacity, seen.average[:, 0, :], tracked, recovery)
 
 
 def recover(case: Drop, draw: int, seed: int) -> float:
     """Measure how long the level takes with a draw of the costs."""
-    drawn = case._replace(draw=draw)
-    return _last_outside(measure(drawn, seed).level - 1.0, drawn.age, 1.0)
+    return _of_level(case, run(case._replace(draw=draw), seed))
+
+
+def _of_level(case: Drop, seen: Run) -> float:
+    return _last_outside(seen.level - 1.0, case.age, 1.0)
 
 
 def _last_outside(values: FloatArray, start: float, grain: float) -> float:
@@ -219,29 +233,32 @@ def _spread(case: Drop) -> float:
     return float(np.sqrt((each**2).mean()))
 
 
-def rows_of(case: Drop, found: list[Found]) -> list[dict[str, Any]]:
-    """Measure the recovery and the scatter over all replications, beside what theory has."""
-    averages = [run.average for run in found]
-    at_drop = np.stack([run.average[round(case.age / GRAIN)] for run in found])
-    level = mean_and_error([_last_outside(run.level - 1.0, case.age, 1.0) for run in found])
-    shares = jackknife(averages, partial(_shares_recovery, case))
-    scatter = np.sqrt((at_drop.var(axis=0, ddof=1) / at_drop.mean(axis=0) ** 2).mean())
-    left = mean_and_error([run.error[-1] for run in found])
-    # Of a standard deviation from R replications of n agents that hardly depend on each other.
-    doubt = scatter / np.sqrt(2.0 * (len(found) - 1) * at_drop.shape[1])
-    labels = {"costs": case.costs, "way": case.way, "ramp": case.ramp, "left": case.left, "age": case.age}
-    alone = _last_outside(_with_noise(case, mean_and_error(averages)[1]), case.age, GRAIN)
-    measured = {
-        "recovery of the level": (level, closed_form(case)),
-        "recovery of the shares": (shares, alone),
-        "scatter of an average": ((scatter, doubt), _spread(case)),
-        "error left in one run": (left, np.nan),
+def measure(runs: int, drop: Drop, draw: int, seed: int) -> Found:
+    """Run a draw of the costs some times: recovery of level and shares, and the scatter over these runs."""
+    case = drop._replace(draw=draw)
+    # Averages over all of the past scatter little by the time that they recover, which is late.
+    runs = max(runs // 4, 2) if case.way == "cumulative" else runs
+    seen = [run(case, seed + number) for number in range(runs)]
+    averages = [one.average for one in seen]
+    at_drop = np.stack([one.average[round(case.age / GRAIN)] for one in seen])
+    mean, noise = mean_and_error(averages)
+    together = error_of(case, mean)
+    alone = _last_outside(_with_noise(case, noise), case.age, GRAIN)
+    numbers = {
+        LEVEL: float(np.mean([_of_level(case, one) for one in seen])),
+        theory_of(LEVEL): closed_form(case),
+        SHARES: float(jackknife(averages, partial(_shares_recovery, case))[0][0]),
+        theory_of(SHARES): alone,
+        SCATTER: float(np.sqrt((at_drop.var(axis=0, ddof=1) / at_drop.mean(axis=0) ** 2).mean())),
+        theory_of(SCATTER): _spread(case),
+        ERROR: float(np.mean([one.error[-1] for one in seen])),
     }
-    made = [estimate(labels, name, pair, len(found), wanted) for name, (pair, wanted) in measured.items()]
-    made[0]["plain_theory"] = closed_form(case, plain=True)
-    # The past of a window is not followed there, and a ramp is no step.
-    if case.way != "window" and not case.ramp:
-        pair = mean_and_error([run.recovery for run in found])
-        name, wanted = "recovery by mean dynamics", by_mean_dynamics(case)
-        made.insert(1, estimate(labels, name, pair, len(found), wanted))
-    return made
+    if case.way != "window" and not case.ramp:  # whose past is not followed there, and a ramp is no step
+        numbers[DYNAMICS] = float(np.mean([one.recovery for one in seen]))
+        numbers[theory_of(DYNAMICS)] = by_mean_dynamics(case)
+    return Found(
+        np.mean([one.level for one in seen], axis=0),
+        np.mean([one.error for one in seen], axis=0),
+        together,
+        numbers,
+    )

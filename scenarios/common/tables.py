@@ -35,6 +35,11 @@ def summarise_draws(rows: Sequence[Mapping[str, Any]], labels: Sequence[str]) ->
     return table.iloc[np.argsort(place, kind="stable")].reset_index(drop=True)
 
 
+def theory_of(measure: str) -> str:
+    """Name what theory has for a measure, where that is measured as well: of a draw, or of a run."""
+    return f"{_THEORY}{measure}"
+
+
 def with_theory(table: pd.DataFrame, labels: Sequence[str]) -> pd.DataFrame:
     """Put measures that are called "theory of" another beside that, as a column, and leave out empty rows."""
     known = table["measure"].str.startswith(_THEORY)
