@@ -17,6 +17,8 @@ from scenarios.common.tables import pick
 
 #: What is usable: at most this share of the time above the capacity, and this distance from the optimum.
 MOST = {"above": 0.01, "misallocation": 0.05}
+# Where an edge is looked for first, as a part of the range.
+_FIRST = 0.125
 #: Rows of the table: how far each of the limits is kept, and both.
 BOTH = "both"
 
@@ -38,6 +40,7 @@ class Case(NamedTuple):
     exact: float  # how exactly it is located
     setting: Setting
     until: float  # length of a run, of which the first fifth is cut off
+    draws: int = 10  # of the costs
 
 
 class Seen(NamedTuple):
@@ -76,7 +79,13 @@ def _beyond(measured: Callable[[float], dict[str, float]], name: str, value: flo
 def _edge(case: Case, beyond: Callable[[float], float]) -> float:
     if beyond(0.0) > 0.0:
         return 0.0
-    return case.most if beyond(case.most) <= 0.0 else float(brentq(beyond, 0.0, case.most, xtol=case.exact))
+    # What lies far beyond takes most signals, and so most time: it is looked at last.
+    low, high = 0.0, _FIRST * case.most
+    while beyond(high) <= 0.0:
+        if high == case.most:
+            return case.most
+        low, high = high, min(2.0 * high, case.most)
+    return float(brentq(beyond, low, high, xtol=case.exact))
 
 
 def _measure(case: Case, draw: int, seed: int, value: float) -> dict[str, float]:

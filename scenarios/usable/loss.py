@@ -25,12 +25,14 @@ _LONGER = 1.0
 def _cases(quick: bool) -> list[Case]:
     """List hold-offs, thresholds and lengths of runs."""
     if quick:
-        return [Case("loss", _MOST, 0.02, Setting(hold_off), 1_000.0) for hold_off in (0.25, 1.0)]
-    return [
-        Case("loss", _MOST, 0.005, Setting(hold_off, threshold), until)
+        return [Case("loss", _MOST, 0.02, Setting(hold_off), 1_000.0, 2) for hold_off in (0.25, 1.0)]
+    cases = [
+        Case("loss", _MOST, 0.005, Setting(hold_off, threshold), 3_000.0)
         for threshold in _THRESHOLDS
-        for until in ((3_000.0, 9_000.0) if threshold == _LONGER else (3_000.0,))
         for hold_off in _HOLD_OFFS
+    ]
+    return cases + [
+        Case("loss", _MOST, 0.005, Setting(hold_off, _LONGER), 9_000.0) for hold_off in (0.25, 1.0)
     ]
 
 

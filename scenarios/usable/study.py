@@ -21,9 +21,14 @@ _LABELS = ["rises", "hold_off", "threshold", "other", "until"]
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Search how far latencies or losses may rise before a limit is passed, over draws of the costs."""
-    draws = 2 if quick else 10
     cases = [case for each in _MAPS for case in each.cases(quick)]
-    found = run_draws(search, cases, draws, 1, seed, quick, runs)
+    found = [
+        pair
+        for count in sorted({case.draws for case in cases})
+        for pair in run_draws(
+            search, [case for case in cases if case.draws == count], count, 1, seed, quick, runs
+        )
+    ]
     rows = [
         {**_labels(case), "draw": draw, **seen._asdict(), BOTH: seen.both}
         for case, outcomes in found
@@ -37,7 +42,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         for row in table.to_dict("records")
     ]
     parts = {name: table[table["rises"] == name] for name in maps}
-    settings = {"seed": seed, "draws": draws}
+    settings = {"seed": seed, "draws": max(case.draws for case in cases)}
     findings = [line for name, part in parts.items() for line in maps[name].findings(part)]
     printed = shown(table, [*_LABELS, "measure"], ".2f")
     return Finding("usable", settings, table, printed, findings, {"usable": partial(_figure, parts, maps)})
