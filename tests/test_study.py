@@ -378,6 +378,16 @@ def test_what_is_prepared_for_a_point_is_what_each_of_its_runs_has() -> None:
         assert len(problems) == expected
 
 
+def test_problems_are_forgotten_where_they_are_large(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = study(scenario={"until": 60, "model": "models.smart_cameras"}, axes=[LATENCY])
+    jobs = [run_of(made, expand(made)[0], place).job() for place in (0, 1, 0)]
+    for most, kept in ((200, True), (60, False), (1, False)):  # a camera is an agent, and there are 60
+        monkeypatch.setattr("aimd_des.study.shared_parts._MOST_AGENTS", most)
+        parts = SharedParts()
+        first, _, again = (parts.problem(job, parts.scenario(job)) for job in jobs)
+        assert (first is again) is kept
+
+
 def test_runs_are_fleets_that_record_only_what_is_kept() -> None:
     def recording(*keep: str, **changes: Any) -> tuple[Any, ...]:
         scenario = expand(study(keep=list(keep), scenario={**BASE, "recording": {}, **changes}))[0].scenario
