@@ -28,6 +28,7 @@ from aimd_des import (
 )
 from aimd_des.engine import observers
 from aimd_des.engine.delivery import ProcessGenerator
+from aimd_des.engine.demand_sums import DemandSums
 from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from tests.conftest import assert_same_run, problems, quadratic_problem, quietly, random_problem
@@ -272,3 +273,28 @@ def test_totals_are_sums_of_what_agents_hold(way: str) -> None:
     assert seen.demand_times.tolist() == seen.allocation_times.tolist() == looks
     for total, each in ((seen.total_demand, seen.demand), (seen.total_average, seen.average)):
         assert total.tolist() == [[sum(row) for row in page] for page in each.tolist()]
+
+
+def test_a_tick_of_one_agent_reads_no_other() -> None:
+    """So the overshoot of agents whose clocks differ does not grow with the square of their number."""
+    problem = random_problem(1, 37, 2)
+    parts = (problem, BroadcastChannel(), Clocks(1.0, "random"), 0, 9.0)
+    one, other = (System(*parts) for _ in range(2))
+    sums, others = DemandSums(one), DemandSums(other)
+    rng, held = np.random.default_rng(1), np.zeros((2, 37))
+    for _ in range(40):
+        several, values = rng.permutation(37)[:5], rng.uniform(0.0, 3.0, (2, 5))
+        # Put there behind everybody's back, with nothing grown since: it counts once its agent is named.
+        one.state.demand[:, several] = other.state.demand[:, several] = values
+        for i in several[:4].tolist():
+            sums.ticks(i, -1)
+            others.ticks(i, -1)
+            if i % 2:
+                others.read()
+            held[:, i] = one.state.demand[:, i]
+        assert sums.read().tolist() == pytest.approx(held.sum(axis=1).tolist(), rel=1e-14)
+        # Whatever was read in between, to the last bit.
+        assert sums.read().tolist() == others.read().tolist()
+    assert not np.array_equal(held, one.state.demand)
+    one.break_line(5, 1, 100.0)
+    assert sums.read()[1] > 100.0

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.engine.delivery import ProcessGenerator
+from aimd_des.engine.demand_sums import DemandSums
 from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.results.metrics import Overshoot, Stretch, fold_overshoot, load_of, overshoot_of
@@ -51,6 +52,8 @@ class ConstantPieces:
         system.on_intervention.append(self._changed)
         system.conditions.on_piece.append(self.close_stretch)
         self.following = True
+        clocks = system.clocks
+        self._sums = None if clocks is None or clocks.common else DemandSums(system)
         system.env.process(self._follow_ticks())
 
     def _follow_ticks(self) -> ProcessGenerator:
@@ -66,21 +69,26 @@ class ConstantPieces:
             # Of several agents that tick at one instant, the first closes the interval for all.
             if time > env.now or self.measured[0] < time:
                 yield env.at(time, EventKind.OBSERVE)
-                self._close(self.system.totals())
+                self._close()
+            if self._sums is not None:
+                self._sums.ticks(agent, tick)
             heapreplace(ticks, (clocks.time(agent, tick + 1), agent, tick + 1))
 
     def _changed(self, time: float, resource: int, change: float) -> None:
         """Close an interval that is cut short from outside; ticks have closed theirs before anybody acts."""
-        if time > self.measured[0]:
-            # Told after the change, which has to be taken out again for the interval before it.
-            before = self.system.totals()
-            before[resource] -= change
-            self._close(before)
+        # Told after the change, which has to be taken out again for the interval before it.
+        self._close(resource, change)
 
-    def _close(self, total: FloatArray) -> None:
+    def _totals(self) -> FloatArray:
+        return self.system.totals() if self._sums is None else self._sums.read()
+
+    def _close(self, resource: int = 0, change: float = 0.0) -> None:
         now, capacity = self.system.env.now, self.system.parameters.capacity
         duration = now - self.measured[0]
+        # At the instant of a tick nothing is read again: agents have yet to act.
         if duration > 0.0:
+            total = self._totals()
+            total[resource] -= change
             fold_overshoot(total, capacity, duration, self.peak, self.above, self.excess, self.used)
             self.measured[0] = now
 
@@ -88,13 +96,13 @@ class ConstantPieces:
         """Integrate total demand over the capacity up to now, without closing anything."""
         # To close the interval here would add up the same integral in other pieces, and other last bits.
         since = float(self.system.env.now - self.measured[0])
-        used = self.used + self.system.totals() * since
+        used = self.used + self._totals() * since if since > 0.0 else self.used
         return np.asarray(used / self.system.parameters.capacity + _load_before(self.stretches))
 
     def close_stretch(self) -> None:
         """End what was measured with the present capacities: they change, or the run is over."""
-        total, now = self.system.totals(), float(self.system.env.now)
-        self._close(total)
+        now = float(self.system.env.now)
+        self._close()
         # Of two changes at one instant, what holds in between holds for no time.
         if now > self._begun:
             measures = (self.peak, self.above, self.excess, self.used)

@@ -64,6 +64,8 @@ class System(Readings):
     on_response, on_intervention : list of callable
         Called with (time, resource, change) when an agent has responded to a signal, and when a
         demand has been set from outside.
+    on_break : list of callable
+        Called with (agent) when its demand goes on as a new line for another reason than its own answer.
     """
 
     def __init__(
@@ -104,6 +106,7 @@ class System(Readings):
         self.agents: dict[int, Agent] = {}
         self.on_response: list[Callable[[float, int, float], None]] = []
         self.on_intervention: list[Callable[[float, int, float], None]] = []
+        self.on_break: list[Callable[[int], None]] = []
         self.collective: Collective | None = None
         carrier = Carrier(self.env, self.agents, self.conditions.away, log)
         self.transmitter = Transmitter(self.env, self.link, m, self.conditions, until, carrier, log)
@@ -232,6 +235,8 @@ class System(Readings):
         before = age_at(anchor[i], rows.origin[j][i], self.tick_weight)
         folded[i] = folded_at(averaging, *line, last - anchor[i], before, self.tick_weight)
         held[i], anchor[i] = demand, last
+        for tell in self.on_break:
+            tell(i)
 
     def tighten(self, resource: int) -> None:
         """Let it be known that a threshold may be reached sooner than it looked.
