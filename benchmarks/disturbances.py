@@ -1,13 +1,16 @@
-"""What networks, averages, responses, compensation and interventions cost, beside a plain fleet."""
+"""What networks, averages, responses, interventions, recording and own clocks cost, beside a plain fleet."""
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numba
 
 from aimd_des import (
+    AgentProcess,
     BroadcastChannel,
+    Clocks,
     Crossing,
     Fleet,
     Problem,
@@ -41,6 +44,7 @@ __all__ = ["main"]
 
 PLAIN = "fleet, plain"
 WARM_UP = 50.0
+RECORDED = 1_000, 100.0  # cameras and end of the runs that record
 COLUMNS = ("program", "CPU s,\nbest", "CPU s,\nmedian", "deliveries", "ns per\ndelivery", "over\nplain")
 LEGEND = (
     "CPU seconds, compiling not counted.  'over plain' is the time per delivery over that of the plain\n"
@@ -95,6 +99,26 @@ def _ways(problem: Problem, until: float) -> dict[str, dict[str, Any]]:
     }
 
 
+def _recorded() -> dict[str, dict[str, Any]]:
+    """Ways of recording, and clocks, which cost most where something is recorded at every tick."""
+    log, overshoot = Recording("end", overshoot=False, events=True), Recording("end")
+    clock: dict[str, Any] = {"dynamics": "discrete", "control_unit": Sampled()}
+    own, jitter = Clocks(phase="random", drift=0.01), Clocks(phase="random", drift=0.01, jitter=0.3)
+    return {
+        PLAIN: {},
+        "default recording": {"recording": Recording()},
+        "event log": {"recording": log},
+        "agent processes": {"agents": AgentProcess},
+        "agent processes, event log": {"agents": AgentProcess, "recording": log},
+        "clock in common": clock,
+        "own clocks": {**clock, "clocks": own},
+        "own clocks with jitter": {**clock, "clocks": jitter},
+        "clock in common, overshoot": {**clock, "recording": overshoot},
+        "own clocks, overshoot": {**clock, "clocks": own, "recording": overshoot},
+        "jitter, overshoot": {**clock, "clocks": jitter, "recording": overshoot},
+    }
+
+
 def _prepare(problem: Problem, until: float, parts: dict[str, Any]) -> Callable[[int], int]:
     """Return a run that tells its deliveries; compiles what it needs first."""
     channel = BroadcastChannel(latency=latency.Exponential(0.5), loss=loss.Bernoulli(0.1))
@@ -108,6 +132,10 @@ def _prepare(problem: Problem, until: float, parts: dict[str, Any]) -> Callable[
     # Without interventions: most would begin after so short a run, which is refused.
     run(0, WARM_UP, interventions=())
     return run
+
+
+def _contestants(problem: Problem, until: float, ways: dict[str, dict[str, Any]]) -> list[Contestant[int]]:
+    return [Contestant(name, partial(_prepare, problem, until, parts)) for name, parts in ways.items()]
 
 
 def _row(timing: Timing[int], plain: float) -> dict[str, Any]:
@@ -152,18 +180,18 @@ def main(arguments: list[str] | None = None) -> None:
     out, host = console(), machine(("numpy", "numba", "simpy"))
     out.print(", ".join(f"{name} {value}" for name, value in host.items()), soft_wrap=True)
     problem = smart_cameras(seed=0, n_cameras=options.cameras)
-
-    def contestant(name: str, parts: dict[str, Any]) -> Contestant[int]:
-        return Contestant(name, lambda: _prepare(problem, options.until, parts))
-
-    ways = [contestant(name, parts) for name, parts in _ways(problem, options.until).items()]
-    timings = interleaved(ways, options.repeats, options.seed)
-    first = timings[0]
-    plain = first.best / first.outcomes[first.seconds.index(first.best)]
-    rows = [_row(timing, plain) for timing in timings]
-    out.print(
-        table(f"{options.cameras} cameras, {options.until:g} units of time", COLUMNS, map(_cells, rows))
-    )
+    many = smart_cameras(seed=0, n_cameras=RECORDED[0])
+    rows = []
+    for given, until, ways in (
+        (problem, options.until, _ways(problem, options.until)),
+        (many, RECORDED[1], _recorded()),
+    ):
+        timings = interleaved(_contestants(given, until, ways), options.repeats, options.seed)
+        first = timings[0]
+        plain = first.best / first.outcomes[first.seconds.index(first.best)]
+        found = [_row(timing, plain) for timing in timings]
+        out.print(table(f"{given.n_agents} cameras, {until:g} units of time", COLUMNS, map(_cells, found)))
+        rows += [{"cameras": given.n_agents, "until": until, **row} for row in found]
     out.print(LEGEND, soft_wrap=True)
     if options.json:
         settings = {name: getattr(options, name) for name in ("cameras", "until", "repeats", "seed")}
