@@ -17,7 +17,8 @@ from llvmlite import ir
 from numba import types
 
 from aimd_des.utils import validation
-from aimd_des.utils.jit import instruction, kernel, routine
+from aimd_des.utils.jit import formula, instruction, kernel, routine
+from aimd_des.utils.opaque import opaque
 from aimd_des.utils.validation import FloatArray
 
 Key = tuple[np.uint64, np.uint64]
@@ -25,7 +26,10 @@ Key = tuple[np.uint64, np.uint64]
 _MULTIPLIER = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
 _WEYL = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
 _ROUNDS = 10
-_FOUR = 4
+
+#: How many uniform numbers a block gives.
+FOUR = 4
+
 # A double has 53 bits: drop the lowest 11 of the 64 and scale to [0, 1).
 _DROPPED, _SCALE = np.uint64(11), 1.0 / 9007199254740992.0
 
@@ -108,24 +112,6 @@ def _multiply_wide(typingctx: Any, a: Any, b: Any) -> Any:  # noqa: ARG001 - num
     return signature, codegen
 
 
-def _unchanged(word: np.uint64) -> np.uint64:
-    return word
-
-
-@instruction(_unchanged)
-def _one_by_one(typingctx: Any, word: Any) -> Any:  # noqa: ARG001 - numba's calling convention
-    """Return a word, and keep LLVM from taking several turns of the loop around at once."""
-    # Without AVX-512 it takes two words as a vector, takes that apart for each of twenty wide products, which
-    # vectors do not have, and is half as fast.  Assembly, be it empty, is never made a vector of.
-    signature = types.uint64(types.uint64)
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
-        word = ir.IntType(64)
-        return builder.asm(ir.FunctionType(word, [word]), "", "=r,0", [args[0]], side_effect=True)
-
-    return signature, codegen
-
-
 @kernel
 def _block(c0: np.uint64, c1: np.uint64, c2: np.uint64, c3: np.uint64, key: Key) -> Any:
     """Encrypt one counter: four words of 64 random bits."""
@@ -139,31 +125,38 @@ def _block(c0: np.uint64, c1: np.uint64, c2: np.uint64, c3: np.uint64, key: Key)
     return c0, c1, c2, c3
 
 
+@formula
+def four_uniforms(key: Key, resource: int, number: int, lane: int, block: int) -> Any:
+    """Draw the uniform numbers of the agents of one block, 4 * block and the three after it."""
+    # Block by block: LLVM would take two of them as vectors, which have no wide product without AVX-512, take
+    # these apart for each of twenty products, and be half as fast.
+    counter = opaque(np.uint64(block + 1))
+    words = _block(counter, np.uint64(lane), np.uint64(resource), np.uint64(number), key)
+    return (
+        (words[0] >> _DROPPED) * _SCALE,
+        (words[1] >> _DROPPED) * _SCALE,
+        (words[2] >> _DROPPED) * _SCALE,
+        (words[3] >> _DROPPED) * _SCALE,
+    )
+
+
 @routine
 def uniforms_row(key: Key, resource: int, number: int, lane: int, out: FloatArray) -> None:
     """Fill `out` with the draws of agents 0, 1, ... for one broadcast."""
-    n = out.shape[0]
-    whole = n // _FOUR
-    row, column, second = np.uint64(resource), np.uint64(number), np.uint64(lane)
+    n, whole = out.shape[0], out.shape[0] // FOUR
     for block in range(whole):
-        w0, w1, w2, w3 = _block(_one_by_one(np.uint64(block + 1)), second, row, column, key)
-        out[_FOUR * block] = (w0 >> _DROPPED) * _SCALE
-        out[_FOUR * block + 1] = (w1 >> _DROPPED) * _SCALE
-        out[_FOUR * block + 2] = (w2 >> _DROPPED) * _SCALE
-        out[_FOUR * block + 3] = (w3 >> _DROPPED) * _SCALE
-    if _FOUR * whole < n:
-        words = _block(np.uint64(whole + 1), second, row, column, key)
-        for rest in range(n - _FOUR * whole):
-            out[_FOUR * whole + rest] = (words[rest] >> _DROPPED) * _SCALE
+        i = FOUR * block
+        out[i], out[i + 1], out[i + 2], out[i + 3] = four_uniforms(key, resource, number, lane, block)
+    if FOUR * whole < n:
+        last = four_uniforms(key, resource, number, lane, whole)
+        for rest in range(n - FOUR * whole):
+            out[FOUR * whole + rest] = last[rest]
 
 
 @routine
 def uniform_at(key: Key, resource: int, number: int, lane: int, agent: int) -> float:
     """Draw the uniform number of one agent: what `uniforms_row` puts at its place."""
-    words = _block(
-        np.uint64(agent // _FOUR + 1), np.uint64(lane), np.uint64(resource), np.uint64(number), key
-    )
-    return float((words[agent % _FOUR] >> _DROPPED) * _SCALE)
+    return float(four_uniforms(key, resource, number, lane, agent // FOUR)[agent % FOUR])
 
 
 def uniforms(key: Key, resource: int, number: int, n_agents: int, lane: int = 0) -> npt.NDArray[np.float64]:

@@ -5,6 +5,7 @@ Polynomials are evaluated by Horner's scheme, in the same order in both, and pow
 
 from aimd_des.problem.costs.table import CostTable
 from aimd_des.utils.jit import formula, kernel
+from aimd_des.utils.opaque import opaque
 from aimd_des.utils.portable_math import exp, log
 from aimd_des.utils.validation import FloatArray
 
@@ -12,22 +13,23 @@ from aimd_des.utils.validation import FloatArray
 @formula
 def horner_row(coefficients: FloatArray, agent: int, argument: FloatArray, out: FloatArray) -> None:
     """Evaluate a polynomial each of consecutive agents; passes run along agents, so that they vectorise."""
-    n, d = out.shape[0], coefficients.shape[0] - 1
-    row = coefficients[d][agent:]
+    n, top = out.shape[0], coefficients.shape[0] - 1
+    row = coefficients[top][agent:]
     for i in range(n):
         out[i] = row[i]
-    while d >= 4:  # four powers to a pass: a quarter of the loads and stores
+    # Four powers to a pass: a quarter of the loads and stores.  That rows go downwards from pass to pass is
+    # kept from LLVM, which has vectors ready for what goes upwards only.
+    for four in range(top // 4):
+        d = opaque(top - 4 * four)
         first, second = coefficients[d - 1][agent:], coefficients[d - 2][agent:]
         third, fourth = coefficients[d - 3][agent:], coefficients[d - 4][agent:]
         for i in range(n):
             x = argument[i]
             out[i] = (((out[i] * x + first[i]) * x + second[i]) * x + third[i]) * x + fourth[i]
-        d -= 4
-    while d >= 1:
-        row = coefficients[d - 1][agent:]
+    for d in range(top % 4, 0, -1):
+        row = coefficients[opaque(d) - 1][agent:]
         for i in range(n):
             out[i] = out[i] * argument[i] + row[i]
-        d -= 1
 
 
 @formula
