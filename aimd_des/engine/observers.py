@@ -8,6 +8,7 @@ intervals of time.
 
 from array import array
 from heapq import heapify, heapreplace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +20,7 @@ from aimd_des.engine.system import System
 from aimd_des.results.metrics import Overshoot, Stretch, fold_overshoot, load_of, overshoot_of
 from aimd_des.results.recording import Recording
 from aimd_des.results.run_data import Observations
-from aimd_des.utils.jit import kernel
+from aimd_des.utils.jit import formula, kernel
 from aimd_des.utils.validation import FloatArray
 
 # Changes of the total kept back before they are integrated in one go: a call of a kernel costs more than one.
@@ -117,34 +118,49 @@ def _load_before(stretches: list[Stretch]) -> FloatArray | float:
     return load_of(stretches) if stretches else 0.0
 
 
-@kernel
-def fold_change(running: FloatArray, time: float, change: float, slope: float, capacity: float) -> None:
+@formula
+def line_of(running: FloatArray, resource: int) -> Any:
+    """Read what has been integrated of one resource: the columns of `LinearPieces.running`."""
+    j = resource
+    return running[j, 0], running[j, 1], running[j, 2], running[j, 3], running[j, 4], running[j, 5]
+
+
+@formula
+def keep_line(line: Any, running: FloatArray, resource: int) -> None:
+    """Keep what `line_of` reads."""
+    for column in range(6):
+        running[resource, column] = line[column]
+
+
+@formula
+def fold_change(line: Any, time: float, change: float, slope: float, capacity: float) -> Any:
     """Close a piece of a line with a change of the total."""
-    # Columns of `running`: time and total at the last change, peak, time above capacity, and the integrals of
-    # what exceeds the capacity and of all.
-    total = running[1]
-    duration = time - running[0]
+    # Numbers, not a row of an array: so they stay in registers from one change to the next.
+    began, total, peak, above, excess, used = line
+    duration = time - began
     end = total + slope * duration
     if duration > 0.0:  # what is so for no time, between two events of one instant, is no demand
-        running[2] = max(running[2], total, end)
-    running[5] += 0.5 * (total + end) * duration
+        peak = max(peak, total, end)
+    used += 0.5 * (total + end) * duration
     # Between changes the total never falls, so it is above capacity at the end of a piece or not at all.
     if end > capacity:
         over = end - capacity
         under = max(capacity - total, 0.0)
         # Where nobody is here to grow, nothing is crossed on the way.
         crossed = duration - under / slope if under > 0.0 else duration
-        running[3] += crossed
-        running[4] += 0.5 * (over + max(total - capacity, 0.0)) * crossed
-    running[0], running[1] = time, end + change
+        above += crossed
+        excess += 0.5 * (over + max(total - capacity, 0.0)) * crossed
+    return time, end + change, peak, above, excess, used
 
 
 @kernel
 def _fold_line(
-    times: FloatArray, changes: FloatArray, slope: float, capacity: float, running: FloatArray
+    times: FloatArray, changes: FloatArray, slope: float, capacity: float, running: FloatArray, resource: int
 ) -> None:
+    line = line_of(running, resource)
     for change in range(times.shape[0]):
-        fold_change(running, times[change], changes[change], slope, capacity)
+        line = fold_change(line, times[change], changes[change], slope, capacity)
+    keep_line(line, running, resource)
 
 
 class LinearPieces:
@@ -155,7 +171,8 @@ class LinearPieces:
     slope : ndarray, shape (m,)
         Growth of the total, in units of the resource per unit of time.
     running : ndarray, shape (m, 6)
-        As `fold_change` has them, since the problem last changed.
+        Time and total at the last change, peak, time above capacity, and the integrals of what exceeds the
+        capacity and of all, since the problem last changed.
     stretches : list of Stretch
         What was measured before the problem last changed.
     """
@@ -203,7 +220,8 @@ class LinearPieces:
             np.array(self.changes[resource]),
             float(self.slope[resource]),
             float(self.system.parameters.capacity[resource]),
-            self.running[resource],
+            self.running,
+            resource,
         )
         self.times[resource], self.changes[resource] = array("d"), array("d")
 

@@ -51,6 +51,7 @@ class Answers(NamedTuple):
     resource: IntArray
     change: FloatArray  # (a,): of demand; not a number where the agent holds
     held: IntArray  # (1,): how many there are
+    interval: IntArray  # (a,): of which interval of time each is: working memory of sorting
 
 
 @formula

@@ -250,8 +250,8 @@ class CompiledAgents:
 
 
 def _answers(space: int) -> Answers:
-    key, rank, agent, resource = np.empty((4, space), dtype=np.int64)
-    return Answers(key, rank, agent, resource, np.empty(space), np.zeros(1, dtype=np.int64))
+    key, rank, agent, resource, interval = np.empty((5, space), dtype=np.int64)
+    return Answers(key, rank, agent, resource, np.empty(space), np.zeros(1, dtype=np.int64), interval)
 
 
 def _compiled_gradient(costs: Costs) -> Any:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.engine.observers import fold_change
+from aimd_des.engine.observers import fold_change, keep_line, line_of
 from aimd_des.fleet.arrays import Answers
 from aimd_des.fleet.radix_heap import time_of
 from aimd_des.utils.jit import formula, kernel, routine
@@ -76,14 +76,16 @@ def _spread(answers: Answers, order: IntArray, spare: IntArray) -> None:
     for place in range(count):
         spare[place] = 0
     for row in range(count):
-        spare[int((time_of(answers.key[row]) - begin) * scale)] += 1
+        interval = int((time_of(answers.key[row]) - begin) * scale)
+        answers.interval[row] = interval
+        spare[interval] += 1
     first = 0
     for place in range(count):
         held = spare[place]
         spare[place] = first
         first += held
     for row in range(count):
-        interval = int((time_of(answers.key[row]) - begin) * scale)
+        interval = answers.interval[row]
         order[spare[interval]] = row
         spare[interval] += 1
 
@@ -147,11 +149,15 @@ def fold_answers(answers: Answers, integrals: FleetOvershoot) -> None:
     # Agents were answered in the order of chains, but the total is a line from each answer to the next.
     # Since the last time only later ones have come, so what is folded in need not be opened again.
     _sort(answers, integrals.order, integrals.spare)
+    j = answers.resource[0]
+    line = line_of(integrals.running, j)
     for place in range(answers.held[0]):
         row = integrals.order[place]
-        j = answers.resource[row]
-        time = time_of(answers.key[row])
-        fold_change(
-            integrals.running[j], time, answers.change[row], integrals.slope[j], integrals.capacity[j]
-        )
+        if answers.resource[row] != j:
+            keep_line(line, integrals.running, j)
+            j = answers.resource[row]
+            line = line_of(integrals.running, j)
+        time, change = time_of(answers.key[row]), answers.change[row]
+        line = fold_change(line, time, change, integrals.slope[j], integrals.capacity[j])
+    keep_line(line, integrals.running, j)
     answers.held[0] = 0

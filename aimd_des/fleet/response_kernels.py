@@ -346,7 +346,7 @@ def settle(
         # Asked again: rows that have no space for what is left go there.
         if not agents.rows.serving[queue]:
             _settle_queue(agents, queue, time, limit)
-    # Answers may be folded in now: all that are earlier have been computed.  Overshoot is integrated for each
-    # resource, so answers for others may be folded in at another time.
-    if integrals.lines and agents.answers.held[0] > 0:
-        fold_answers(agents.answers, integrals)
+        # Answers may be folded in now: all that are earlier have been computed.  Overshoot is integrated for
+        # each resource, so answers for others may be folded in at another time.
+        if integrals.lines and agents.answers.held[0] > 0:
+            fold_answers(agents.answers, integrals)

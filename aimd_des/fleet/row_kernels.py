@@ -262,13 +262,16 @@ def _report_piece(agents: FleetAgents, resource: int, first: int, last: int, bou
     arrival, decrease = rows.arrival[j][first:last], agents.parameters.decrease[j][first:last]
     # As `report` has it, without a branch: written in any case, and counted if somebody wants to know of it.
     # There is a row for that, since lists have a place that is never filled.
-    everybody, row = agents.reported == ALL_ANSWERS, answers.held[0]
+    row = answers.held[0]
     for k in range(last - first):
-        responds, present = buffers.resource[k], buffers.present[k]
         answers.key[row], answers.rank[row] = bits_of(arrival[k]), rows.rank[j] + first + k
         answers.agent[row], answers.resource[row] = first + k, j
-        answers.change[row] = present * decrease[k] - present if responds != 0 else np.nan
-        row += np.int64(arrival[k] <= bound) if everybody else responds
+        answers.change[row] = buffers.present[k] * decrease[k] - buffers.present[k]
+        if agents.reported == ALL_ANSWERS:
+            answers.change[row] = answers.change[row] if buffers.resource[k] != 0 else np.nan
+            row += np.int64(arrival[k] <= bound)
+        else:
+            row += buffers.resource[k]
     answers.held[0] = row
 
 
