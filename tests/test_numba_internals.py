@@ -1,4 +1,4 @@
-"""What only compiled code calls is a part of its callers, and the same without parts."""
+"""Parts of kernels and kernels that are deferred, and the same bits without either."""
 
 import re
 import tomllib
@@ -7,6 +7,7 @@ from pathlib import Path
 import numba
 import pytest
 from numba.core.compiler import Flags
+from numba.core.errors import TypingError
 
 from aimd_des.utils import jit, numba_internals
 from aimd_des.utils.numba_internals import are_as_expected
@@ -15,7 +16,7 @@ from tests.conftest import ROOT, python
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 
 SOURCE = """
-from aimd_des.utils.jit import PARTS, formula, kernel, routine
+from aimd_des.utils.jit import PARTS, deferred, formula, kernel, routine
 
 @formula
 def line(x, y):
@@ -31,9 +32,19 @@ def walk(x, y):
         x = step(x, y)
     return x
 
+@deferred
+def halved(x) -> float:
+    return 0.5 * x
+
+@deferred
+def rare(x, y) -> float:
+    return x - y
+
 @routine
 def far(x, y):
-    return walk(x, y) + walk(y, x)
+    if y > 100.0:
+        return rare(x, y)
+    return halved(2.0 * walk(x, y)) + halved(x=2.0 * walk(y, x))
 """
 
 PROGRAM = """
@@ -69,9 +80,10 @@ def test_without_parts_the_bits_are_the_same(change: str, tmp_path: Path) -> Non
     for _ in range(5):
         back = (back + 0.1 * 1.0) / 1.0
     assert words[1] == (forth + back).hex()
-    # Of parts, only what Python calls is on the disk.
+    # Of parts, only what Python calls is on the disk; of what is deferred, only what is called.
     assert words[0] == str(change == "as it is")
-    assert kept == (["far", "walk"] if change == "as it is" else ["far", "step", "walk"])
+    without = ["far", "halved", "rare", "step", "walk"]
+    assert kept == (["far", "halved", "walk"] if change == "as it is" else without)
 
 
 def test_the_bounds_of_numba_and_the_version_that_was_tested_make_parts() -> None:
@@ -127,3 +139,75 @@ def test_a_part_that_calls_python_is_refused() -> None:
 
     with pytest.raises(NotImplementedError, match="part calls Python"):
         whole(1.0)
+
+
+DEFERRED = """
+from compiled_here import far, halved, rare
+kernels = halved, rare
+print(far(1.0, 3.0).hex(), *(len(kernel.overloads) for kernel in kernels), end=" ")
+print(far(1.0, 300.0), *(len(kernel.overloads) for kernel in kernels), end=" ")
+print(*(sum(kernel.stats.cache_misses.values()) for kernel in (far, *kernels)))
+"""
+
+
+@pytest.mark.skipif(not jit.PARTS, reason="this Numba defers nothing")
+def test_what_is_deferred_is_compiled_when_it_is_first_called_and_then_comes_from_the_disk(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "compiled_here.py").write_text(SOURCE, encoding="utf-8")
+    (tmp_path / "program.py").write_text(DEFERRED, encoding="utf-8")
+    told = []
+    for _ in range(2):
+        done = python(str(tmp_path / "program.py"), NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+        assert done.returncode == 0, done.stderr
+        told.append(done.stdout.split())
+    assert told[0][1:] == ["1", "0", "-299.0", "1", "1", "1", "1", "1"]
+    assert told[1][1:] == ["1", "0", "-299.0", "1", "1", "0", "0", "0"]
+    assert told[0][0] == told[1][0]
+
+
+@jit.deferred
+def _wrong(x: float) -> int:
+    return 2.5 * x  # type: ignore[return-value]
+
+
+@jit.deferred
+def _broken(x: float) -> float:
+    return x.missing  # type: ignore[attr-defined,no-any-return]
+
+
+@jit.kernel
+def _ask(x: float) -> float:
+    return _wrong(x) if x > 0.0 else _broken(x)
+
+
+@pytest.mark.skipif(not jit.PARTS, reason="this Numba defers nothing")
+@pytest.mark.parametrize(
+    ("x", "error", "why"), [(1.0, TypeError, "returns float64"), (-1.0, TypingError, "attribute 'missing'")]
+)
+def test_what_cannot_be_compiled_is_refused_where_it_is_called(
+    x: float, error: type[Exception], why: str
+) -> None:
+    with pytest.raises(error, match=why):
+        _ask(x)
+
+
+@pytest.mark.skipif(not jit.PARTS, reason="this Numba defers nothing")
+def test_compiling_can_be_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(signature: object) -> None:
+        raise KeyboardInterrupt
+
+    @jit.kernel
+    def ask(x: float) -> float:
+        return _interrupted(x)
+
+    monkeypatch.setattr(_interrupted, "compile", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        ask(1.0)
+    monkeypatch.undo()
+    assert ask(1.0) == 3.0
+
+
+@jit.deferred
+def _interrupted(x: float) -> float:
+    return 3.0 * x

@@ -10,7 +10,7 @@ from aimd_des.channel.latency.kernels import LatencyTable, latency_row
 from aimd_des.channel.loss.kernels import LossTable, loss_row
 from aimd_des.channel.network_kernel import NetworkTable, network_table, spread
 from aimd_des.channel.random_draws import LANES_PER_COPY
-from aimd_des.utils.jit import kernel, routine
+from aimd_des.utils.jit import deferred, kernel
 from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, Purpose, uniforms_row
 from aimd_des.utils.validation import FloatArray
@@ -80,7 +80,7 @@ def put_in_order(latest: FloatArray, arrival: FloatArray) -> None:
             latest[i] = arrival[i]
 
 
-@routine
+@deferred
 def _transmit_seconds(
     table: ChannelTable, resource: int, number: int, departure: float, second: FloatArray
 ) -> None:
@@ -94,7 +94,7 @@ def _transmit_seconds(
         second[i] = departure + second[i] if twice else np.inf
 
 
-@routine
+@deferred
 def transmit(
     table: ChannelTable, resource: int, number: int, departure: float, arrival: FloatArray, second: FloatArray
 ) -> int:

@@ -16,7 +16,7 @@ from aimd_des.dynamics.averaging import (
 )
 from aimd_des.dynamics.demand import demand_at
 from aimd_des.dynamics.state import AgentParameters, State
-from aimd_des.utils.jit import formula, kernel, routine
+from aimd_des.utils.jit import deferred, formula, kernel
 from aimd_des.utils.validation import FloatArray
 
 
@@ -63,25 +63,6 @@ def totals(
 @formula
 def _moment_of(moment: FloatArray, agent: int) -> float:
     return float(moment[0] if moment.shape[0] == 1 else moment[agent])
-
-
-@kernel
-def observe(
-    state: State,
-    parameters: AgentParameters,
-    moment: FloatArray,
-    tick_weight: float,
-    demand: FloatArray,
-    average: FloatArray,
-) -> None:
-    """Read demand and average of all agents without changing anything."""
-    for j in range(state.demand.shape[0]):
-        for i in range(state.demand.shape[1]):
-            now = _moment_of(moment, i)
-            demand[j, i] = demand_at(
-                state.demand[j, i], parameters.increase[j, i], now - state.anchor[j, i], tick_weight
-            )
-            average[j, i] = average_of(state, parameters, j, i, now, tick_weight)
 
 
 @formula
@@ -136,7 +117,67 @@ def _add_up(values: FloatArray, count: int, demand: FloatArray, average: FloatAr
         demand[j], average[j] = held, used
 
 
-@routine
+@formula
+def _is_plain(parameters: AgentParameters, moment: FloatArray) -> bool:
+    """Tell whether averages are over all of the past, up to one moment for all agents."""
+    return bool(parameters.averaging.kind == CUMULATIVE and moment.shape[0] == 1)
+
+
+@deferred
+def _observe_in_turn(
+    state: State,
+    parameters: AgentParameters,
+    moment: FloatArray,
+    tick_weight: float,
+    demand: FloatArray,
+    average: FloatArray,
+) -> None:
+    """Read demand and average of all agents, however they are averaged, and up to whatever moments."""
+    for j in range(state.demand.shape[0]):
+        for i in range(state.demand.shape[1]):
+            now = _moment_of(moment, i)
+            demand[j, i] = demand_at(
+                state.demand[j, i], parameters.increase[j, i], now - state.anchor[j, i], tick_weight
+            )
+            average[j, i] = average_of(state, parameters, j, i, now, tick_weight)
+
+
+@kernel
+def observe(
+    state: State,
+    parameters: AgentParameters,
+    moment: FloatArray,
+    tick_weight: float,
+    demand: FloatArray,
+    average: FloatArray,
+) -> None:
+    """Read demand and average of all agents without changing anything."""
+    if _is_plain(parameters, moment):
+        for j in range(state.demand.shape[0]):
+            _find_values(state, parameters, j, 0, moment[0], tick_weight, demand[j], average[j])
+    else:
+        _observe_in_turn(state, parameters, moment, tick_weight, demand, average)
+
+
+@deferred
+def _observe_totals_in_turn(
+    state: State,
+    parameters: AgentParameters,
+    moment: FloatArray,
+    tick_weight: float,
+    demand: FloatArray,
+    average: FloatArray,
+) -> None:
+    """Sum demand and average, however agents are averaged, and up to whatever moments."""
+    totals(state, parameters, moment, tick_weight, demand)
+    for j in range(state.demand.shape[0]):
+        used = 0.0
+        for i in range(state.demand.shape[1]):
+            used += average_of(state, parameters, j, i, _moment_of(moment, i), tick_weight)
+        average[j] = used
+
+
+@deferred
 def observe_totals(
     state: State,
     parameters: AgentParameters,
@@ -147,23 +188,18 @@ def observe_totals(
     average: FloatArray,
 ) -> None:
     """Sum demand and average over the agents in index order, for every resource; `values` is of `piece`."""
-    m, n = state.demand.shape
-    if parameters.averaging.kind == CUMULATIVE and moment.shape[0] == 1:
-        demand[:] = 0.0
-        average[:] = 0.0
-        for first in range(0, n, values.shape[1]):
-            count = min(values.shape[1], n - first)
-            for j in range(m):
-                rows = values[2 * j][:count], values[2 * j + 1][:count]
-                _find_values(state, parameters, j, first, moment[0], tick_weight, *rows)
-            _add_up(values, count, demand, average)
+    if not _is_plain(parameters, moment):
+        _observe_totals_in_turn(state, parameters, moment, tick_weight, demand, average)
         return
-    totals(state, parameters, moment, tick_weight, demand)
-    for j in range(m):
-        used = 0.0
-        for i in range(n):
-            used += average_of(state, parameters, j, i, _moment_of(moment, i), tick_weight)
-        average[j] = used
+    m, n = state.demand.shape
+    demand[:] = 0.0
+    average[:] = 0.0
+    for first in range(0, n, values.shape[1]):
+        count = min(values.shape[1], n - first)
+        for j in range(m):
+            rows = values[2 * j][:count], values[2 * j + 1][:count]
+            _find_values(state, parameters, j, first, moment[0], tick_weight, *rows)
+        _add_up(values, count, demand, average)
 
 
 def piece(n_resources: int) -> FloatArray:

@@ -7,13 +7,13 @@ from aimd_des.fleet.arrays import FleetAgents
 from aimd_des.fleet.in_flight import DUPLICATE
 from aimd_des.fleet.radix_heap import bits_of, put
 from aimd_des.fleet.row_kernels import make_way, open_row
-from aimd_des.utils.jit import routine
+from aimd_des.utils.jit import deferred, routine
 from aimd_des.utils.rng import uniforms_row
 from aimd_des.utils.validation import FloatArray
 
 
-@routine
-def accept(
+@deferred
+def _accept_one_by_one(
     agents: FleetAgents,
     resource: int,
     number: int,
@@ -23,10 +23,6 @@ def accept(
     acted_at: float,
     acted: int,
 ) -> None:
-    """Put the members' copies of one broadcast on their way; there must be room for n."""
-    if make_way(agents, resource, copy):
-        open_row(agents, resource, number, arrival, first_rank)
-        return
     # A queue for each resource lets a crossing control unit settle the one it looks at.  Costs that couple
     # the resources forbid that: an answer reads the averages of all of them, so all are settled together.
     queue = resource if not agents.coupled else 0
@@ -59,3 +55,21 @@ def accept(
         # number and agent tell the broadcast, and two copies of one agent are at least n apart.
         put(copies, queue, bits_of(due), tick, time, number, i, about, first_rank + i, uniform[i])
         copies.in_flight[0] += 1
+
+
+@routine
+def accept(
+    agents: FleetAgents,
+    resource: int,
+    number: int,
+    copy: int,
+    arrival: FloatArray,
+    first_rank: int,
+    acted_at: float,
+    acted: int,
+) -> None:
+    """Put the members' copies of one broadcast on their way; there must be room for n."""
+    if make_way(agents, resource, copy):
+        open_row(agents, resource, number, arrival, first_rank)
+    else:
+        _accept_one_by_one(agents, resource, number, copy, arrival, first_rank, acted_at, acted)

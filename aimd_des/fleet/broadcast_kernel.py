@@ -8,7 +8,7 @@ import numpy.typing as npt
 from aimd_des.channel.transmit_kernel import ChannelTable, put_in_order, transmit
 from aimd_des.fleet.accept_kernel import accept
 from aimd_des.fleet.arrays import FleetAgents
-from aimd_des.utils.jit import routine
+from aimd_des.utils.jit import deferred
 from aimd_des.utils.records import record
 from aimd_des.utils.validation import FloatArray
 
@@ -41,7 +41,7 @@ class FleetChannel(NamedTuple):
     code: IntArray  # (1,): why the channel has refused a signal; 0 if it has not
 
 
-@routine
+@deferred
 def broadcast(
     agents: FleetAgents,
     channel: FleetChannel,

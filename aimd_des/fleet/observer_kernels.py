@@ -8,7 +8,7 @@ import numpy.typing as npt
 from aimd_des.engine.observers import fold_change, keep_line, line_of
 from aimd_des.fleet.arrays import Answers
 from aimd_des.fleet.radix_heap import time_of
-from aimd_des.utils.jit import formula, kernel, routine
+from aimd_des.utils.jit import deferred, formula, kernel
 from aimd_des.utils.records import record
 from aimd_des.utils.validation import FloatArray
 
@@ -143,7 +143,7 @@ def _sort(answers: Answers, order: IntArray, spare: IntArray) -> None:
         width *= 2
 
 
-@routine
+@deferred
 def fold_answers(answers: Answers, integrals: FleetOvershoot) -> None:
     """Fold the answers in memory into the integrals, and forget them."""
     # Agents were answered in the order of chains, but the total is a line from each answer to the next.

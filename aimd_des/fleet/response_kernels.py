@@ -41,7 +41,7 @@ from aimd_des.fleet.observer_kernels import FleetOvershoot, fold_answers
 from aimd_des.fleet.radix_heap import move, places, raise_due, release, time_of
 from aimd_des.fleet.row_kernels import settle_rows
 from aimd_des.problem.costs.kernels import add_terms, horner_step
-from aimd_des.utils.jit import formula, routine
+from aimd_des.utils.jit import deferred, formula
 
 
 @formula
@@ -151,16 +151,21 @@ def _gather(agents: FleetAgents, chosen: int) -> None:
         buffers.increase[row], buffers.gamma[row] = parameters.increase[j, i], parameters.normalization[j]
 
 
+@deferred
+def _find_slopes_in_turn(agents: FleetAgents, chosen: int) -> None:
+    """Evaluate derivatives that read all averages of an agent, or call the user's function."""
+    buffers = agents.buffers
+    for row in range(chosen):
+        i, j = agents.copies.agent[buffers.chosen[row]], buffers.resource[row]
+        buffers.slope[row] = marginal_cost_at(agents, i, j, buffers.moment[row], buffers.averages[row])
+
+
 @formula
 def _find_slopes(agents: FleetAgents, queue: int, chosen: int) -> None:
     """Evaluate the derivatives of the costs at the averages."""
     copies, buffers = agents.copies, agents.buffers
     if agents.coupled or agents.gradient != 0:
-        # One after the other: a derivative reads all averages of its agent, or calls the user's function.
-        for row in range(chosen):
-            place = buffers.chosen[row]
-            i, j = copies.agent[place], buffers.resource[row]
-            buffers.slope[row] = marginal_cost_at(agents, i, j, buffers.moment[row], buffers.averages[row])
+        _find_slopes_in_turn(agents, chosen)
     else:
         # Costs that are separable have a queue for each resource, so all copies at hand are about this one.
         # The polynomial is evaluated degree by degree: the same operations for an agent as one at a time,
@@ -178,7 +183,7 @@ def _find_slopes(agents: FleetAgents, queue: int, chosen: int) -> None:
                 buffers.slope[row] = add_terms(agents.table, queue, i, average, buffers.slope[row])
 
 
-@formula
+@deferred
 def _remember(agents: FleetAgents, chosen: int) -> None:
     """Compute what is accumulated, and averages, in whatever way demand is averaged."""
     buffers, state, averaging, tick_weight = (
@@ -198,7 +203,7 @@ def _remember(agents: FleetAgents, chosen: int) -> None:
 
 
 # Apart, so that the loops of the paper's rule stay as short as they are without the others.
-@routine
+@deferred
 def _find_probabilities(agents: FleetAgents, chosen: int) -> None:
     """Compute response probabilities where lambda divides by another than the average over time."""
     buffers, parameters, memory = agents.buffers, agents.parameters, agents.state.memory
@@ -211,7 +216,7 @@ def _find_probabilities(agents: FleetAgents, chosen: int) -> None:
         )
 
 
-@routine
+@deferred
 def _cut(agents: FleetAgents, chosen: int) -> None:
     """Compute what demands are multiplied by where no draw decides; they take the place of the slopes."""
     buffers, parameters, memory, copies = (
@@ -229,7 +234,7 @@ def _cut(agents: FleetAgents, chosen: int) -> None:
         )
 
 
-@formula
+@deferred
 def _compensate(agents: FleetAgents, chosen: int) -> None:
     """Make good for the signals that agents lose, or estimate that they lose."""
     buffers, state, compensation = agents.buffers, agents.state, agents.parameters.compensation
@@ -311,7 +316,7 @@ def _answer(agents: FleetAgents, chosen: int) -> None:
             _report(agents, place, buffers.resource[row], np.nan)
 
 
-@routine
+@deferred
 def _settle_queue(agents: FleetAgents, queue: int, time: float, limit: int) -> None:
     """Let all agents answer the copies in one queue that are due."""
     copies = agents.copies
@@ -332,7 +337,7 @@ def _settle_queue(agents: FleetAgents, queue: int, time: float, limit: int) -> N
             ends[queue, DUE], ends[queue, LATER] = ends[queue, LATER], -1
 
 
-@routine
+@deferred
 def settle(
     agents: FleetAgents, integrals: FleetOvershoot, first: int, last: int, time: float, limit: int
 ) -> None:
@@ -344,7 +349,7 @@ def settle(
         if agents.rows.serving[queue]:
             settle_rows(agents, queue, time, limit)
         # Asked again: rows that have no space for what is left go there.
-        if not agents.rows.serving[queue]:
+        if agents.copies.in_flight[0] > 0 and not agents.rows.serving[queue]:
             _settle_queue(agents, queue, time, limit)
         # Answers may be folded in now: all that are earlier have been computed.  Overshoot is integrated for
         # each resource, so answers for others may be folded in at another time.

@@ -17,7 +17,7 @@ from aimd_des.fleet.broadcast_rows import BroadcastRows
 from aimd_des.fleet.in_flight import CopiesInFlight
 from aimd_des.fleet.radix_heap import bits_of, is_empty, put
 from aimd_des.problem.costs.kernels import add_terms, horner_at, horner_row
-from aimd_des.utils.jit import formula, routine
+from aimd_des.utils.jit import deferred, formula
 from aimd_des.utils.rng import uniforms_row
 from aimd_des.utils.validation import FloatArray
 
@@ -49,7 +49,7 @@ def _fits(rows: BroadcastRows, resource: int) -> bool:
     return bool(rows.listed[resource] + rows.arrival.shape[1] < rows.listed_agent.shape[1])
 
 
-@routine
+@deferred
 def spill(copies: CopiesInFlight, rows: BroadcastRows, resource: int) -> None:
     """Put all copies about a resource into its heap; there is always room for them."""
     j = resource
@@ -308,7 +308,7 @@ def _answer_row(agents: FleetAgents, resource: int, time: float, limit: int) -> 
     rows.first[resource] = np.inf
 
 
-@routine
+@deferred
 def settle_rows(agents: FleetAgents, resource: int, time: float, limit: int) -> None:
     """Let all agents answer the copies about a resource that are due, unless they have to go to its heap."""
     rows, j = agents.rows, resource

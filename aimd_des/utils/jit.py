@@ -4,7 +4,8 @@ A *formula* is a small function of numbers.  Agent processes call it as plain Py
 compile the same source.  No fast-math and no contraction to fused operations, so both give the
 same bits.  Compiled code counts no references, so nothing can be allocated in it: what tries is
 refused when it is compiled.  A kernel that Python calls is machine code, cached on disk, and compiled by one
-process while others wait; the kernels that it calls are parts of it (`numba_internals`).  Numba keys that
+process while others wait; the kernels that it calls are parts of it, or deferred: compiled when they are
+first called (`numba_internals`).  Numba keys that
 cache by the file a kernel stands in; a kernel here may use formulas of other files, so the key is the source
 of all of the package that a kernel can depend on.  Where nothing can be written, kernels are compiled anew in
 each process.
@@ -182,11 +183,11 @@ def formula(function: _Function) -> _Function:
     return cast(_Function, register_jitable(**_SEMANTICS, **_PART, forceinline=True)(function))
 
 
-def _compiled(function: _Function, announced: str = "", **options: bool) -> _Function:
-    """Compile to machine code for callers from Python, and to a part of the kernels that call it."""
+def _compiled(function: _Function, announced: str = "", *, apart: bool = False, **options: bool) -> _Function:
+    """Compile to machine code for Python; kernels that call it take in a part of it, or call it apart."""
     if numba.config.DISABLE_JIT:
         return _interpreted(function)
-    dispatcher = numba.njit(nogil=True, **_SEMANTICS, **options)(function)
+    dispatcher = numba.njit(nogil=True, no_cfunc_wrapper=True, **_SEMANTICS, **options)(function)
     cache = dispatcher._cache = _cache_for(function, announced)
     compile_now = dispatcher.compile
 
@@ -196,7 +197,9 @@ def _compiled(function: _Function, announced: str = "", **options: bool) -> _Fun
             return compile_now(signature)
 
     dispatcher.compile = compile_alone
-    if PARTS:
+    if PARTS and apart:
+        numba_internals.defer(dispatcher)
+    elif PARTS:
         numba_internals.take_in(dispatcher, numba.njit(**_SEMANTICS, **_PART, **options)(function))
     typed = dispatcher.get_call_template
 
@@ -239,6 +242,15 @@ def routine(function: _Function) -> _Function:
     For what is large or used in many places, where a copy at each would take long to compile.
     """
     return _compiled(function)
+
+
+def deferred(function: _Function) -> _Function:
+    """Compile a function by itself, when it is first called, to machine code that all its callers share.
+
+    For what not every run needs, and for what several kernels call once for many agents.  Its result has the
+    type that its annotation says.
+    """
+    return _compiled(function, apart=True)
 
 
 def announced(what: str) -> Callable[[_Function], _Function]:

@@ -1,24 +1,37 @@
-"""Parts of compiled code, which Numba neither optimises nor turns into machine code on their own.
+"""Parts of compiled code, and kernels that are compiled apart from their callers, at their first call.
 
 Numba optimises each function that it compiles, makes machine code of it and keeps that on the disk, also
 where nothing but a copy of it inside its callers is ever run.  A *part* stops earlier: it is typed and
 becomes LLVM's code, which each caller takes in and optimises with its own.
 
-Numba has no option for it.  What is overridden here is private to Numba, and the same in all versions that
-`_TESTED` spans.  With another version, or where a name is missing, there are no parts, and each function is
-compiled on its own: it takes longer, and gives the same bits.
+A *deferred* kernel is the opposite: machine code of its own, which all callers share.  They hold a place for
+its address, empty at first, and the types of the arguments, with which they ask for it.  So what a run never
+calls is never compiled, and what several kernels call is compiled once.
+
+Numba has no option for either.  What is overridden here is private to Numba, and the same in all versions
+that `_TESTED` spans.  With another version, or where a name is missing, there are no parts, nothing is
+deferred, and each function is compiled on its own: it takes longer, and gives the same bits.
 """
 
+import pickle
+import sys
+from ctypes import CFUNCTYPE, c_int64, c_void_p, cast, string_at
 from typing import Any
 
 import numba
+from llvmlite import binding, ir
+from numba import types
+from numba.core import cgutils
+from numba.core.callconv import CPUCallConv
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder, Flags
 from numba.core.compiler_machinery import LoweringPass, PassManager, register_pass
 from numba.core.dispatcher import Dispatcher
 from numba.core.typed_passes import NativeLowering
+from numba.core.typing.templates import make_concrete_template
+from numba.extending import lower_builtin
 
-__all__ = ["PartCompiler", "are_as_expected", "take_in"]
+__all__ = ["PartCompiler", "are_as_expected", "defer", "take_in"]
 
 #: The first version of Numba in which parts are tested, and the first in which they are not.
 _TESTED = ((0, 60), (0, 69))
@@ -31,7 +44,9 @@ _NAMES: dict[type, tuple[str, ...]] = {
         "_finalize_final_module",
         "_get_module_for_linking",
         "_optimize_final_module",
+        "get_pointer_to_function",
     ),
+    CPUCallConv: ("call_function", "get_function_type", "return_status_propagate", "return_user_exc"),
     CompilerBase: ("define_pipelines",),
     DefaultPassBuilder: ("define_nopython_pipeline",),
     Dispatcher: ("get_call_template", "get_overload"),
@@ -105,3 +120,84 @@ def take_in(dispatcher: Any, part: Any) -> None:
     """Let compiled code that calls `dispatcher` take in `part`, which is compiled from the same source."""
     dispatcher.get_call_template = part.get_call_template
     dispatcher.get_overload = part.get_overload
+
+
+# What a deferred kernel may return, by its annotation.
+_RESULTS = {None: types.none, bool: types.boolean, int: types.int64, float: types.float64}
+
+
+# Why kernels could not be compiled; whoever has called them is told.
+_FAILURES: list[BaseException] = []
+
+
+class _FailureError(Exception):
+    """What a module raises if it cannot have the address: making it raises the reason."""
+
+    def __new__(cls) -> "_FailureError":
+        """Raise what was raised when the kernel was compiled."""
+        raise _FAILURES.pop() if _FAILURES else RuntimeError("a kernel could not be compiled")
+
+
+@CFUNCTYPE(None, c_void_p, c_int64, c_void_p)  # type: ignore[untyped-decorator]
+def _find_address(wanted: int, size: int, kept: int) -> None:
+    """Write the address of what a module wants to call to a place in it, compiled now if it is not yet."""
+    # No exception can pass through the code that asks: it raises one of its own.
+    try:
+        module, name, kinds, result = pickle.loads(string_at(wanted, size))  # noqa: S301 - our own code has it
+        dispatcher = getattr(sys.modules[module], name)
+        dispatcher.compile(kinds)
+        compiled = dispatcher.overloads[kinds]
+        if types.unliteral(compiled.signature.return_type) != result:
+            raise TypeError(
+                f"{name} returns {compiled.signature.return_type}, and is annotated with {result}"
+            )
+        address = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+        c_void_p.from_address(kept).value = address
+    except BaseException as error:  # noqa: BLE001 - whatever a compiler raises, and what stops it
+        _FAILURES.append(error)
+
+
+# Machine code on the disk knows the function by this name, in whatever process it is loaded.
+_ASK = "aimd_des_find_address"
+binding.add_symbol(_ASK, cast(_find_address, c_void_p).value)
+
+
+def _address(context: Any, builder: Any, name: str, wanted: bytes) -> Any:
+    """Return the address of a deferred kernel, which the caller's module keeps from the first call on."""
+    module, pointer, size = builder.module, cgutils.voidptr_t, ir.IntType(64)
+    kept = cgutils.add_global_variable(module, pointer, module.get_unique_name(f"{name}_address"))
+    kept.linkage, kept.initializer = "internal", ir.Constant(pointer, None)
+    with cgutils.if_unlikely(builder, cgutils.is_null(builder, builder.load(kept))):
+        text = ir.Constant(ir.ArrayType(ir.IntType(8), len(wanted)), bytearray(wanted))
+        place = builder.bitcast(cgutils.global_constant(builder, f"{name}_wanted", text), pointer)
+        kind = ir.FunctionType(ir.VoidType(), [pointer, size, pointer])
+        ask = cgutils.get_or_insert_function(module, kind, _ASK)
+        builder.call(ask, [place, ir.Constant(size, len(wanted)), builder.bitcast(kept, pointer)])
+        with cgutils.if_unlikely(builder, cgutils.is_null(builder, builder.load(kept))):
+            context.call_conv.return_user_exc(builder, _FailureError)
+    return builder.load(kept)
+
+
+def defer(dispatcher: Any) -> None:
+    """Let compiled code call `dispatcher` by its address, and let it be compiled when that first happens."""
+    function, key = dispatcher.py_func, object()
+    name, result = function.__name__, _RESULTS[function.__annotations__["return"]]
+
+    def get_call_template(args: Any, kws: Any) -> Any:
+        """Tell what a call returns, by the annotation: nothing is compiled yet."""
+        signature, kinds = dispatcher._compiler.fold_argument_types(args, kws)  # noqa: SLF001
+        return make_concrete_template(name, key, [result(*kinds)]), signature, kinds, {}
+
+    dispatcher.get_call_template = get_call_template
+    dispatcher.get_overload = lambda signature: key
+
+    @lower_builtin(key, types.VarArg(types.Any))  # type: ignore[untyped-decorator]
+    def call(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        wanted = pickle.dumps((function.__module__, name, signature.args, result))
+        convention, kinds = context.call_conv, (signature.return_type, signature.args)
+        kind = convention.get_function_type(*kinds).as_pointer()
+        code = builder.bitcast(_address(context, builder, name, wanted), kind)
+        status, value = convention.call_function(builder, code, *kinds, args)
+        with cgutils.if_unlikely(builder, status.is_error):
+            convention.return_status_propagate(builder, status)
+        return value

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.channel.latency.own_quantile import call_quantile
-from aimd_des.utils.jit import formula, kernel, routine
+from aimd_des.utils.jit import deferred, formula, kernel, routine
 from aimd_des.utils.portable_math import exp, log, log_normal, standard_normal
 from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, uniform_at, uniforms_row
@@ -91,31 +91,39 @@ def _exponential_row(mean: FloatArray, out: FloatArray) -> None:
         out[i] = mean[i] * (0.0 - log_normal(1.0 - out[i]))
 
 
+@deferred
+def _other_row(table: LatencyTable, out: FloatArray) -> None:
+    """Turn uniform numbers into latencies of a distribution that is neither exponential nor constant."""
+    distribution, first, second = table.distribution, table.first, table.second
+    count = table.values.shape[0]
+    for i in range(out.shape[0]):
+        u = out[i]
+        if distribution == _UNIFORM:
+            # Never above the longest: the largest u makes the product a last bit less than the width.
+            out[i] = first[i] + (second[i] - first[i]) * u
+        elif distribution == _LOGNORMAL:
+            out[i] = first[i] * exp(second[i] * standard_normal(u))
+        elif distribution == _PARETO:
+            out[i] = second[i] * exp(log(1.0 - u) / -first[i])
+        else:
+            # The product may round up to the number of values.
+            out[i] = first[i] * table.values[min(int(u * count), count - 1)]
+
+
 @routine
 def quantile_row(table: LatencyTable, out: FloatArray) -> None:
     """Turn uniform numbers into latencies: the larger the number, the longer the latency."""
     distribution, first, second = table.distribution, table.first, table.second
-    if distribution == _EXPONENTIAL:
+    if distribution == _CONSTANT:
+        for i in range(out.shape[0]):
+            out[i] = first[i]
+    elif distribution == _EXPONENTIAL:
         _exponential_row(first, out)
     elif distribution == _OWN:
         rows = out.ctypes.data, first.ctypes.data, second.ctypes.data, table.third.ctypes.data
         call_quantile(table.quantile, (out.shape[0], *rows))
     else:
-        count = table.values.shape[0]
-        for i in range(out.shape[0]):
-            u = out[i]
-            if distribution == _CONSTANT:
-                out[i] = first[i]
-            elif distribution == _UNIFORM:
-                # Never above the longest: the largest u makes the product a last bit less than the width.
-                out[i] = first[i] + (second[i] - first[i]) * u
-            elif distribution == _LOGNORMAL:
-                out[i] = first[i] * exp(second[i] * standard_normal(u))
-            elif distribution == _PARETO:
-                out[i] = second[i] * exp(log(1.0 - u) / -first[i])
-            else:
-                # The product may round up to the number of values.
-                out[i] = first[i] * table.values[min(int(u * count), count - 1)]
+        _other_row(table, out)
 
 
 @formula
@@ -129,7 +137,7 @@ def _candidate(d: float, normal: float, chance: float) -> float:
     return -1.0
 
 
-@routine
+@deferred
 def _gamma_row(
     table: LatencyTable, key: Key, resource: int, number: int, lane: int, out: FloatArray, spare: FloatArray
 ) -> None:

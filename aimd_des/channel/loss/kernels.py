@@ -10,7 +10,7 @@ import numpy.typing as npt
 from aimd_des.channel.loss.base import BoolArray
 from aimd_des.channel.random_draws import LANES_PER_PART, Draws
 from aimd_des.utils.errors import SimulationError
-from aimd_des.utils.jit import routine
+from aimd_des.utils.jit import deferred, routine
 from aimd_des.utils.portable_math import exp
 from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, Purpose, uniform_at, uniforms_row
@@ -87,7 +87,7 @@ def join(tables: Sequence[LossTable]) -> LossTable:
     return joined._replace(begin=np.cumsum(sizes) - sizes)
 
 
-@routine
+@deferred
 def _bursts(table: LossTable, part: int, uniform: FloatArray, time: float) -> None:
     """Move all links to the time of the broadcast."""
     first, since = np.isnan(table.time[part]), time - table.time[part]

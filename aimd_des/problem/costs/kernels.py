@@ -4,7 +4,7 @@ Polynomials are evaluated by Horner's scheme, in the same order in both, and pow
 """
 
 from aimd_des.problem.costs.table import CostTable
-from aimd_des.utils.jit import formula, kernel
+from aimd_des.utils.jit import deferred, formula, kernel
 from aimd_des.utils.opaque import opaque
 from aimd_des.utils.portable_math import exp, log
 from aimd_des.utils.validation import FloatArray
@@ -32,15 +32,22 @@ def horner_row(coefficients: FloatArray, agent: int, argument: FloatArray, out: 
             out[i] = out[i] * argument[i] + row[i]
 
 
-@formula
-def add_terms(table: CostTable, resource: int, agent: int, average: float, total: float) -> float:
-    """Add one agent's exponentials and powers to the rest of its derivative."""
+@deferred
+def _add_terms(table: CostTable, resource: int, agent: int, average: float, total: float) -> float:
     for t in range(table.exponentials.shape[1]):
         scale, rate = table.exponentials[resource, t, 0, agent], table.exponentials[resource, t, 1, agent]
         total += scale * exp(rate * average)
     for t in range(table.powers.shape[1]):
         scale, exponent = table.powers[resource, t, 0, agent], table.powers[resource, t, 1, agent]
         total += scale * exp(exponent * log(average + table.powers[resource, t, 2, agent]))
+    return total
+
+
+@formula
+def add_terms(table: CostTable, resource: int, agent: int, average: float, total: float) -> float:
+    """Add one agent's exponentials and powers to the rest of its derivative."""
+    if table.exponentials.shape[1] + table.powers.shape[1] > 0:
+        return _add_terms(table, resource, agent, average, total)
     return total
 
 
