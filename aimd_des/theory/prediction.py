@@ -14,7 +14,6 @@ the control unit looks now and then, or holds off, the total alone is followed (
 what signals find in all and for its mean over time.
 """
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -35,10 +34,8 @@ from aimd_des.utils.validation import FloatArray
 
 _TOLERANCE = 1e-9
 _MAX_ROUNDS = 500
-_WHOLE_STEPS = 30
-# Of flatter derivatives, and for one step of a logarithm: else the first steps from far off overshoot.
-_FLATTEST = 0.01
-_LARGEST_STEP = math.log(2.0)
+# Rounds from one look at the exact moments to the next.
+_BETWEEN = 6
 # The total alone is followed anew until its mean has settled to this share of the capacity, or so often.
 _ENOUGH = 3e-4
 _MAX_WALKS = 12
@@ -218,50 +215,26 @@ def settle(setting: Setting, start: FloatArray | None = None) -> Steady:
     problem = setting.problem
     average = solve_optimum(problem, capacity=problem.limit).allocation if start is None else start
     tooth = more = np.zeros_like(average)
-    # Exact moments take long, and come to little more than the first order, which hardly changes.
-    for _ in range(_MAX_ROUNDS if setting.exact else 1):
-        balance = _settle_by(setting, average, tooth, more)
-        if not setting.exact:
-            return balance
-        exact = _exact(setting, balance)
-        off = exact.average - balance.average
-        if (np.abs(off) <= _TOLERANCE * balance.average).all():
-            return exact
-        average, tooth, more = balance.average, balance.found - balance.average, more + off
-    raise _unsettled(problem, average)
-
-
-def _settle_by(setting: Setting, average: FloatArray, tooth: FloatArray, more: FloatArray) -> Steady:
-    """Let them settle where averages are by so much `more` than to first order, (n, m)."""
-    problem = setting.problem
-    for number in range(_MAX_ROUNDS):
+    for moves in range(_MAX_ROUNDS):
+        gradient = problem.costs.gradient(average)
         balance = _balance(setting, chance(problem, setting.response, average, tooth))
         wanted = balance.average + more
-        if (np.abs(wanted - average) <= _TOLERANCE * average).all():
-            return balance._replace(average=wanted)
-        # Half a step from some round on: whole ones swing where parts come to be cut off at 1.
-        share = 1.0 if number < _WHOLE_STEPS else 0.5
-        average = average * np.exp(share * _step(problem, average, wanted, balance.part))
+        rests = (np.abs(wanted - average) <= _TOLERANCE * average).all()
+        if rests and not setting.exact:
+            return balance
+        # Exact moments take long, and differ from the first order by what hardly changes.
+        if setting.exact and (rests or moves % _BETWEEN == _BETWEEN - 1):
+            exact = _exact(setting, balance)
+            if rests and (np.abs(exact.average - wanted) <= _TOLERANCE * average).all():
+                return exact
+            wanted, more = exact.average, exact.average - balance.average
+        # The steeper the costs the more agents answer to their own averages: a whole step would swing.
+        curvature = np.abs(problem.costs.hessian(average) * average[:, None, :]).sum(axis=2)
+        steepness = np.where(balance.part < 1.0, np.maximum(curvature / gradient, 1.0), 1.0)
+        average = average * np.clip(wanted / average, 0.5, 2.0) ** (1.0 / steepness)
         tooth = balance.found - wanted
-    raise _unsettled(problem, average)
-
-
-def _step(problem: Problem, average: FloatArray, wanted: FloatArray, part: FloatArray) -> FloatArray:
-    """Take Newton's step for the logarithms of averages towards those that they lead to, (n, m)."""
-    # What an agent's average y leads to is y^(1 - s), s the elasticity of its derivative, times what the
-    # signals make the same for all: a part that is cut off at 1 answers to no average, as with s = 1.  Where
-    # costs couple resources s is too large by this, and the step too short.
-    curvature = np.abs(problem.costs.hessian(average) * average[:, None, :]).sum(axis=2)
-    elasticity = np.maximum(curvature / problem.costs.gradient(average), _FLATTEST)
-    weight = wanted / np.where(part < 1.0, elasticity, 1.0)
-    off = np.log(wanted / average)
-    common = ((weight - wanted) * off).sum(axis=0) / weight.sum(axis=0)
-    return np.asarray(np.clip((off - common) * weight / wanted, -_LARGEST_STEP, _LARGEST_STEP))
-
-
-def _unsettled(problem: Problem, average: FloatArray) -> SimulationError:
     used = average.sum(axis=0) / problem.capacity
-    return SimulationError(
+    raise SimulationError(
         f"no prediction: utilisation does not settle, last {used.tolist()}; one signal takes too large a part"
         " of the capacity, so make Gamma or 1 - beta smaller"
     )
