@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aimd_des.problem.costs import Costs
-from aimd_des.utils.jit import kernel
+from aimd_des.utils.jit import formula, kernel
 from aimd_des.utils.validation import FloatArray
 
 
@@ -57,6 +57,27 @@ def overshoot_of(stretches: Sequence[Stretch]) -> Overshoot:
     return Overshoot(peak, above / until, mean)
 
 
+@formula
+def fold_total(
+    resource: int,
+    total: float,
+    capacity: FloatArray,
+    duration: float,
+    peak: FloatArray,
+    above: FloatArray,
+    excess: FloatArray,
+    used: FloatArray,
+) -> None:
+    """Fold in an interval over which total demand for one resource was constant."""
+    j = resource
+    peak[j] = max(peak[j], total)
+    used[j] += total * duration
+    over = total - capacity[j]
+    if over > 0.0:
+        above[j] += duration
+        excess[j] += over * duration
+
+
 @kernel
 def fold_overshoot(
     total: FloatArray,
@@ -69,12 +90,7 @@ def fold_overshoot(
 ) -> None:
     """Fold in an interval over which total demand was constant."""
     for j in range(capacity.shape[0]):
-        peak[j] = max(peak[j], total[j])
-        used[j] += total[j] * duration
-        over = total[j] - capacity[j]
-        if over > 0.0:
-            above[j] += duration
-            excess[j] += over * duration
+        fold_total(j, total[j], capacity, duration, peak, above, excess, used)
 
 
 def relative_error(average: FloatArray, optimum: FloatArray) -> FloatArray:

@@ -1,17 +1,29 @@
-"""The compiled steps of Algorithms 1 and 2: the control unit looks, agents answer, observers watch."""
+"""The compiled steps of Algorithms 1 and 2: the control unit looks, agents answer, observers watch.
+
+Resources meet in the derivatives of coupled costs and nowhere else.  So where costs are separable the steps
+of a whole run are taken resource by resource; else all resources take each step together.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.dynamics.demand import DISCRETE, answer_row, average_row
+from aimd_des.dynamics.demand import DISCRETE, demand_at
 from aimd_des.dynamics.state import AgentParameters, State
-from aimd_des.dynamics.totals import observe, totals
 from aimd_des.problem.costs import Costs, CostTable
 from aimd_des.problem.costs.kernels import gradient_row
-from aimd_des.results.metrics import fold_overshoot
-from aimd_des.utils.jit import kernel
+from aimd_des.problem.costs.table import no_table
+from aimd_des.results.metrics import fold_total
+from aimd_des.synchronous.answers import (
+    AHEAD,
+    StepBuffers,
+    add_ahead,
+    answer_row,
+    average_row,
+    draw_and_add,
+)
+from aimd_des.utils.jit import formula, kernel, routine
 from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, uniforms_row
 from aimd_des.utils.validation import FloatArray
@@ -22,17 +34,16 @@ BoolArray = npt.NDArray[np.bool_]
 
 @record
 class StepControl(NamedTuple):
-    """The control unit: the totals of this look, S(k) in force, what is broadcast, and measures.
+    """The control unit: what it has broadcast, and measures.
 
-    All arrays have shape (m,) but `moment`, (1,), the step at hand, `middle`, (1,), the middle of the run, at
-    which `used` is kept as `half`, and `broadcast`, (K, m): whether step k broadcast for resource j.
+    All arrays have shape (m,) but `broadcast`, (K, m): whether step k broadcast for resource j, and `middle`,
+    (1,), the middle of the run, at which `used` is kept as `half`.
     """
 
-    # Single numbers are arrays of one: kernels write them.
-    moment: FloatArray
-    total: FloatArray
-    signal: BoolArray
-    sent: IntArray
+    signal: BoolArray  # S(k + 1), as the look at k has left it
+    answered: (
+        IntArray  # how many broadcasts have been answered: the number of the next, the address of its draws
+    )
     broadcast: BoolArray
     peak: FloatArray
     above: FloatArray
@@ -43,19 +54,8 @@ class StepControl(NamedTuple):
 
 
 @record
-class StepBuffers(NamedTuple):
-    """Working memory, so that nothing is allocated per step."""
-
-    folded: FloatArray
-    average: FloatArray
-    gradient: FloatArray
-    uniform: FloatArray
-    spare: FloatArray
-
-
-@record
 class RecordBuffers(NamedTuple):
-    """Buffers of the observers; `cursor` has the looks of either kind that are done, and the next step."""
+    """Buffers of the observers; `cursor`, (m, 3): looks of either kind that are done, the next step."""
 
     demand_steps: FloatArray
     total_demand: FloatArray
@@ -66,129 +66,207 @@ class RecordBuffers(NamedTuple):
     cursor: IntArray
 
 
-@kernel
-def _measure(parameters: AgentParameters, control: StepControl) -> None:
-    """Fold the totals of one step into peak, time above capacity and mean excess."""
+@formula
+def _measure(
+    parameters: AgentParameters, resource: int, step: int, total: float, control: StepControl
+) -> None:
+    """Fold the total of one step into peak, time above capacity and mean excess."""
+    j = resource
     # How much of this step lies before the middle of the run, which is within a step if their number is odd.
     # Before `used` is moved on, since `half` is what it is there.
-    first_half = control.middle[0] - (control.moment[0] - 1.0)
+    first_half = control.middle[0] - (step - 1.0)
     if 0.0 < first_half <= 1.0:
-        for j in range(control.total.shape[0]):
-            control.half[j] = control.used[j] + control.total[j] * first_half
+        control.half[j] = control.used[j] + total * first_half
     running = (control.peak, control.above, control.excess, control.used)
-    fold_overshoot(control.total, parameters.capacity, 1.0, *running)
+    fold_total(j, total, parameters.capacity, 1.0, *running)
 
 
-@kernel
+@routine
 def _record_step(
-    state: State, parameters: AgentParameters, records: RecordBuffers, control: StepControl
+    state: State,
+    parameters: AgentParameters,
+    resource: int,
+    step: int,
+    total: float,
+    records: RecordBuffers,
+    buffers: StepBuffers,
 ) -> None:
-    """Keep totals and allocations of x(k), k being the next step that is asked for."""
-    # Totals and allocations are asked for at different steps; `step` is the earlier of the next of either,
-    # and what is read of all agents then serves both.
-    row, page, step = records.cursor[0], records.cursor[1], records.cursor[2]
-    demand, average = records.demand[page], records.average[page]
-    observe(state, parameters, control.moment, DISCRETE, demand, average)
+    """Keep total and allocations of x(k), k being the next step that is asked for."""
+    # Totals and allocations are asked for at different steps; the third of the cursor is the earlier of
+    # the next of either.
+    j, n = resource, records.demand.shape[2]
+    cursor, average = records.cursor[j], buffers.average[j]
+    row, page = cursor[0], cursor[1]
+    average_row(state, parameters, j, step, buffers)
     if records.demand_steps[row] == step:
-        for j in range(control.total.shape[0]):
-            # In the order of agents, as at every other look: so asynchronous runs come to the same bits.
-            used = 0.0
-            for i in range(average.shape[1]):
-                used += average[j, i]
-            records.total_demand[row, j] = control.total[j]
-            records.total_average[row, j] = used
-        records.cursor[0] += 1
-    # Otherwise the page is written again at a step that is asked for.
+        # In the order of agents, as at every other look: so asynchronous runs come to the same bits.
+        used = 0.0
+        for i in range(n):
+            used += average[i]
+        records.total_demand[row, j] = total
+        records.total_average[row, j] = used
+        cursor[0] += 1
     if records.allocation_steps[page] == step:
-        records.cursor[1] += 1
+        since = step - state.anchor[j, 0]
+        for i in range(n):
+            held, increase = state.demand[j, i], parameters.increase[j, i]
+            records.demand[page, j, i] = demand_at(held, increase, since, DISCRETE)
+            records.average[page, j, i] = average[i]
+        cursor[1] += 1
     # Both end with the end of the run, so neither runs out before the other.
-    if records.cursor[0] < records.demand_steps.shape[0]:
-        records.cursor[2] = min(
-            records.demand_steps[records.cursor[0]], records.allocation_steps[records.cursor[1]]
-        )
+    if cursor[0] < records.demand_steps.shape[0]:
+        cursor[2] = min(records.demand_steps[cursor[0]], records.allocation_steps[cursor[1]])
+
+
+@formula
+def _watch(
+    state: State,
+    parameters: AgentParameters,
+    resource: int,
+    step: int,
+    total: float,
+    control: StepControl,
+    records: RecordBuffers,
+    buffers: StepBuffers,
+) -> None:
+    """Measure and record the total of x(k)."""
+    if step > 0:  # demand is x(k) over (k-1, k], the interval that this look closes
+        _measure(parameters, resource, step, total, control)
+    if step == records.cursor[resource, 2]:
+        _record_step(state, parameters, resource, step, total, records, buffers)
+
+
+@formula
+def _look(
+    state: State,
+    parameters: AgentParameters,
+    resource: int,
+    step: int,
+    total: float,
+    lag: int,
+    control: StepControl,
+    records: RecordBuffers,
+    buffers: StepBuffers,
+) -> bool:
+    """Let the control unit look at x(k): Algorithm 1.  Tells whether agents must act on a signal at k."""
+    j = resource
+    _watch(state, parameters, j, step, total, control, records, buffers)
+    due = total > parameters.limit[j]
+    # Without a lag S(k) is what this look finds; else it is what the look before has left.
+    acting = due if lag == 0 else control.signal[j]
+    control.signal[j] = due
+    control.broadcast[step, j] = due
+    return bool(acting)
+
+
+@formula
+def _answer(
+    state: State,
+    parameters: AgentParameters,
+    table: CostTable,
+    resource: int,
+    step: int,
+    control: StepControl,
+    buffers: StepBuffers,
+) -> None:
+    """Let all agents answer a broadcast for resource j; averages and draws are in `buffers`."""
+    # Else the derivatives are in `buffers`, too.
+    if table.slopes.shape[2] > 0:
+        gradient_row(table, buffers.average, resource, buffers.gradient[resource], buffers.spare)
+    answer_row(state, parameters, resource, step, buffers)
+    control.answered[resource] += 1
+
+
+@formula
+def _take_alone(
+    state: State,
+    parameters: AgentParameters,
+    table: CostTable,
+    resource: int,
+    first: int,
+    steps: int,
+    lag: int,
+    key: Key,
+    control: StepControl,
+    records: RecordBuffers,
+    buffers: StepBuffers,
+) -> None:
+    """Take steps of one resource, whose derivatives do not depend on the others."""
+    j, step, drawn = resource, first, False
+    while step < steps:
+        # Until somebody answers all demands are lines.  The draws of the next answer are needed in any case.
+        if drawn:
+            add_ahead(state, parameters, j, step, buffers)
+        else:
+            draw_and_add(state, parameters, j, step, key, control.answered[j], buffers)
+        drawn = True
+        for ahead in range(min(AHEAD, steps - step)):
+            total = buffers.totals[ahead]
+            if _look(state, parameters, j, step + ahead, total, lag, control, records, buffers):
+                average_row(state, parameters, j, step + ahead, buffers)
+                _answer(state, parameters, table, j, step + ahead, control, buffers)
+                step, drawn = step + ahead + 1, False
+                break
+        if drawn:
+            step += AHEAD
 
 
 @kernel
-def _look(
+def look_together(
     state: State,
     parameters: AgentParameters,
     step: int,
     lag: int,
     control: StepControl,
     records: RecordBuffers,
+    buffers: StepBuffers,
 ) -> bool:
-    """Let the control unit look at x(k): Algorithm 1.  Tells whether agents must act on a signal at k."""
-    control.moment[0] = step
-    # Added up anew and never carried along, so that no step inherits the rounding of those before it.
-    totals(state, parameters, control.moment, DISCRETE, control.total)
-    if step > 0:  # demand is x(k) over (k-1, k], the interval that this look closes
-        _measure(parameters, control)
-    if step == records.cursor[2]:
-        _record_step(state, parameters, records, control)
-    acting = False
-    for j in range(parameters.limit.shape[0]):
-        due = control.total[j] > parameters.limit[j]
-        control.broadcast[step, j] = due
-        # Without a lag S(k) is what this look finds; else it is what the look before has left in `signal`.
-        if lag == 0:
-            control.signal[j] = due
-            control.sent[j] += due
-        acting = acting or control.signal[j]
-    return acting
-
-
-@kernel
-def _conclude(parameters: AgentParameters, step: int, lag: int, control: StepControl) -> None:
-    """Put S(k+1) in force."""
-    # After the agents of step k, who act on S(k).  `sent` counts what is in force: it is one more than the
-    # number of the broadcast that is answered, the address of its draws.
-    if lag == 1:
-        for j in range(parameters.limit.shape[0]):
-            control.signal[j] = control.broadcast[step, j]
-            control.sent[j] += control.signal[j]
-
-
-@kernel
-def _average(
-    state: State, parameters: AgentParameters, step: int, resource: int, buffers: StepBuffers
-) -> None:
-    """Bring the averages of one resource to step k."""
-    # Only where somebody may answer: between signals demand is a line, and averages are read off it.
-    folded, average = buffers.folded[resource], buffers.average[resource]
-    average_row(state, parameters, resource, float(step), DISCRETE, folded, average)
-
-
-@kernel
-def _average_all(state: State, parameters: AgentParameters, step: int, buffers: StepBuffers) -> None:
-    """Bring the averages of all resources to step k."""
+    """Let the control unit look at all resources; if somebody must act bring all averages to this step."""
+    anybody = False
     for j in range(state.demand.shape[0]):
-        _average(state, parameters, step, j, buffers)
+        add_ahead(state, parameters, j, step, buffers)
+        total = buffers.totals[0]
+        buffers.acting[j] = _look(state, parameters, j, step, total, lag, control, records, buffers)
+        anybody = anybody or buffers.acting[j]
+    # Averages must be taken before anybody answers: derivatives may read all of them.
+    if anybody:
+        for j in range(state.demand.shape[0]):
+            average_row(state, parameters, j, step, buffers)
+    return anybody
 
 
 @kernel
-def _answer_signal(
+def answer_together(
     state: State,
     parameters: AgentParameters,
+    table: CostTable,
     step: int,
-    resource: int,
-    number: int,
     key: Key,
+    control: StepControl,
     buffers: StepBuffers,
 ) -> None:
-    """Let all agents answer broadcast b for resource j; averages and derivatives are in `buffers`."""
-    # The draws that an asynchronous run takes for the same broadcast, whatever happened before it.
-    uniforms_row(key, resource, number, 0, buffers.uniform)
-    answer_row(
-        state,
-        parameters,
-        resource,
-        buffers.folded[resource],
-        buffers.average[resource],
-        buffers.gradient[resource],
-        buffers.uniform,
-        float(step),
-        DISCRETE,
-    )
+    """Let all agents answer the signals that act at this step."""
+    for j in range(state.demand.shape[0]):
+        if buffers.acting[j]:
+            # The draws that an asynchronous run takes for the same broadcast, whatever happened before it.
+            uniforms_row(key, j, control.answered[j], 0, buffers.draws)
+            _answer(state, parameters, table, j, step, control, buffers)
+
+
+@kernel
+def close_books(
+    state: State,
+    parameters: AgentParameters,
+    steps: int,
+    control: StepControl,
+    records: RecordBuffers,
+    buffers: StepBuffers,
+) -> None:
+    """Measure and watch x(K), to which the last step has led."""
+    # No look of the control unit: K steps have K looks, at x(0) to x(K - 1).
+    for j in range(state.demand.shape[0]):
+        add_ahead(state, parameters, j, steps, buffers)
+        _watch(state, parameters, j, steps, buffers.totals[0], control, records, buffers)
 
 
 @kernel
@@ -206,19 +284,15 @@ def take_steps(
 ) -> None:
     """Take some steps, one after the other, in compiled code."""
     # From `first` on until `steps` have been taken in all, since a run is taken in parts.
-    coupled = table.weights.shape[0] > 0
-    for step in range(first, steps):
-        if _look(state, parameters, step, lag, control, records):
-            # Averages must be taken before anybody answers: coupled costs read all of them.
-            if coupled:
-                _average_all(state, parameters, step, buffers)
-            for j in range(parameters.limit.shape[0]):
-                if control.signal[j]:
-                    if not coupled:
-                        _average(state, parameters, step, j, buffers)
-                    gradient_row(table, buffers.average, j, buffers.gradient[j], buffers.spare)
-                    _answer_signal(state, parameters, step, j, control.sent[j] - 1, key, buffers)
-        _conclude(parameters, step, lag, control)
+    if table.weights.shape[0] == 0:
+        for j in range(state.demand.shape[0]):
+            _take_alone(state, parameters, table, j, first, steps, lag, key, control, records, buffers)
+    else:
+        for step in range(first, steps):
+            if look_together(state, parameters, step, lag, control, records, buffers):
+                answer_together(state, parameters, table, step, key, control, buffers)
+    if steps == control.broadcast.shape[0]:
+        close_books(state, parameters, steps, control, records, buffers)
 
 
 def take_custom_steps(
@@ -233,22 +307,10 @@ def take_custom_steps(
     buffers: StepBuffers,
 ) -> None:
     """Take all steps with derivatives from the gradient of the costs, which kernels cannot call."""
+    none, n = no_table(), records.demand.shape[2]
     for step in range(steps):
-        if _look(state, parameters, step, lag, control, records):
-            _average_all(state, parameters, step, buffers)
+        if look_together(state, parameters, step, lag, control, records, buffers):
             # One call for all agents and resources: a function of Python costs more than what it computes.
-            buffers.gradient[:] = costs.gradient(buffers.average.T).T
-            for j in np.flatnonzero(control.signal):
-                _answer_signal(state, parameters, step, int(j), int(control.sent[j]) - 1, key, buffers)
-        _conclude(parameters, step, lag, control)
-
-
-def close_books(
-    state: State, parameters: AgentParameters, steps: int, control: StepControl, records: RecordBuffers
-) -> None:
-    """Measure and watch x(K), to which the last step has led."""
-    # No look of the control unit: K steps have K looks, at x(0) to x(K - 1).
-    control.moment[0] = steps
-    totals(state, parameters, control.moment, DISCRETE, control.total)
-    _measure(parameters, control)
-    _record_step(state, parameters, records, control)
+            buffers.gradient[:, :n] = costs.gradient(buffers.average[:, :n].T).T
+            answer_together(state, parameters, none, step, key, control, buffers)
+    close_books(state, parameters, steps, control, records, buffers)

@@ -11,27 +11,26 @@ from aimd_des.dynamics.custom_response import check_returned, with_address
 from aimd_des.dynamics.demand import DISCRETE
 from aimd_des.dynamics.responses import Response
 from aimd_des.dynamics.state import AgentParameters, State, agent_parameters, start
-from aimd_des.problem.costs import cost_table
+from aimd_des.problem.costs import CostTable, cost_table
 from aimd_des.problem.problem import Problem
 from aimd_des.results.metrics import Stretch, overshoot_of
 from aimd_des.results.overload import Opportunities
 from aimd_des.results.recording import Recording
 from aimd_des.results.result import Result
 from aimd_des.results.run_data import Account, Observations, Signals
-from aimd_des.synchronous.kernels import (
-    RecordBuffers,
-    StepBuffers,
-    StepControl,
-    close_books,
-    take_custom_steps,
-    take_steps,
-)
+from aimd_des.synchronous.answers import AHEAD, StepBuffers
+from aimd_des.synchronous.kernels import RecordBuffers, StepControl, take_custom_steps, take_steps
 from aimd_des.utils import limits, rng, validation
 from aimd_des.utils.errors import InputError
-from aimd_des.utils.rng import Purpose
+from aimd_des.utils.locked_arrays import locked
+from aimd_des.utils.rng import FOUR, Purpose
+from aimd_des.utils.validation import FloatArray
 
 # Demands that are added up, about, before Python is asked whether Ctrl-C was pressed: a tenth of a second.
 _IN_ONE_GO = 3 * 10**7
+
+# Rows are filled up to a multiple of this many agents: four vectors of four numbers, or two of eight.
+_PASS = 16
 
 
 def run_synchronous(
@@ -86,15 +85,13 @@ def run_synchronous(
     if recording.events:
         raise InputError.of("recording.events", True, "False: the synchronous algorithm has no events")
     n, m = problem.n_agents, problem.n_resources
-    parameters, table = _parameters(problem, averaging, response), cost_table(problem.costs)
+    table, parameters = cost_table(problem.costs), _parameters(problem, averaging, response)
     answering, called = with_address(response, parameters.response)
     parameters = parameters._replace(response=answering)
-    state = start(m, n, DISCRETE, parameters)
+    state = start(m, parameters.increase.shape[1], DISCRETE, parameters)
     control = StepControl(
-        moment=np.zeros(1),
-        total=np.zeros(m),
         signal=np.zeros(m, dtype=np.bool_),
-        sent=np.zeros(m, dtype=np.int64),
+        answered=np.zeros(m, dtype=np.int64),
         broadcast=np.zeros((steps, m), dtype=np.bool_),
         peak=np.zeros(m),
         above=np.zeros(m),
@@ -103,11 +100,10 @@ def run_synchronous(
         middle=np.array([0.5 * steps]),
         half=np.zeros(m),
     )
-    records = _open_records(recording, steps, n, m)
-    folded, average, gradient = np.zeros((3, m, n))
-    buffers = StepBuffers(folded, average, gradient, np.zeros(n), np.zeros((2, n)))
+    records, buffers = _open_records(recording, steps, n, m), _step_buffers(state, n)
     # Empty where the costs have no formula that compiled code knows.
     if table.n_agents:
+        table = _filled_table(table, n)
         block = max(1, _IN_ONE_GO // (n * m))
         for first in range(0, steps, block):
             last = min(first + block, steps)
@@ -116,7 +112,6 @@ def run_synchronous(
         take_custom_steps(problem.costs, state, parameters, steps, lag, key, control, records, buffers)
     if called is not None:
         check_returned(response, answering)
-    close_books(state, parameters, steps, control, records)
     signals, observations, account = _outcome(problem, steps, state, control, records)
     # The looks at K / 2 or later, as the load that they are held against is that of the second half.
     looks = Opportunities(float(steps - (steps + 1) // 2), 1.0)
@@ -139,7 +134,32 @@ def _parameters(problem: Problem, averaging: Averaging | None, response: Respons
         validation.instance("averaging", averaging, Averaging, allowed)
     if response is not None:
         validation.instance("response", response, Response, "a response, such as responses.Derandomised()")
-    return agent_parameters(problem, DISCRETE, averaging, response=response)
+    parameters = agent_parameters(problem, DISCRETE, averaging, response=response)
+    return parameters._replace(
+        increase=locked(_filled(parameters.increase, 0.0)), decrease=locked(_filled(parameters.decrease, 1.0))
+    )
+
+
+def _filled(rows: FloatArray, filler: float) -> FloatArray:
+    """Fill rows up to whole passes along agents."""
+    n = rows.shape[-1]
+    filled = np.full((*rows.shape[:-1], n + -n % _PASS), filler)
+    filled[..., :n] = rows
+    return filled
+
+
+def _filled_table(table: CostTable, n: int) -> CostTable:
+    """Fill derivatives up with agents that have none."""
+    return CostTable(*(_filled(part, 0.0) if part.shape[-1] == n else part for part in table))
+
+
+def _step_buffers(state: State, n: int) -> StepBuffers:
+    m, width = state.demand.shape
+    folded, average, gradient = np.zeros((3, m, width))
+    uniform = np.zeros(width)
+    draws, totals = uniform[: n + -n % FOUR], np.zeros(AHEAD)
+    acting = np.zeros(m, dtype=np.bool_)
+    return StepBuffers(folded, average, gradient, uniform, np.zeros((2, width)), draws, totals, acting)
 
 
 def _open_records(recording: Recording, steps: int, n: int, m: int) -> RecordBuffers:
@@ -153,7 +173,7 @@ def _open_records(recording: Recording, steps: int, n: int, m: int) -> RecordBuf
         demand=np.zeros((len(pages), m, n)),
         average=np.zeros((len(pages), m, n)),
         # Both end at K, so there is a next step until both are done.
-        cursor=np.array([0, 0, min(rows[0], pages[0])], dtype=np.int64),
+        cursor=np.array([[0, 0, min(rows[0], pages[0])]] * m, dtype=np.int64),
     )
 
 
@@ -182,13 +202,14 @@ def _outcome(
         stretches,
     )
     # There is no channel: every copy of every signal reaches its agent.
-    nothing = np.zeros_like(state.responses)
+    n = problem.n_agents
+    nothing = np.zeros((problem.n_resources, n), dtype=np.int64)
     account = Account(
         delivered=nothing + sent[:, None],
         lost=nothing,
         in_flight=nothing,
         duplicated=nothing,
-        responses=state.responses,
-        saturated=state.saturated,
+        responses=state.responses[:, :n].copy(),
+        saturated=state.saturated[:, :n].copy(),
     )
     return signals, observations, account
