@@ -232,6 +232,11 @@ class OrderedEnvironment(simpy.Environment):
             self._reached = max(self._reached, (time, kind, order))
         return True
 
+    @property
+    def watched(self) -> bool:
+        """Whether anybody wants to know how far the run has come."""
+        return self._watch is not None
+
     def report(self, time: float) -> None:
         """Let whoever watches the run know how far it has come within the present event.
 

@@ -1,6 +1,7 @@
 """The SimPy process that lets a fleet's control unit look in compiled code until something else is due."""
 
 import math
+from time import perf_counter
 
 import numpy as np
 import simpy
@@ -40,8 +41,10 @@ from aimd_des.utils import returned_values
 from aimd_des.utils.errors import SimulationError
 from aimd_des.utils.rng import Purpose
 
-# How often whoever watches the run is told of how far it has come.
+# How often whoever watches the run is told of how far it has come; and what is too brief for a stride, in
+# seconds, where nobody does.
 _REPORTS = 200
+_BRIEF = 0.01
 
 # Signals that are handed over in one go.
 _SIGNALS = 1 << 14
@@ -79,6 +82,8 @@ class ControlProcess:
             np.zeros(1, dtype=np.int64),
             piece(system.problem.n_resources),
         )
+        # How far compiled code goes at a time: whatever it is, the same happens.
+        self._stride = system.until / _REPORTS
         self._mailbox = Mailbox(system.env)
         self._setting = 0
         system.conditions.on_tightening.append(self._tightened)
@@ -222,7 +227,7 @@ class ControlProcess:
         channel = channel._replace(compiled=channel.compiled and not told)
         due, until = self._next()[0], env.horizon
         # However short the run, the next look is within the stride.
-        length = 0.0 if env.one else self.system.until / _REPORTS
+        length = 0.0 if env.one else self._stride
         stride = max(due + length, math.nextafter(due, math.inf))
         # Kind 0 comes before all others: what is due at the end, or where the stride ends, is left alone.
         # The stride ends a stretch without being an event, so it does not say when a signal can be cut.
@@ -232,7 +237,11 @@ class ControlProcess:
         # scheduled before it has lower numbers, and all after it higher ones.
         channel.order[0] = env.reserve(2 * len(channel.arrival) * _SIGNALS)
         steer = sense if control.crossing else sample
+        began = perf_counter()
         status: int = steer(fleet.agents, control, channel, fleet.integrals, self.observed, limits)
+        # Compiled code cannot be interrupted: nobody waits long for Ctrl-C, and short runs have few strides.
+        if limits.horizon == stride and perf_counter() - began < _BRIEF and not env.watched:
+            self._stride *= 4.0
         # Noted before anything else is sent, so that signals stand in the order in which they were sent.
         count = int(channel.held[0])
         channel.held[0] = 0
