@@ -16,9 +16,11 @@ from types import ModuleType
 from typing import Any, Protocol, get_type_hints
 
 import click
+import pandas as pd
 
 import aimd_des
 import models
+from aimd_des.theory import Convergence
 from aimd_des.utils.docstrings import described_like
 from tests.test_public_names import FACES, TOP
 
@@ -105,7 +107,10 @@ def function_gaps(
     yield from compare(
         name, wanted, documented(text, "Parameters", "Other Parameters") | (wanted & (inherited or set()))
     )
-    returned = get_type_hints(function).get("return", type(None))
+    # Modules that are slow to import are there for type checkers alone.
+    returned = get_type_hints(function, localns={"pd": pd, "Convergence": Convergence}).get(
+        "return", type(None)
+    )
     if returned is not type(None) and not {"Returns", "Yields"} & set(sections(text)):
         yield f"{name}: no Returns"
 

@@ -2,14 +2,15 @@
 
 import math
 from collections.abc import Callable
-from typing import Literal, get_args
-
-import pandas as pd
+from typing import TYPE_CHECKING, Literal, get_args
 
 from aimd_des.engine.system import System
 from aimd_des.results.result import Result
 from aimd_des.utils import validation
 from aimd_des.utils.errors import SimulationError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Step = Literal["event", "signal"]
 
@@ -116,7 +117,7 @@ class Run:
         self._go(self.until)
         return False
 
-    def totals(self) -> pd.DataFrame:
+    def totals(self) -> "pd.DataFrame":
         """Look at the whole of each resource as it is now; this changes nothing in the run.
 
         Returns
@@ -125,6 +126,8 @@ class Run:
             Indexed by resource: ``demand`` and ``average``, both summed over the agents, and ``capacity`` in
             force, in units of the resource, and the number of ``signals`` broadcast so far.
         """
+        import pandas as pd
+
         demand, average = self.system.allocations()
         return pd.DataFrame(
             {

@@ -1,7 +1,7 @@
 """Puts control unit, channel, agents and observers together and runs them: wiring, no rules."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Literal, Protocol, cast, get_args
+from typing import TYPE_CHECKING, Literal, Protocol, cast, get_args
 
 from aimd_des.channel import BroadcastChannel, Channel
 from aimd_des.dynamics.averaging import Averaging, Cumulative
@@ -10,7 +10,6 @@ from aimd_des.dynamics.demand import CONTINUOUS, DISCRETE
 from aimd_des.dynamics.loss_compensation import Compensation
 from aimd_des.dynamics.responses import Response
 from aimd_des.dynamics.state import agent_parameters
-from aimd_des.engine.accuracy import convergence_of
 from aimd_des.engine.agent_process import AgentProcess
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, Sampled, table_of
 from aimd_des.engine.declared import Intervention, check_absences, check_end
@@ -23,9 +22,11 @@ from aimd_des.results.event_log import EventLog
 from aimd_des.results.recording import Recording
 from aimd_des.results.result import Result
 from aimd_des.results.run_data import Account
-from aimd_des.theory import Convergence
 from aimd_des.utils import returned_values, validation
 from aimd_des.utils.errors import InputError
+
+if TYPE_CHECKING:
+    from aimd_des.theory import Convergence
 
 Dynamics = Literal["discrete", "continuous"]
 Maker = Callable[[int, System], Agent]
@@ -294,7 +295,7 @@ class Simulation:
             bits_per_signal=1 + (0 if self.compensation is None else self.compensation.bits),
         )
 
-    def convergence(self) -> Convergence:
+    def convergence(self) -> "Convergence":
         """Ask theory how near to the optimum the averages of this system come, and how fast.
 
         Returns
@@ -312,6 +313,8 @@ class Simulation:
         SimulationError
             If the steady state is not found.
         """
+        from aimd_des.engine.accuracy import convergence_of  # theory is slow to import
+
         return convergence_of(self)
 
     def _populate(self, system: System, observer: Observer) -> None:

@@ -1,9 +1,9 @@
 """One run in progress: what the control unit, the channel, the agents and observers share."""
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from aimd_des.channel import Channel
 from aimd_des.dynamics.averaging import Averaging, age_at, folded_at, keep_parts
@@ -23,6 +23,9 @@ from aimd_des.results.event_log import Entry, EventLog
 from aimd_des.utils import returned_values, rng, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Purpose
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class System(Readings):
@@ -113,7 +116,7 @@ class System(Readings):
         draws = ResponseDraws(self.keys[Purpose.RESPONSE], n)
         self.response_draws: Callable[[Signal], list[float]] = draws.__getitem__
 
-    def events(self, since: int = 0) -> pd.DataFrame:
+    def events(self, since: int = 0) -> "pd.DataFrame":
         """Read the event log as far as it goes, or what has come since somebody read it.
 
         Parameters

@@ -3,14 +3,16 @@
 from array import array
 from collections.abc import Callable, Iterable
 from enum import IntEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
 
 from aimd_des.results.frames import categorical
 from aimd_des.utils.validation import FloatArray
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Time, kind (`Entry`), resource, agent, number of the broadcast, value.
 LogEntry = tuple[float, int, int, int, int, float]
@@ -100,8 +102,10 @@ class EventLog:
 
     def frame(
         self, resource_names: tuple[str, ...], agent_names: tuple[str, ...], since: int = 0
-    ) -> pd.DataFrame:
+    ) -> "pd.DataFrame":
         """Return the entries as a frame, from one of them on."""
+        import pandas as pd
+
         time, entry, value = self.columns(since)
         kinds = [kind.name.lower() for kind in Entry]
         return pd.DataFrame(

@@ -1,10 +1,13 @@
 """Columns of tidy frames."""
 
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # What a spreadsheet takes for the beginning of a formula, and the sign by which it takes it for text.
 _FORMULAS = ("=", "+", "-", "@", "\t", "\r")
@@ -20,8 +23,10 @@ def columns_now(names: Iterable[str]) -> list[str]:
     return [_RENAMED.get(name, name) for name in names]
 
 
-def categorical(codes: npt.NDArray[np.int64], names: Sequence[str]) -> pd.Categorical:
+def categorical(codes: npt.NDArray[np.int64], names: Sequence[str]) -> "pd.Categorical":
     """Turn indices into names."""
+    import pandas as pd
+
     # Generic in the stubs only: a subscript in the annotation would not survive at run time.
     return pd.Categorical.from_codes(codes, categories=pd.Index(names))  # type: ignore[return-value]
 

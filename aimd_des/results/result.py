@@ -10,11 +10,10 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from functools import cached_property
 from hashlib import sha256
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
 
 from aimd_des.problem.optimum import Optimum
 from aimd_des.problem.problem import Problem
@@ -27,6 +26,9 @@ from aimd_des.results.tracking import Distance, PieceOptima, pieces_frame, recov
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError, OverloadWarning
 from aimd_des.utils.validation import FloatArray
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Result:
@@ -126,18 +128,22 @@ class Result:
         return np.asarray(self.observations.average[-1].T)
 
     @cached_property
-    def signals(self) -> pd.DataFrame:
+    def signals(self) -> "pd.DataFrame":
         """Capacity events: time, resource, number (from 0 for each resource)."""
+        import pandas as pd
+
         sent = self.signals_sent
         resource = categorical(sent.resource, self.problem.resource_names)
         return pd.DataFrame({"time": sent.time, "resource": resource, "number": sent.number})
 
     @cached_property
-    def demand(self) -> pd.DataFrame:
+    def demand(self) -> "pd.DataFrame":
         """Sums over all agents: time, resource, total (demand), average (of the averages).
 
         Averages of those who are away are in it as they stood when they left; `tracking` leaves them out.
         """
+        import pandas as pd
+
         seen, m = self.observations, self.problem.n_resources
         count = len(seen.demand_times)
         return pd.DataFrame(
@@ -150,8 +156,10 @@ class Result:
         )
 
     @cached_property
-    def allocations(self) -> pd.DataFrame:
+    def allocations(self) -> "pd.DataFrame":
         """Every agent: time, agent, resource, demand, average."""
+        import pandas as pd
+
         seen, n, m = self.observations, self.problem.n_agents, self.problem.n_resources
         count = len(seen.allocation_times)
         resource = np.tile(np.repeat(np.arange(m), n), count)
@@ -167,7 +175,7 @@ class Result:
         )
 
     @cached_property
-    def events(self) -> pd.DataFrame:
+    def events(self) -> "pd.DataFrame":
         """The event log: time, kind, resource, agent, number, value.
 
         Raises
@@ -237,7 +245,7 @@ class Result:
         return at_end if PieceOptima.key(piece) == PieceOptima.key(last) else self._optima(piece)
 
     @cached_property
-    def pieces(self) -> pd.DataFrame:
+    def pieces(self) -> "pd.DataFrame":
         """What was in force from one intervention to the next, and what total demand did.
 
         Columns: start, end, resource, capacity, agents (who were here), multiplier and optimal_cost (of the
@@ -247,7 +255,7 @@ class Result:
         return pieces_frame(self.problem, self.history, self._optima, self.until, self.observations)
 
     @cached_property
-    def tracking(self) -> pd.DataFrame:
+    def tracking(self) -> "pd.DataFrame":
         """The averages against the optimum in force, at the times at which allocations were recorded.
 
         Columns: time, resource, capacity, level (sum of the averages over the capacity), relative_error; of
@@ -260,7 +268,7 @@ class Result:
         measure: Distance = "level",
         within: float = 0.05,
         of: Literal["level", "change"] = "level",
-    ) -> pd.DataFrame:
+    ) -> "pd.DataFrame":
         """Measure how long averages took to recover from each change of the problem.
 
         Parameters
@@ -323,7 +331,7 @@ class Result:
                 digest.update(np.ascontiguousarray(column, dtype=kind).tobytes())
         return digest.hexdigest()
 
-    def summary(self, optimum: Optimum | None = None) -> pd.DataFrame:
+    def summary(self, optimum: Optimum | None = None) -> "pd.DataFrame":
         """Measure the run, one row per resource.
 
         Where interventions have changed the problem, averages are held against the one in force at the end,
@@ -345,6 +353,8 @@ class Result:
         InputError
             If the optimum is for another number of agents.
         """
+        import pandas as pd
+
         return pd.DataFrame(
             self.measures(optimum), index=pd.Index(self.problem.resource_names, name="resource")
         )

@@ -2,10 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import pandas as pd
 
 from aimd_des.problem.costs import selected_costs
 from aimd_des.problem.optimum import Optimum, solve_optimum
@@ -15,6 +14,9 @@ from aimd_des.results.frames import categorical
 from aimd_des.results.misallocation import misallocation
 from aimd_des.results.run_data import Observations, Piece
 from aimd_des.utils.validation import FloatArray
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: By what a run has recovered from a change.
 Distance = Literal["level", "relative_error", "misallocation"]
@@ -70,8 +72,10 @@ def pieces_frame(
     optima: PieceOptima,
     until: float,
     observations: Observations,
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
     """Tell what was in force when, with its optimum and what total demand did."""
+    import pandas as pd
+
     m, stretches = problem.n_resources, observations.stretches
     ends = [*(piece.start for piece in pieces[1:]), until]
     missing = np.full(m, np.nan)
@@ -106,8 +110,10 @@ def tracking_frame(
     pieces: Sequence[Piece],
     optima: PieceOptima,
     observations: Observations,
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
     """Hold the averages at every recorded time against the optimum that is in force then."""
+    import pandas as pd
+
     times = observations.allocation_times
     starts = np.array([piece.start for piece in pieces])
     in_force = np.searchsorted(starts, times, side="right") - 1
@@ -141,8 +147,10 @@ def recovery_frame(
     measure: Distance,
     within: float,
     of: Literal["level", "change"],
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
     """Tell how long it took after each change until averages were where they should be, and stayed there."""
+    import pandas as pd
+
     times = observations.allocation_times
     away = _distances(problem, pieces, optima, observations, measure)
     rows = []

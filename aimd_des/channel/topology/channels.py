@@ -2,10 +2,9 @@
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from aimd_des.channel.broadcast import Broadcast, CompiledLink, Copies, Link, compiled_models
 from aimd_des.channel.latency import Constant, Latency
@@ -23,6 +22,9 @@ from aimd_des.utils.docstrings import described_like
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Key, Purpose
 from aimd_des.utils.validation import FloatArray
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +69,7 @@ class TreeChannel(_NetworkChannel):
         If edges would not be independent of each other.
     """
 
-    def statistics(self) -> pd.DataFrame:
+    def statistics(self) -> "pd.DataFrame":
         """Compute how many copies arrive, and how late, in the long run.
 
         Returns
@@ -95,7 +97,7 @@ class FloodChannel(_NetworkChannel):
         All arcs over which a copy may come.
     """
 
-    def statistics(self, broadcasts: int = 10_000, seed: int = 0) -> pd.DataFrame:
+    def statistics(self, broadcasts: int = 10_000, seed: int = 0) -> "pd.DataFrame":
         """Estimate how many copies arrive, and how late, in the long run.
 
         Parameters

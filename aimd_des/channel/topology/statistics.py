@@ -10,10 +10,9 @@ enumeration and reliability problems", SIAM Journal on Computing 8, 1979).  It i
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from aimd_des.channel.broadcast import Broadcast, CompiledLink, Link
 from aimd_des.channel.topology.routes import Routes
@@ -22,8 +21,11 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Key, Purpose
 from aimd_des.utils.validation import FloatArray
 
+if TYPE_CHECKING:
+    import pandas as pd
 
-def tree_statistics(routes: Routes, latency: object, loss: object) -> pd.DataFrame:
+
+def tree_statistics(routes: Routes, latency: object, loss: object) -> "pd.DataFrame":
     """Compute the statistics of a tree."""
     lost = _of_arcs(routes, "loss", loss, "mean")
     means, variances = (_of_arcs(routes, "latency", latency, name) for name in ("mean", "variance"))
@@ -48,7 +50,7 @@ def _of_arcs(routes: Routes, field: str, model: object, name: str) -> FloatArray
 
 def estimated_statistics(
     routes: Routes, begin: Callable[[int, Mapping[Purpose, Key]], Link], broadcasts: int, seed: int
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
     """Estimate the statistics of a network from draws."""
     count = validation.integer("broadcasts", broadcasts, low=2)
     keys = {purpose: rng.key(seed, purpose) for purpose in Purpose}
@@ -80,6 +82,8 @@ def estimated_statistics(
     )
 
 
-def _frame(routes: Routes, **columns: FloatArray) -> pd.DataFrame:
+def _frame(routes: Routes, **columns: FloatArray) -> "pd.DataFrame":
+    import pandas as pd
+
     given: dict[str, Any] = {"agent": list(routes.agents), "hops": routes.hops, **columns}
     return pd.DataFrame(given)

@@ -1,7 +1,6 @@
 """Costs are held against what they promise before anything runs: on samples of a box."""
 
 import numpy as np
-from scipy.stats import qmc
 
 from aimd_des.problem.costs.base import Costs
 from aimd_des.utils.errors import InputError
@@ -81,6 +80,8 @@ def check_gradient(costs: Costs, upper: FloatArray, n_points: int = 8) -> None:
 
 def sample_box(upper: FloatArray, n_points: int) -> FloatArray:
     """Spread points over the box 0 < x^j <= upper^j, the upper corner first."""
+    from scipy.stats import qmc  # slow to import, and not for costs whose properties are known
+
     unit = qmc.Sobol(len(upper), scramble=False).random_base2(int(np.ceil(np.log2(n_points + 1))))
     unit = 1.0 - unit[:n_points]  # (0, 1]: the first point of the sequence becomes the corner
     unit[n_points // 2 :] **= 3
