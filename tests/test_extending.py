@@ -72,7 +72,7 @@ def names_in_table(heading: str) -> list[str]:
 
 def test_the_system_has_what_the_page_lists(page: Names) -> None:
     names = names_in_table("## What a part finds in the system")
-    assert len(names) == 17
+    assert len(names) == 18
     assert {"env.now", "total", "set_demand", "parameters.decrease"} < set(names)
     seen: list[bool] = []
 
@@ -84,8 +84,9 @@ def test_the_system_has_what_the_page_lists(page: Names) -> None:
                 part = getattr(part, step)
             seen.append(part is not None)
 
-    Simulation(page.problem, processes=[look], seed=0).run(2.0)
-    assert seen == [True] * 17
+    recording = Recording(events=True)  # whose log can be read, too
+    Simulation(page.problem, processes=[look], seed=0, recording=recording).run(2.0)
+    assert seen == [True] * 18
 
 
 def test_every_part_of_the_first_table_has_an_example() -> None:

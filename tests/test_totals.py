@@ -38,8 +38,9 @@ def test_totals_are_sums_in_the_order_of_agents(n: int, m: int, rule: Any) -> No
 def answers_at(times: Any, ranks: Any) -> Answers:
     count = len(times)
     keys = np.array(times, dtype=np.float64).view(np.int64)
-    agent, resource = np.zeros((2, count), dtype=np.int64)
-    return Answers(keys, np.array(ranks, dtype=np.int64), agent, resource, np.zeros(count), np.array([count]))
+    agent, resource, interval = np.zeros((3, count), dtype=np.int64)
+    rank, held = np.array(ranks, dtype=np.int64), np.array([count])
+    return Answers(keys, rank, agent, resource, np.zeros(count), held, interval)
 
 
 times = st.one_of(
