@@ -41,7 +41,7 @@ from tests.support.configurations import Configuration, assert_same, both, confi
 # -- any configuration -----------------------------------------------------------------------------------
 
 
-@settings(max_examples=150)
+@settings(max_examples=80)
 @given(configurations())
 def test_a_fleet_does_what_processes_do(configuration: Configuration) -> None:
     assert_same(*configuration.both())

@@ -273,7 +273,7 @@ def assert_same_run(configuration: Configuration, second: Outcome) -> None:
 
 
 @pytest.mark.parametrize("dynamics", ["discrete", "continuous"])
-@settings(max_examples=75)
+@settings(max_examples=40)
 @given(data=st.data())
 def test_the_framework_does_what_the_reference_does(dynamics: str, data: st.DataObject) -> None:
     configuration = data.draw(plain_configurations(dynamics))
