@@ -117,6 +117,21 @@ def test_the_second_half_is_measured_alike_by_all(lag: int) -> None:
         assert run.observations.second_half == pytest.approx(plain.observations.second_half, rel=1e-12)
 
 
+def test_a_warning_is_of_the_line_that_has_asked_for_the_run() -> None:
+    costs = PolynomialCosts([2], np.ones((6, 1, 1)))
+    problem = Problem([resource(capacity=1.0, increase=1.0, normalization=0.05)], costs)
+    simulation = Simulation(problem, seed=0)
+    ways: list[Any] = [
+        lambda: simulation.run(101),
+        lambda: simulation.start(101).result(),
+        lambda: run_synchronous(problem, steps=101, seed=0, lag=0),
+    ]
+    for way in ways:
+        with pytest.warns(OverloadWarning) as caught:
+            way()
+        assert {one.filename for one in caught} == {__file__}
+
+
 def run_discrete_totals(problem: Problem, lag: int) -> Any:
     """Total demand at every step."""
     with pytest.warns(OverloadWarning):

@@ -24,7 +24,7 @@ from aimd_des.results.overload import Opportunities, overload_words, run_away
 from aimd_des.results.run_data import Account, Observations, Piece, Signals
 from aimd_des.results.tracking import Distance, PieceOptima, pieces_frame, recovery_frame, tracking_frame
 from aimd_des.utils import validation
-from aimd_des.utils.errors import InputError, OverloadWarning
+from aimd_des.utils.errors import InputError, OverloadWarning, level_outside
 from aimd_des.utils.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -107,14 +107,14 @@ class Result:
         self.run_away = run_away(signals_sent, mean, until, opportunities or unknown)
         if self.run_away.any():
             words = overload_words(problem.resource_names, mean, self.run_away)
-            warnings.warn(words, OverloadWarning, stacklevel=3)
+            warnings.warn(words, OverloadWarning, stacklevel=level_outside())
         saturated = int(account.saturated.sum())
         if saturated:
             warnings.warn(
                 f"{saturated} of {int(account.responses.sum())} responses had a probability above 1, which "
                 "was cut off: the normalization factor is too large for these costs",
                 RuntimeWarning,
-                stacklevel=3,
+                stacklevel=level_outside(),
             )
 
     @property

@@ -7,6 +7,7 @@ pools do that).  `OverloadWarning` says that a run did not hold its capacity.
 """
 
 import re
+import sys
 
 _LONGEST = 500
 
@@ -68,6 +69,14 @@ class SimulationError(RuntimeError):
 
 class OverloadWarning(RuntimeWarning):
     """Demand has run away from the capacity; `result.run_away` says of which resources."""
+
+
+def level_outside() -> int:
+    """Count the frames up to the first that is not of this package: the `stacklevel` of a warning there."""
+    frame, level = sys._getframe(1), 1  # noqa: SLF001 - what `inspect` uses, which reads source files besides
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "aimd_des":
+        frame, level = frame.f_back, level + 1
+    return level
 
 
 # Tracebacks show where users import them from.
