@@ -30,7 +30,7 @@ from aimd_des.dynamics.responses import (
     response_probability,
 )
 from aimd_des.dynamics.state import AgentParameters, State
-from aimd_des.utils.jit import formula, routine
+from aimd_des.utils.jit import deferred, formula, routine
 from aimd_des.utils.records import record
 from aimd_des.utils.rng import FOUR, Key, four_uniforms
 from aimd_des.utils.validation import FloatArray
@@ -105,6 +105,22 @@ def draw_and_add(
         buffers.totals[ahead] = totals[ahead]
 
 
+@deferred
+def _average_otherwise(
+    state: State, parameters: AgentParameters, resource: int, step: int, buffers: StepBuffers
+) -> None:
+    """Compute the same for averages other than over all of the past, agent by agent."""
+    j, averaging, moment = resource, parameters.averaging, float(step)
+    anchor, origin = state.anchor[j, 0], state.origin[j, 0]
+    since, before = moment - anchor, age_at(anchor, origin, DISCRETE)
+    for i in range(buffers.folded.shape[1]):
+        held, kept, alpha = state.demand[j, i], state.accumulated[j, i], parameters.increase[j, i]
+        folded = folded_at(averaging, kept, held, alpha, since, before, DISCRETE)
+        line = (folded, kept, held, alpha, anchor, origin)
+        buffers.folded[j, i] = folded
+        buffers.average[j, i] = average_at(averaging, state.parts, j, i, *line, moment, DISCRETE)
+
+
 @routine
 def average_row(
     state: State, parameters: AgentParameters, resource: int, step: int, buffers: StepBuffers
@@ -120,12 +136,7 @@ def average_row(
             folded[i] = accumulated_at(accumulated[i], demand[i], increase[i], since, DISCRETE)
             average[i] = time_average(folded[i], age)
     else:
-        before = age_at(anchor, origin, DISCRETE)
-        for i in range(demand.shape[0]):
-            held, kept, alpha = demand[i], accumulated[i], increase[i]
-            folded[i] = folded_at(averaging, kept, held, alpha, since, before, DISCRETE)
-            line = (folded[i], kept, held, alpha, anchor, origin)
-            average[i] = average_at(averaging, state.parts, j, i, *line, moment, DISCRETE)
+        _average_otherwise(state, parameters, j, step, buffers)
 
 
 @formula
@@ -147,7 +158,7 @@ def _draw_factors(parameters: AgentParameters, resource: int, saturated: Any, bu
         factor[i] = decrease[i] if uniform[i] < factor[i] else 1.0
 
 
-@formula
+@deferred
 def _find_factors(
     state: State, parameters: AgentParameters, resource: int, step: int, buffers: StepBuffers
 ) -> None:
@@ -165,6 +176,15 @@ def _find_factors(
         factor[i] = cut_factor(response, averaging, state.memory, j, i, *cut)
 
 
+@deferred
+def _keep_window(state: State, parameters: AgentParameters, resource: int, step: int) -> None:
+    """Keep what averages over a window will forget."""
+    j = resource
+    for i in range(state.demand.shape[1]):
+        line = (state.accumulated[j, i], state.demand[j, i], parameters.increase[j, i], state.anchor[j, i])
+        keep_parts(parameters.averaging, state.parts, j, i, *line, state.origin[j, i], float(step), DISCRETE)
+
+
 @routine
 def answer_row(
     state: State, parameters: AgentParameters, resource: int, step: int, buffers: StepBuffers
@@ -180,9 +200,7 @@ def answer_row(
     )
     since = step - anchor[0]
     if averaging.kind == WINDOW:
-        for i in range(demand.shape[0]):
-            line = (accumulated[i], demand[i], increase[i], anchor[i], state.origin[j, i])
-            keep_parts(averaging, state.parts, j, i, *line, float(step), DISCRETE)
+        _keep_window(state, parameters, j, step)
     if response.cut == DRAWN and response.divisor == AVERAGE:
         _draw_factors(parameters, j, state.saturated[j], buffers)
     else:

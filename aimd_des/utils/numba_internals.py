@@ -31,10 +31,12 @@ from numba.core.typed_passes import NativeLowering
 from numba.core.typing.templates import make_concrete_template
 from numba.extending import lower_builtin
 
-__all__ = ["PartCompiler", "are_as_expected", "defer", "take_in"]
+__all__ = ["PartCompiler", "are_as_expected", "can_defer", "defer", "take_in"]
 
 #: The first version of Numba in which parts are tested, and the first in which they are not.
 _TESTED = ((0, 60), (0, 69))
+# The first in which deferred kernels are; before, they are parts like others.
+_DEFERS_FROM = (0, 68)
 
 # What is overridden or called here, by the class that has it.
 _NAMES: dict[type, tuple[str, ...]] = {
@@ -57,10 +59,19 @@ _NAMES: dict[type, tuple[str, ...]] = {
 
 def are_as_expected(version: str = numba.__version__) -> bool:
     """Whether Numba is of a version that was tested, and has all that is overridden here."""
-    numbers = tuple(int(word) for word in version.split(".")[:2] if word.isdigit())
     first, beyond = _TESTED
+    numbers = _numbers(version)
     names = ((owner, name) for owner, names in _NAMES.items() for name in names)
     return first <= numbers < beyond and all(hasattr(owner, name) for owner, name in names)
+
+
+def can_defer(version: str = numba.__version__) -> bool:
+    """Whether kernels can be compiled apart with this version."""
+    return are_as_expected(version) and _numbers(version) >= _DEFERS_FROM
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    return tuple(int(word) for word in version.split(".")[:2] if word.isdigit())
 
 
 class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]  # numba has no type information

@@ -7,7 +7,6 @@ a field is loaded where it is used.  A record inside a record is a structure ins
 """
 
 from hashlib import sha256
-from itertools import groupby
 from typing import Any, TypeVar
 
 import numba
@@ -88,43 +87,20 @@ def _field(context: Any, builder: Any, kind: _Record, value: Any, name: str) -> 
     return impl_ret_borrowed(context, builder, kind.kinds[place], _load(builder, address))
 
 
-def _fill_arrays(record: Any, first: int, count: int, address: Any, c: Any, failed: Any) -> None:
-    """Write arrays side by side, all of as many dimensions, in a loop, which compiles faster."""
-    builder, pyapi = c.builder, c.pyapi
-    kind = ir.FunctionType(pyapi.pyobj, [pyapi.pyobj, pyapi.py_ssize_t])
-    get_item = cgutils.get_or_insert_function(builder.module, kind, "PyTuple_GetItem")
-    # They differ in the type of a pointer at most, and so have the same size.
-    begin = cgutils.gep_inbounds(builder, address, 0, first)
-    with cgutils.for_range(builder, c.context.get_constant(types.intp, count)) as loop:
-        place = builder.add(loop.index, c.context.get_constant(types.intp, first))
-        target = builder.bitcast(builder.gep(begin, [loop.index], inbounds=True), pyapi.voidptr)
-        code = pyapi.numba_array_adaptor(builder.call(get_item, [record, place]), target)
-        with builder.if_then(cgutils.is_not_null(builder, code), likely=False):
-            pyapi.err_set_string("PyExc_TypeError", "an array in a record is none")
-            builder.store(cgutils.true_bit, failed)
-
-
 def _fill(kind: _Record, record: Any, address: Any, c: Any, failed: Any) -> None:
     """Write the fields of a tuple of Python into a structure."""
-    place = 0
-    for ndim, group in groupby(
-        kind.kinds, lambda field: field.ndim if isinstance(field, types.Array) else None
-    ):
-        fields = list(group)
-        if ndim is not None:
-            _fill_arrays(record, place, len(fields), address, c, failed)
+    for place, field in enumerate(kind.kinds):
+        item, target = (
+            c.pyapi.tuple_getitem(record, place),
+            cgutils.gep_inbounds(c.builder, address, 0, place),
+        )
+        if isinstance(field, _Record):
+            _fill(field, item, target, c, failed)
         else:
-            for k, field in enumerate(fields, place):
-                item = c.pyapi.tuple_getitem(record, k)
-                target = cgutils.gep_inbounds(c.builder, address, 0, k)
-                if isinstance(field, _Record):
-                    _fill(field, item, target, c, failed)
-                else:
-                    native = c.unbox(field, item)
-                    c.builder.store(native.value, target)
-                    with c.builder.if_then(native.is_error, likely=False):
-                        c.builder.store(cgutils.true_bit, failed)
-        place += len(fields)
+            native = c.unbox(field, item)
+            c.builder.store(native.value, target)
+            with c.builder.if_then(native.is_error, likely=False):
+                c.builder.store(cgutils.true_bit, failed)
 
 
 @unbox(_Record)  # type: ignore[untyped-decorator]
