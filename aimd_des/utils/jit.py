@@ -48,7 +48,8 @@ _TOLD: set[str] = set()
 
 #: Whether what only compiled code calls is compiled as a part of its callers alone.
 PARTS = numba_internals is not None and numba_internals.are_as_expected()
-_DEFERS = PARTS and numba_internals.can_defer()
+#: And whether some kernels are compiled apart, at their first call.
+DEFERS = PARTS and numba_internals.can_defer()
 
 # Divisions as arrays have them, and nothing that is allocated.
 _SEMANTICS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
@@ -198,7 +199,7 @@ def _compiled(function: _Function, announced: str = "", *, apart: bool = False, 
             return compile_now(signature)
 
     dispatcher.compile = compile_alone
-    if _DEFERS and apart:
+    if DEFERS and apart:
         numba_internals.defer(dispatcher)
     elif PARTS:
         numba_internals.take_in(dispatcher, numba.njit(**_SEMANTICS, **_PART, **options)(function))
