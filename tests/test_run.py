@@ -121,6 +121,8 @@ def test_times_outside_of_the_run_are_refused() -> None:
     for wrong in (3.0, 10.5, math.nan):
         with pytest.raises(InputError, match=r"^to = .*: must be a finite number at least 4 and at most 10$"):
             run.advance(to=wrong)
+    with pytest.raises(InputError, match=r"^watch = 3: must be a function of simulated time and number of"):
+        run.advance(watch=3)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"^kind = 'look': must be"):
         run.step("look")  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"^until = 0\.0: must be"):

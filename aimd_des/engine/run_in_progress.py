@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal, cast, get_args
 
 from aimd_des.engine.system import System
 from aimd_des.results.result import Result
@@ -87,6 +87,9 @@ class Run:
             If simulated time cannot advance, or an earlier piece of the run has failed.
         """
         goal = self.until if to is None else validation.number("to", to, low=self.time, high=self.until)
+        if watch is not None:
+            function = cast(type, Callable)  # which annotations know, and `isinstance` does
+            validation.instance("watch", watch, function, "a function of simulated time and number of events")
         self._go(goal, watch)
 
     def step(self, kind: Step = "event") -> bool:

@@ -224,10 +224,6 @@ class Simulation:
             Once, if demand has run away from the capacity.
         """
         run = self.start(until)
-        if watch is not None:
-            validation.instance(
-                "watch", watch, _FUNCTION, "a function of simulated time and number of events"
-            )
         run.advance(watch=watch)
         return run.result()
 
