@@ -23,6 +23,7 @@ def _accept_one_by_one(
     acted_at: float,
     acted: int,
 ) -> None:
+    """Put each copy into a heap, at the time at which its agent answers it."""
     # A queue for each resource lets a crossing control unit settle the one it looks at.  Costs that couple
     # the resources forbid that: an answer reads the averages of all of them, so all are settled together.
     queue = resource if not agents.coupled else 0

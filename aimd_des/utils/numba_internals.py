@@ -10,7 +10,8 @@ calls is never compiled, and what several kernels call is compiled once.
 
 Numba has no option for either.  What is overridden here is private to Numba, and the same in all versions
 that `_TESTED` spans.  With another version, or where a name is missing, there are no parts, nothing is
-deferred, and each function is compiled on its own: it takes longer, and gives the same bits.
+deferred, and each function is compiled on its own: it takes longer, and gives the same bits.  Versions before
+`_DEFERS_FROM` have parts, and what would be deferred is one.
 """
 
 import pickle

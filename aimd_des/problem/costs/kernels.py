@@ -34,6 +34,7 @@ def horner_row(coefficients: FloatArray, agent: int, argument: FloatArray, out: 
 
 @deferred
 def _add_terms(table: CostTable, resource: int, agent: int, average: float, total: float) -> float:
+    """Add the terms, of which there are some."""
     for t in range(table.exponentials.shape[1]):
         scale, rate = table.exponentials[resource, t, 0, agent], table.exponentials[resource, t, 1, agent]
         total += scale * exp(rate * average)
