@@ -29,7 +29,7 @@ from aimd_des import (
 )
 from aimd_des.channel import BroadcastChannel
 from aimd_des.dynamics.averaging import folded_at
-from aimd_des.dynamics.responses import Response
+from aimd_des.dynamics.responses import Response, memory_columns, probability_of
 from aimd_des.engine.environment import EventKind
 from aimd_des.utils.returned_values import raised_in
 from models import smart_cameras
@@ -127,6 +127,15 @@ def test_the_divisor_at_events_is_the_average_of_demands_found() -> None:
     found = answers(responses.Derandomised("events"), alone(0.4), 6.0)
     assert found[0] == (4.0, "respond", pytest.approx(4.0 * 0.5 * 0.4 / 4.0))
     assert found[1] == (5.0, "respond", pytest.approx(3.8 * 0.5 * 0.4 / 3.9))
+
+
+def test_next_to_no_demand_is_divided_by_without_a_warning() -> None:
+    how = averaging.Cumulative().parameters(0.0)
+    response = responses.EventNormalised().parameters(0.0)
+    memory = np.zeros((1, 1, memory_columns(response, how)))
+    found = {"normalization": 38.9, "slope": 0.2, "average": 1.0, "demand": 1.7e-322}
+    parameters = {"increase": 0.1, "decrease": 0.5, "age": 1.0}
+    assert probability_of(response, how, memory, 0, 0, **found, **parameters) == math.inf
 
 
 def test_full_cuts_come_when_lambda_adds_up_to_one() -> None:

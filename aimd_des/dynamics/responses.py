@@ -177,7 +177,8 @@ def probability_of(
         divisor = memory[j, i, _MEAN]
     elif response.divisor == AT_CUTS and memory[j, i, _COUNT] > 0.0:
         divisor = 0.5 * (1.0 + decrease) * memory[j, i, _MEAN]
-    return response_probability(normalization, slope, divisor)
+    # A process reads numbers of NumPy from the memory, which warn where those of Python overflow silently.
+    return response_probability(normalization, slope, float(divisor))
 
 
 @formula
