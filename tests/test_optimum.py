@@ -14,7 +14,7 @@ from scipy.optimize import brentq, minimize
 
 from aimd_des.problem.costs import Costs, CoupledCosts, CustomCosts, PolynomialCosts
 from aimd_des.problem.optimum import Optimum, solve_optimum
-from aimd_des.problem.optimum.optima import optimal_allocations
+from aimd_des.problem.optimum.nearby_optima import optimal_allocations
 from aimd_des.problem.problem import Problem, Resource
 from aimd_des.utils.errors import InputError, SimulationError
 from aimd_des.utils.validation import FloatArray

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from aimd_des.dynamics.averaging import Averaging, Cumulative, Forgetting, Polynomial, Window
 from aimd_des.dynamics.responses import Response
-from aimd_des.problem.optimum.optima import optimal_allocations
+from aimd_des.problem.optimum.nearby_optima import optimal_allocations
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.absolute_sum import absolute_interval, absolute_mean
 from aimd_des.theory.arguments import Dynamics

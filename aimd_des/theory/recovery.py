@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.problem.optimum import solve_optimum
-from aimd_des.problem.optimum.optima import optimal_allocations
+from aimd_des.problem.optimum.nearby_optima import optimal_allocations
 from aimd_des.theory.accuracy import Convergence
 from aimd_des.theory.mean_dynamics import Origin, Path
 from aimd_des.utils import validation
