@@ -7,7 +7,16 @@ from typing import Any
 
 import pytest
 
-from aimd_des import AgentProcess, Crossing, Fleet, Recording, Result, Simulation
+from aimd_des import (
+    AgentProcess,
+    BroadcastChannel,
+    Crossing,
+    Fleet,
+    Recording,
+    Result,
+    Simulation,
+    latency,
+)
 from tests.conftest import quadratic_problem
 
 
@@ -30,3 +39,21 @@ def test_a_result_with_its_event_log_is_copied_whole(agents: Any, copied: Callab
     assert other.events.equals(result.events)
     assert other.digest == result.digest
     assert other.summary().equals(result.summary())
+
+
+def test_few_agents_have_many_copies_in_flight() -> None:
+    """Far more than a broadcast has copies: processes put each in its place, a fleet has its own way."""
+    simulation = Simulation(
+        quadratic_problem([1.0, 1.0], capacity=1.0, increase=0.5, normalization=0.002),
+        dynamics="continuous",
+        control_unit=Crossing(0.01),
+        channel=BroadcastChannel(latency.Uniform(0.0, 8.0), 0.1, duplication=0.2),
+        recording=Recording(events=True),
+        seed=2,
+    )
+    run = simulation.start(12.0)
+    run.advance(to=11.0)
+    assert len(run.system.transmitter.carrier._due) > 64 * 2
+    result = run.result()
+    simulation.agents = Fleet
+    assert simulation.run(12.0).digest == result.digest

@@ -1,5 +1,6 @@
 """What travels and to whom: the bit, those who take part, and copies on their way."""
 
+from bisect import insort
 from collections.abc import Callable, Generator, Mapping
 from itertools import repeat
 from typing import Any, NamedTuple, Protocol
@@ -99,6 +100,15 @@ class ResponseDraws(dict[Signal, list[float]]):
 # When a copy lands, its order number, its receiver, and the signal.
 _Due = tuple[float, int, int, Signal]
 
+# So many times as many copies in flight as in a broadcast are not sorted with it: about where the two ways
+# take the same time.
+_FEW = 64
+
+
+def _latest_first(due: _Due) -> tuple[float, int]:
+    """Return the key by which copies on their way ascend; no two have the same order number."""
+    return -due[0], -due[1]
+
 
 class Carrier:
     """All copies on their way, in one list with the next to land at its end.
@@ -134,9 +144,15 @@ class Carrier:
         """Put copies of one broadcast on their way, sorted by time and then by receiver; at least one."""
         due = self._due
         earliest = due[-1] if due else None
-        # Two sorted runs, which the sort of Python merges.
-        due.extend(zip(times, orders, receivers, repeat(signal), strict=False))
-        due.sort(reverse=True)
+        copies = zip(times, orders, receivers, repeat(signal), strict=False)
+        if _FEW * len(times) < len(due):
+            # Among many copies in flight a search for each place is faster than a pass over all of them.
+            for copy in copies:
+                insort(due, copy, key=_latest_first)
+        else:
+            # Two sorted runs, which the sort of Python merges.
+            due.extend(copies)
+            due.sort(reverse=True)
         # Behind an earlier copy it needs no event: `_land` comes to it.
         if due[-1] is not earliest:
             self._schedule(times[0], orders[0])
