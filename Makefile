@@ -22,10 +22,11 @@ paper: $(READY)  ## the paper's experiment: figures and tables, in results/paper
 test: $(READY)  ## all tests, the slow ones too
 	@$(BIN)/python -m pytest -n auto --dist worksteal
 
-lint: $(LINT_READY)  ## style, format and types
+lint: $(LINT_READY)  ## style, format and types, and the prose of the pages
 	@$(BIN)/ruff check
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
+	@$(BIN)/python -m tests.prose
 
 docs: $(READY)  ## the documentation as pages for a browser, in docs/_build/html
 	@$(BIN)/python -m sphinx -q -W --keep-going docs docs/_build/html

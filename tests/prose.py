@@ -1,0 +1,236 @@
+"""Checks the prose of the pages, for `make lint`: `python -m tests.prose`.
+
+The pages are those of `docs`, the README and CONTRIBUTING. The rules are few: short sentences, plain words,
+short source lines, and captions that name what is shown. Code, output and formulas are not prose.
+"""
+
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+
+# Pages that do not fulfil the rules yet. A page of this list that fulfils them is a finding: take it out.
+PENDING = frozenset(
+    {
+        "CONTRIBUTING.md",
+        "README.md",
+        "docs/channel.md",
+        "docs/command_line.md",
+        "docs/convergence.md",
+        "docs/costs.md",
+        "docs/delay_and_loss.md",
+        "docs/design.md",
+        "docs/disturbances.md",
+        "docs/extending.md",
+        "docs/figures.md",
+        "docs/glossary.md",
+        "docs/howto.md",
+        "docs/index.md",
+        "docs/measured.md",
+        "docs/model.md",
+        "docs/paper.md",
+        "docs/performance.md",
+        "docs/report.md",
+        "docs/reproducibility.md",
+        "docs/responses.md",
+        "docs/scenario_files.md",
+        "docs/scenarios.md",
+        "docs/statistics.md",
+        "docs/studies.md",
+        "docs/theory.md",
+        "docs/theory_table.md",
+        "docs/topologies.md",
+        "docs/tutorial.md",
+    }
+)
+
+SENTENCE_WORDS = 35
+LINE_CHARACTERS = 120
+CAPTION_WORDS = 5
+
+# Each pattern with the remedy. People may be a "who"; mechanisms are a "which" or a "that".
+BANNED = {
+    r"(?<!people )(?<!users )(?<!readers )(?<!authors )(?<!researchers )who": "name the part: 'that'",
+    r"whoever|whatever|whichever": "say 'any', 'every' or name the thing",
+    r"(?:some|every|any)body|nobody": "name the agents, the users or the part",
+    r"luck|lucky|luckily": "say 'random error' or 'random numbers'",
+    r"looks": "say 'samples', 'observes' or 'reads'",
+    r"look(?:s|ed|ing)? on": "say 'observes' or 'records'",
+    r"teeth|tooth": "say 'sawtooth' or 'period'",
+    r"bits? helps? nobody|no bit helps": "say what the signal changes",
+    r"what holds unless given|unless said|unless given": "say 'default'",
+    r"at the door|in sight|stands? still|as it stands": "no metaphors",
+    r"(?:proofs?|theory|results?|models?) (?:want|wants)": "say 'assumes' or 'requires'",
+    r"nothing but|none but|all but": "say 'only' or 'all except'",
+    r"be it|that is all": "leave it out",
+    r"makes? good": "say 'compensate'",
+    r"whither|thereof|wherever|whence|hence": "say 'where' or 'so'",
+}
+_BANNED = {re.compile(rf"\b(?:{pattern})\b", re.IGNORECASE): remedy for pattern, remedy in BANNED.items()}
+
+# First words of a caption without a subject: "How many", "With latency", "Seen from".
+_NO_SUBJECT = re.compile(
+    r"(?:as|at|in|on|with|when|where|what|how|seen|drawn|from|after|before)\b", re.IGNORECASE
+)
+
+_FENCE = re.compile(r"^ *(`{3,}|~{3,})")
+_IMAGE = re.compile(r"!\[(?P<text>[^\]]*)\]\([^)]*\)")
+_ALT = re.compile(r"<img\b[^>]*?\balt=\"(?P<text>[^\"]*)\"")
+_STARTS_PARAGRAPH = re.compile(r" *(?:[-*+]|\d+\.) ")
+_END = re.compile(r"(?<=[.!?])[\"'”)*]*\s+(?=[\"'“(*]*[A-Z0-9`])")
+_ABBREVIATION = re.compile(r"\b(?:e\.g|i\.e|vs|cf|et al|[A-Z])\.$")
+_PLAIN = (
+    (re.compile(r"<!--.*?-->", re.DOTALL), " "),
+    (re.compile(r"\$\$.*?\$\$", re.DOTALL), " formula "),
+    (re.compile(r"\{[a-z:]+\}`[^`]*`"), "reference"),
+    (re.compile(r"(`+)(?:(?!\1).)+?\1", re.DOTALL), "code"),
+    (re.compile(r"\$[^$\n]+\$"), "formula"),
+    (_IMAGE, " "),
+    (re.compile(r"\[([^\]]*)\]\([^)]*\)"), r"\1"),
+    (re.compile(r"<[^>\n]+>"), ""),
+)
+
+
+class Finding(NamedTuple):
+    """What is wrong in a line of a page; lines count from 1."""
+
+    line: int
+    what: str
+
+
+class Paragraph(NamedTuple):
+    """Prose that belongs together, and its first line."""
+
+    line: int
+    text: str
+
+
+def pages() -> list[Path]:
+    """All pages that people read, but for the changelog."""
+    return [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+
+
+def _prose(page: str) -> Iterator[tuple[int, str]]:
+    """Lines outside code and directives with their numbers; inside them, empty lines."""
+    fence = ""
+    for number, line in enumerate(page.splitlines(), 1):
+        mark = _FENCE.match(line)
+        if mark and not fence:
+            fence = mark[1]
+        elif mark and mark[1].startswith(fence) and line.strip() == mark[1]:
+            fence = ""
+        else:
+            yield number, "" if fence or line.startswith("    ") else line
+            continue
+        yield number, ""
+
+
+def paragraphs(page: str) -> list[Paragraph]:
+    """Prose of a page: paragraphs, items of lists, and cells of tables."""
+    found: list[Paragraph] = []
+    begun: list[str] = []
+    start = 0
+
+    def end() -> None:
+        if begun:
+            found.append(Paragraph(start, " ".join(begun)))
+            begun.clear()
+
+    for number, line in _prose(page):
+        if line.startswith("|"):
+            end()
+            found += [Paragraph(number, cell.strip()) for cell in line.strip("|").split("|")]
+        elif line.startswith("#"):
+            end()
+            found.append(Paragraph(number, line.lstrip("# ")))
+        elif not line.strip():
+            end()
+        else:
+            if _STARTS_PARAGRAPH.match(line):
+                end()
+            if not begun:
+                start = number
+            begun.append(line.strip())
+    end()
+    return found
+
+
+def plain(text: str) -> str:
+    """The words of a paragraph: code, a formula and a reference are one word each."""
+    for pattern, word in _PLAIN:
+        text = pattern.sub(word, text)
+    return text
+
+
+def sentences(text: str) -> list[str]:
+    """Sentences of plain text; a full stop behind an abbreviation or an initial ends none."""
+    found: list[str] = []
+    for part in _END.split(text):
+        if found and _ABBREVIATION.search(found[-1]):
+            found[-1] += f" {part}"
+        else:
+            found.append(part)
+    return found
+
+
+def _words(text: str) -> int:
+    return sum(any(sign.isalnum() for sign in word) for word in text.split())
+
+
+def _long_lines(page: str) -> Iterator[Finding]:
+    """Source lines that are too long to read a change; rows of tables and unbroken links are exempt."""
+    for number, line in enumerate(page.splitlines(), 1):
+        exempt = line.startswith("|") or " " not in line.strip() or _IMAGE.fullmatch(line.strip())
+        if len(line) > LINE_CHARACTERS and not exempt:
+            yield Finding(number, f"{len(line)} characters, at most {LINE_CHARACTERS}")
+
+
+def _captions(page: str) -> Iterator[Finding]:
+    for pattern in (_IMAGE, _ALT):
+        for match in pattern.finditer(page):
+            text, number = match["text"], page.count("\n", 0, match.start()) + 1
+            if _words(text) < CAPTION_WORDS or _NO_SUBJECT.match(text):
+                yield Finding(number, f"caption {text!r}: name what is shown, then what to see in it")
+
+
+def findings(page: str) -> list[Finding]:
+    """Everything that breaks a rule, in the order of the lines."""
+    found = [*_long_lines(page), *_captions(page)]
+    for number, text in paragraphs(page):
+        words = plain(text)
+        for sentence in sentences(words):
+            if (count := _words(sentence)) > SENTENCE_WORDS:
+                begin = " ".join(sentence.split()[:6])
+                found.append(
+                    Finding(number, f"sentence of {count} words, at most {SENTENCE_WORDS}: {begin} …")
+                )
+        for pattern, remedy in _BANNED.items():
+            found += [Finding(number, f"{match[0]!r}: {remedy}") for match in pattern.finditer(words)]
+    return sorted(found)
+
+
+def report(contents: dict[str, str], pending: frozenset[str]) -> list[str]:
+    """One line for each finding; a page in `pending` is free, and must need it."""
+    lines = [f"{name}: is in PENDING and there is no such page" for name in sorted(pending - set(contents))]
+    for name, page in contents.items():
+        found = findings(page)
+        if name not in pending:
+            lines += [f"{name}:{line}: {what}" for line, what in found]
+        elif not found:
+            lines.append(f"{name}: fulfils the rules; take it out of PENDING")
+    return lines
+
+
+def main() -> int:
+    """Print the findings; 1 where there are any."""
+    named = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in pages()}
+    lines = report(named, PENDING)
+    sys.stdout.write("".join(f"{line}\n" for line in lines))
+    return 1 if lines else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,98 @@
+"""The checker of the prose: what it finds, and what it leaves alone."""
+
+import pytest
+
+from tests.prose import PENDING, findings, pages, paragraphs, plain, report, sentences
+
+PLAIN = "The control unit samples total demand and broadcasts a signal.\n"
+
+
+def whats(page: str) -> list[str]:
+    return [what for _, what in findings(page)]
+
+
+def test_plain_text_has_no_findings() -> None:
+    assert findings(PLAIN) == []
+
+
+@pytest.mark.parametrize(("words", "found"), [(35, 0), (36, 1)])
+def test_a_sentence_has_at_most_35_words(words: int, found: int) -> None:
+    sentence = " ".join(["word"] * words) + "."
+    page = sentence.replace("word word word word word ", "word word word word word\n")
+    assert len(whats(page)) == found
+    assert len(whats(f"| a | {sentence} |\n")) == found  # a cell is prose
+    assert len(whats(f"- {page}")) == found
+
+
+def test_sentences_end_at_full_stops_and_not_at_abbreviations() -> None:
+    assert sentences("One, e.g. two. Three 0.5 four? Five") == ["One, e.g. two.", "Three 0.5 four?", "Five"]
+    assert sentences("S. E. Alam wrote it. It (see X.) ends.") == [
+        "S. E. Alam wrote it.",
+        "It (see X.) ends.",
+    ]
+
+
+def test_code_formulas_and_links_are_words() -> None:
+    text = "Say `a b c d` or $x + y + z$, see [the *page*](where.md#it) and {doc}`the API <api/index>`."
+    assert plain(text) == "Say code or formula, see the *page* and reference."
+    long = " ".join(["word"] * 60)
+    for page in (f"```python\n# {long}\n```\n", f"    {long}\n", f"`{long}`\n", f"<!-- {long} -->\n"):
+        assert not [what for what in whats(page) if "sentence" in what], page
+
+
+def test_text_after_a_block_is_prose_again() -> None:
+    page = "````text\n```\nnobody\n````\n\nIt helps nobody.\n"
+    assert findings(page) == [(6, "'nobody': name the agents, the users or the part")]
+
+
+@pytest.mark.parametrize(
+    "words", ["Whoever answers", "an agent who answers", "the same luck", "It looks at x"]
+)
+def test_banned_words_are_found_with_their_line(words: str) -> None:
+    (found,) = findings(f"# Title\n\n{words}.\n")
+    assert found.line == 3
+
+
+def test_people_may_be_a_who_and_code_may_be_anything() -> None:
+    assert findings("Some users who read `nobody looks` are people who count.\n") == []
+
+
+def test_source_lines_have_at_most_120_characters() -> None:
+    row = "".join(f"| {i} " for i in range(60)) + "|"
+    assert whats(f"{row}\n") == []
+    line = "It is. " * 18
+    assert [what for what in whats(line) if "characters" in what] == ["126 characters, at most 120"]
+
+
+@pytest.mark.parametrize(
+    "caption", ["", "The total", "With latency demand is above the capacity", "How demand is"]
+)
+def test_captions_name_what_is_shown(caption: str) -> None:
+    assert len(whats(f"![{caption}](images/a.png)\n")) == 1
+    assert len(whats(f'<img src="images/a.png" alt="{caption}">\n')) == 1
+
+
+def test_a_caption_with_a_subject_is_well() -> None:
+    assert whats("![Total demand of memory over time: peaks are above the capacity](images/a.png)\n") == []
+
+
+def test_paragraphs_are_items_cells_and_headings() -> None:
+    page = "# A\nb\nc\n- d\n  e\n- f\n\n| g | h |\n"
+    found = [(2, "b c"), (4, "- d e"), (6, "- f"), (8, "g"), (8, "h")]
+    assert [tuple(one) for one in paragraphs(page)] == [(1, "A"), *found]
+
+
+def test_pending_pages_are_free_and_must_need_it() -> None:
+    contents = {"a.md": PLAIN, "b.md": "Nobody.\n"}
+    assert report(contents, frozenset({"b.md"})) == []
+    assert report(contents, frozenset({"a.md", "c.md"})) == [
+        "c.md: is in PENDING and there is no such page",
+        "a.md: fulfils the rules; take it out of PENDING",
+        "b.md:1: 'Nobody': name the agents, the users or the part",
+    ]
+
+
+def test_the_pages_are_there() -> None:
+    names = {path.name for path in pages()}
+    assert {"README.md", "CONTRIBUTING.md", "index.md", "model.md"} <= names
+    assert {name.rsplit("/", 1)[-1] for name in PENDING} <= names
