@@ -84,10 +84,10 @@ _END = re.compile(r"(?<=[.!?])[\"'”)*]*\s+(?=[\"'“(*]*[A-Z0-9`])")
 _ABBREVIATION = re.compile(r"\b(?:e\.g|i\.e|vs|cf|et al|[A-Z])\.$")
 _PLAIN = (
     (re.compile(r"<!--.*?-->", re.DOTALL), " "),
-    (re.compile(r"\$\$.*?\$\$", re.DOTALL), " formula "),
-    (re.compile(r"\{[a-z:]+\}`[^`]*`"), "reference"),
-    (re.compile(r"(`+)(?:(?!\1).)+?\1", re.DOTALL), "code"),
-    (re.compile(r"\$[^$\n]+\$"), "formula"),
+    (re.compile(r"\$\$.*?\$\$", re.DOTALL), " Formula "),
+    (re.compile(r"\{[a-z:]+\}`[^`]*`"), "Reference"),
+    (re.compile(r"(`+)(?:(?!\1).)+?\1", re.DOTALL), "Code"),
+    (re.compile(r"\$[^$\n]+\$"), "Formula"),
     (_IMAGE, " "),
     (re.compile(r"\[([^\]]*)\]\([^)]*\)"), r"\1"),
     (re.compile(r"<[^>\n]+>"), ""),
@@ -110,7 +110,10 @@ class Paragraph(NamedTuple):
 
 def pages() -> list[Path]:
     """All pages that people read, but for the changelog."""
-    return [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+    docs = ROOT / "docs"
+    made = {"_build", "_examples", "gallery"}
+    found = [path for path in docs.rglob("*.md") if not made & set(path.relative_to(docs).parts)]
+    return [*sorted(found), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 
 
 def _prose(page: str) -> Iterator[tuple[int, str]]:

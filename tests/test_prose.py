@@ -34,7 +34,7 @@ def test_sentences_end_at_full_stops_and_not_at_abbreviations() -> None:
 
 def test_code_formulas_and_links_are_words() -> None:
     text = "Say `a b c d` or $x + y + z$, see [the *page*](where.md#it) and {doc}`the API <api/index>`."
-    assert plain(text) == "Say code or formula, see the *page* and reference."
+    assert plain(text) == "Say Code or Formula, see the *page* and Reference."
     long = " ".join(["word"] * 60)
     for page in (f"```python\n# {long}\n```\n", f"    {long}\n", f"`{long}`\n", f"<!-- {long} -->\n"):
         assert not [what for what in whats(page) if "sentence" in what], page

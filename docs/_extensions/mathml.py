@@ -17,6 +17,17 @@ _LOGGER = logging.getLogger(__name__)
 # accent as the base of limits.
 _MISREAD = re.compile(r"\\[dt]?frac\s*[^{\s]|\\(?:bar|ddot|dot|hat|tilde)\s*(?:\\[a-zA-Z]+|\w)\s*\}?\s*[_^]")
 
+# An index of a letter with an accent stands below the letter in docutils; it belongs behind it.
+_ACCENT = re.compile(
+    r"<munderover>\s*(<mi>\w</mi>)\s*((?:(?!munderover).)*?)\s*"
+    r"(<mo stretchy=\"false\">[ˉ˙ˆ˜¨]</mo>)\s*</munderover>",
+    re.DOTALL,
+)
+_POWER = re.compile(
+    r"<msup>\s*<msub>(<mover accent=\"true\">.*?</mover>)((?:(?!</msub>).)*)</msub>\s*(.*?)\s*</msup>",
+    re.DOTALL,
+)
+
 # The names of functions have room to both sides in LaTeX, and none in browsers.
 _FUNCTION = re.compile(r"<mi>\w{2,}</mi>\s*<mo>&ApplyFunction;</mo>")
 _THIN = '<mspace width="0.17em"></mspace>'
@@ -29,6 +40,8 @@ def _formula(node: nodes.math | nodes.math_block) -> str:
         if found := _MISREAD.search(text):
             raise MathError(f"write {found.group()!r} with braces")
         formula = tex2mathml(text, as_block=isinstance(node, nodes.math_block))
+        formula = _ACCENT.sub(r'<msub><mover accent="true">\1\3</mover>\2</msub>', formula)
+        formula = _POWER.sub(r"<msubsup>\1\2\3</msubsup>", formula)
         return _FUNCTION.sub(rf"{_THIN}\g<0>{_THIN}", formula)
     except MathError as error:
         _LOGGER.warning("formula %r: %s", text, error, location=node)
