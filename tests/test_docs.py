@@ -12,6 +12,7 @@ from types import ModuleType
 import pytest
 from docutils import nodes
 
+from aimd_des import __version__
 from aimd_des.results.measures import FIRST, MEASURES
 from tests.test_public_names import FACES, TOP
 
@@ -87,6 +88,35 @@ def test_the_page_on_design_shows_the_wings_as_they_are() -> None:
     assert {wing: set(re.findall(r"\w+", others)) for wing, others in rows} == wings.needed(below)
     drawn = wings.PICTURE.read_text(encoding="utf-8")
     assert drawn == wings.picture(below), "draw it anew: python docs/_extensions/wings.py"
+
+
+def test_the_diagrams_of_the_model_are_as_they_are_drawn() -> None:
+    diagrams = extension("diagrams")
+    again = "draw them anew: python docs/_extensions/diagrams.py"
+    assert diagrams.SYSTEM.read_text(encoding="utf-8") == diagrams.system(), again
+    assert diagrams.TIMELINE.read_text(encoding="utf-8") == diagrams.timeline(), again
+
+
+def test_the_timeline_follows_the_rules_of_the_model() -> None:
+    diagrams = extension("diagrams")
+    pieces, signals = diagrams._pieces()
+    one, two, three = signals
+    totals = dict(diagrams._curve(pieces, 0)[::-1])  # at a jump the value before it
+    assert totals[0.0] == 7.5
+    assert one == pytest.approx((diagrams.CAPACITY - 7.5) / 2.0)
+    assert two > one + diagrams.HOLD_OFF  # demand is below the capacity when the first hold-off ends
+    assert three == pytest.approx(two + diagrams.HOLD_OFF)  # and above it when the second does
+    last = next(piece for piece in reversed(pieces) if piece.start <= three)
+    assert last.first + last.second + 2.0 * (three - last.start) > diagrams.CAPACITY
+
+
+def test_the_citation_has_the_version_and_the_paper() -> None:
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {__version__}\n" in citation
+    page = (DOCS / "howto" / "publish.md").read_text(encoding="utf-8")
+    assert f"version = {{{__version__}}}" in page
+    (doi,) = re.findall(r"\n    doi: (\S+)\n", citation)
+    assert f"doi       = {{{doi}}}" in page
 
 
 def test_wings_stand_on_floors_and_arrows_go_through_gaps() -> None:
@@ -182,6 +212,17 @@ def test_formulas_that_would_be_misread_are_refused(text: str) -> None:
     assert len(seen) == 1
     assert mathml._formula(nodes.math("x", r"\frac{1}{2}\,\dot{x}")).startswith("<math")
     assert len(seen) == 1
+
+
+@pytest.mark.parametrize("accent", ["bar", "dot", "hat"])
+def test_indices_stand_behind_a_letter_with_an_accent(accent: str) -> None:
+    mathml = extension("mathml")
+    once = "".join(mathml._formula(nodes.math("", rf"\{accent}{{x}}_i")).split())
+    assert "munderover" not in once
+    assert re.search(r"<msub><moveraccent=\"true\"><mi>x</mi><mo[^>]*>.</mo></mover><mi>i</mi></msub>", once)
+    both = "".join(mathml._formula(nodes.math("", rf"\{accent}{{x}}_i^j \lambda_i^j")).split())
+    assert re.search(r"<msubsup><mover.*?</mover><mi>i</mi><mi>j</mi></msubsup><msubsup><mi>λ</mi>", both)
+    assert "<munderover>" in mathml._formula(nodes.math_block("", r"\sum_{i=1}^n x_i"))
 
 
 def test_the_page_on_the_model_says_of_each_measure_what_the_table_says() -> None:
