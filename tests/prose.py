@@ -39,7 +39,6 @@ PENDING = frozenset(
         "docs/theory.md",
         "docs/theory_table.md",
         "docs/topologies.md",
-        "docs/tutorial.md",
     }
 )
 
