@@ -17,7 +17,6 @@ PENDING = frozenset(
     {
         "CONTRIBUTING.md",
         "README.md",
-        "docs/channel.md",
         "docs/command_line.md",
         "docs/convergence.md",
         "docs/delay_and_loss.md",
