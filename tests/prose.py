@@ -30,7 +30,6 @@ PENDING = frozenset(
         "docs/performance.md",
         "docs/report.md",
         "docs/reproducibility.md",
-        "docs/responses.md",
         "docs/scenario_files.md",
         "docs/scenarios.md",
         "docs/statistics.md",
