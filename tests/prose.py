@@ -36,7 +36,6 @@ PENDING = frozenset(
         "docs/studies.md",
         "docs/theory.md",
         "docs/theory_table.md",
-        "docs/topologies.md",
     }
 )
 
