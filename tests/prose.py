@@ -32,7 +32,6 @@ PENDING = frozenset(
         "docs/scenario_files.md",
         "docs/scenarios.md",
         "docs/statistics.md",
-        "docs/studies.md",
         "docs/theory.md",
         "docs/theory_table.md",
     }
