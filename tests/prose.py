@@ -31,7 +31,6 @@ PENDING = frozenset(
         "docs/reproducibility.md",
         "docs/scenario_files.md",
         "docs/scenarios.md",
-        "docs/statistics.md",
         "docs/theory.md",
         "docs/theory_table.md",
     }
