@@ -24,7 +24,6 @@ PENDING = frozenset(
         "docs/disturbances.md",
         "docs/extending.md",
         "docs/figures.md",
-        "docs/paper.md",
         "docs/performance.md",
         "docs/report.md",
         "docs/reproducibility.md",

@@ -77,12 +77,12 @@ def _alpha(study: PaperStudy) -> str:
         counts, far[increase] = _events(study, 1, "disk", increase)
         gives[increase] = (
             f"{alphas[1]:g} ({10_000 * alphas[1]:g} MB) gives {counts} capacity events, "
-            f"{far[increase]:.1f} standard deviations from the paper's number"
+            f"{far[increase]:.1f} standard deviations from the paper's number."
         )
     clear = far["as_printed"] > 5.0 and far["as_run"] <= 2.0
     return (
         "Disk's additive increase, in units of 10 GB: the printed "
-        f"{gives['as_printed']}; {gives['as_run']}."
+        f"{gives['as_printed']} The value {gives['as_run']}"
         f"{' The printed value cannot be the one that was run.' if clear else ''}"
     )
 
@@ -92,12 +92,12 @@ def _cost(study: PaperStudy) -> str:
     first, drawn = _first(study), _case(study, 1)["cost_ratio"]
     ratio, use = float(first["cost_ratio"].iloc[0]), float(first["cost_of_use"].iloc[0])
     return (
-        f"The cost ratio is {ratio:.3f} in this run and {drawn.mean():.3f} over the draws, because the "
-        "averages do not use up the capacities: each signal throws the total below its capacity, and it is "
-        f"above in only {_percents(first['overshoot_time'], 0)} of the steps, so that on average "
-        f"{_percents(first['unused'])} of memory, disk and bandwidth stay unused. To share optimally just "
-        f"what was used would cost {use:.3f} of the optimum; the averages cost "
-        f"{_percent(ratio / use - 1.0, 2)} more than that."
+        f"The cost ratio is {ratio:.3f} in this run and {drawn.mean():.3f} over the draws, because averages "
+        "do not use all of the capacities. Each signal reduces the total below its capacity, and it is "
+        f"above in only {_percents(first['overshoot_time'], 0)} of the steps. On average "
+        f"{_percents(first['unused'])} of memory, disk and bandwidth stay unused. Sharing optimally what "
+        f"was used would cost {use:.3f} of the optimum; the averages cost "
+        f"{_percent(ratio / use - 1.0, 2)} more."
     )
 
 
@@ -106,9 +106,8 @@ def _split(study: PaperStudy) -> str:
     first = _first(study)
     return (
         f"Of this run's relative errors, {_percents(first['relative_error'])}, unused capacity alone "
-        f"accounts for {_percents(first['unused'])}: no way of sharing what was used could be nearer. "
-        "Against the optimum for what was used (misallocation) the averages are "
-        f"{_percents(first['misallocation'])} off."
+        f"accounts for {_percents(first['unused'])}: no shares of what was used could be nearer. "
+        f"The misallocation, against the optimum for what was used, is {_percents(first['misallocation'])}."
     )
 
 
@@ -121,13 +120,13 @@ def _lag(study: PaperStudy) -> str:
         fits[lag] = int((error < ERROR_BOUND).sum())
         spans[lag] = (
             f"{_percent(error.min())} to {_percent(error.max())}, "
-            f"below {100 * ERROR_BOUND:g} % in {fits[lag]} of {study.draws} draws,"
+            f"below {100 * ERROR_BOUND:g} % in {fits[lag]} of {study.draws} draws."
         )
     verdict = "fits the run without the lag" if fits[0] > fits[1] else "does not tell the two apart here"
     return (
-        f"The relative error of bandwidth is {spans[1]} if a signal acts one step after the excess, as the "
-        f"algorithms are printed (lag 1), and {spans[0]} if it acts in the same step (lag 0): the paper's "
-        f"“below {100 * ERROR_BOUND:g} %” {verdict}."
+        "If a signal acts one step after the excess, as the algorithms are printed (lag 1), the relative "
+        f"error of bandwidth is {spans[1]} If it acts in the same step (lag 0), it is {spans[0]} "
+        f"The paper's “below {100 * ERROR_BOUND:g} %” {verdict}."
     )
 
 
@@ -146,8 +145,8 @@ def _peaks(study: PaperStudy) -> str:
     return (
         f"The paper's capacity events lie {counts[1]} standard deviations from the mean with lag 1 and "
         f"{counts[0]} with lag 0{', so they cannot tell which was run' if largest <= 2.0 else ''}. The peak "
-        f"of the total over the capacity could: {peaks[1]} with lag 1, {peaks[0]} with lag 0. In brackets, "
-        "one plus what all agents add, over the capacity, in two steps or in one."
+        f"of the total over the capacity could: it is {peaks[1]} with lag 1. With lag 0 it is {peaks[0]}. "
+        "In brackets: one plus what all agents add in two steps, or in one, over the capacity."
     )
 
 
