@@ -26,7 +26,6 @@ PENDING = frozenset(
         "docs/figures.md",
         "docs/performance.md",
         "docs/report.md",
-        "docs/reproducibility.md",
         "docs/scenario_files.md",
         "docs/scenarios.md",
         "docs/theory.md",
