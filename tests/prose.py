@@ -20,7 +20,6 @@ PENDING = frozenset(
         "docs/command_line.md",
         "docs/convergence.md",
         "docs/delay_and_loss.md",
-        "docs/design.md",
         "docs/disturbances.md",
         "docs/extending.md",
         "docs/figures.md",
