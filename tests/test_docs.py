@@ -225,6 +225,15 @@ def test_indices_stand_behind_a_letter_with_an_accent(accent: str) -> None:
     assert "<munderover>" in mathml._formula(nodes.math_block("", r"\sum_{i=1}^n x_i"))
 
 
+def test_greek_capitals_are_upright_and_small_letters_are_not() -> None:
+    formula = extension("mathml")._formula(nodes.math("", r"\Gamma \gamma \Delta"))
+    assert re.findall(r"<mi[^/]*</mi>", formula) == [
+        '<mi mathvariant="normal">Γ</mi>',
+        "<mi>γ</mi>",
+        '<mi mathvariant="normal">Δ</mi>',
+    ]
+
+
 def test_the_page_on_the_model_says_of_each_measure_what_the_table_says() -> None:
     page = (ROOT / "docs" / "model.md").read_text(encoding="utf-8")
     rows = "".join(f"| `{one.name}` | {one.unit} | {one.meaning} |\n" for one in MEASURES.values())

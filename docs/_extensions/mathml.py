@@ -28,6 +28,9 @@ _POWER = re.compile(
     re.DOTALL,
 )
 
+# Greek capitals are upright in LaTeX, which tells the capital gamma from the small one at a glance.
+_CAPITAL = re.compile(r"<mi(?: class=\"capital-greek\")?>([\u0393-\u03a9])</mi>")
+
 # The names of functions have room to both sides in LaTeX, and none in browsers.
 _FUNCTION = re.compile(r"<mi>\w{2,}</mi>\s*<mo>&ApplyFunction;</mo>")
 _THIN = '<mspace width="0.17em"></mspace>'
@@ -42,6 +45,7 @@ def _formula(node: nodes.math | nodes.math_block) -> str:
         formula = tex2mathml(text, as_block=isinstance(node, nodes.math_block))
         formula = _ACCENT.sub(r'<msub><mover accent="true">\1\3</mover>\2</msub>', formula)
         formula = _POWER.sub(r"<msubsup>\1\2\3</msubsup>", formula)
+        formula = _CAPITAL.sub(r'<mi mathvariant="normal">\1</mi>', formula)
         return _FUNCTION.sub(rf"{_THIN}\g<0>{_THIN}", formula)
     except MathError as error:
         _LOGGER.warning("formula %r: %s", text, error, location=node)
