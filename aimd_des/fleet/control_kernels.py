@@ -167,7 +167,7 @@ def _signal(
     return REACHED
 
 
-@announced("the fleet (about ten seconds)")
+@announced("the fleet (some 20 seconds)")
 def sample(
     agents: FleetAgents,
     control: FleetControl,
@@ -233,7 +233,7 @@ def _hold_off(control: FleetControl, resource: int, now: float, total: float) ->
     control.look_time[j] = now + control.hold_off[j]
 
 
-@announced("the fleet (about ten seconds)")
+@announced("the fleet (some 20 seconds)")
 def sense(
     agents: FleetAgents,
     control: FleetControl,
