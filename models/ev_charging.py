@@ -35,7 +35,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr, ndtri
 
 from aimd_des import InputError, PolynomialCosts, Problem, Resource, checks, lowlevel, model, solve_optimum
 from aimd_des.lowlevel import FloatArray, Purpose
@@ -127,6 +126,8 @@ def vehicle_schedule(seed: int = 0, n_vehicles: int = 40) -> Vehicles:
     InputError
         If an argument is outside its range.
     """
+    from scipy.special import ndtr, ndtri  # slow to import, and all models are imported together
+
     n = checks.integer("n_vehicles", n_vehicles, low=1)
     uniform = lowlevel.generator(seed, Purpose.PROBLEM).random((n, 3))
     low, high = ndtr(-_CUT), ndtr(_CUT)

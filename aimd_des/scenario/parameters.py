@@ -1,10 +1,10 @@
 """Parameters of models: anything that a file can hold, and nothing else."""
 
+import sys
 from datetime import date, datetime, time
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from aimd_des.utils.errors import InputError
 
@@ -32,10 +32,19 @@ def refuse_no_data(field: str, value: Any, depth: int = 0) -> None:
 
 def as_data(value: Any, depth: int = 0) -> Any:
     """Write values as a file has them."""
-    if isinstance(value, np.ndarray | np.generic | pd.Series | pd.Index):
+    if _is_array(value):
         value = value.tolist()
     if depth > 2 * _DEEPEST:
         return value
     if isinstance(value, dict):
         return {key: as_data(item, depth + 1) for key, item in value.items()}
     return [as_data(item, depth + 1) for item in value] if isinstance(value, list | tuple | range) else value
+
+
+def _is_array(value: Any) -> bool:
+    """Tell arrays and NumPy's numbers, and the series and indices of pandas."""
+    # Pandas is slow to import, and whoever has a series has imported it.
+    pandas = sys.modules.get("pandas")
+    return isinstance(value, np.ndarray | np.generic) or (
+        pandas is not None and isinstance(value, pandas.Series | pandas.Index)
+    )

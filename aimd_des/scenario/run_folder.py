@@ -17,13 +17,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from aimd_des._version import __version__
 from aimd_des.results.frames import categorical, columns_now, name_as_written, safe_names
 from aimd_des.results.measures import EXPECTED
 from aimd_des.results.result import Result
-from aimd_des.scenario.accuracy import accuracy_of
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.scenario import Scenario
 from aimd_des.utils import validation
@@ -39,6 +37,7 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.folders import PROVENANCE, Place, TakenError, new_folder
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
 
 Number = int | float
@@ -79,6 +78,9 @@ def write_run(place: Place, scenario: Scenario, result: Result, *, figures: bool
     RuntimeWarning
         For each figure that cannot be drawn: the numbers are there all the same.
     """
+    # Frames and theory are slow to import, and whoever reads a folder may need neither.
+    from aimd_des.scenario.accuracy import accuracy_of
+
     with new_folder(place) as folder:
         (folder / _SCENARIO).write_text(scenario.resolved().to_toml(), encoding="utf-8")
         summary, accuracy = result.summary(), accuracy_of(scenario, result)
@@ -104,7 +106,7 @@ def write_run(place: Place, scenario: Scenario, result: Result, *, figures: bool
         _add_figures(place, figure_makers(result), sums)
 
 
-def _frames(result: Result) -> dict[str, pd.DataFrame]:
+def _frames(result: Result) -> "dict[str, pd.DataFrame]":
     """Give the frames of a run, with what holds for it at the end and cannot be seen from them."""
     names = ("signals", "demand", "allocations", *(["events"] if result.log else []))
     return {
@@ -114,8 +116,10 @@ def _frames(result: Result) -> dict[str, pd.DataFrame]:
     }
 
 
-def _capacities(result: Result) -> pd.DataFrame:
+def _capacities(result: Result) -> "pd.DataFrame":
     """Tell since when each resource has had which capacity."""
+    import pandas as pd
+
     rows: list[tuple[float, int, float]] = []
     last = np.full(result.problem.n_resources, np.nan)
     for piece in result.history:
@@ -127,8 +131,10 @@ def _capacities(result: Result) -> pd.DataFrame:
     return pd.DataFrame({"time": time, "resource": names, "capacity": capacity})
 
 
-def _optimum(result: Result) -> pd.DataFrame:
+def _optimum(result: Result) -> "pd.DataFrame":
     """Tell what each agent that is here at the end should hold."""
+    import pandas as pd
+
     here, m = np.flatnonzero(result.history[-1].present), result.problem.n_resources
     best = np.empty((0, m)) if result.optimum is None else result.optimum.allocation
     return pd.DataFrame(
@@ -217,7 +223,7 @@ class StoredRun:
         """
         return (self.folder / f"{frame}.parquet").is_file()
 
-    def frame(self, name: str) -> pd.DataFrame:
+    def frame(self, name: str) -> "pd.DataFrame":
         """Read a frame.
 
         Parameters
@@ -235,6 +241,8 @@ class StoredRun:
         InputError
             If it is not there, or not as the run wrote it.
         """
+        import pandas as pd
+
         content = _read(self.folder, f"{name}.parquet", self.checksums)
         try:
             frame = pd.read_parquet(BytesIO(content))

@@ -34,7 +34,6 @@ from aimd_des.scenario.tables import (
     ResourceSettings,
 )
 from aimd_des.synchronous.synchronous import run_synchronous
-from aimd_des.theory import Convergence, convergence
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 
@@ -48,6 +47,8 @@ _IDLE = {
 _LARGEST_SEED = 2**64 - 1  # as large as one can be that is drawn from 64 bits
 
 if TYPE_CHECKING:
+    from aimd_des.theory import Convergence
+
     ControlUnitTable = KindTable
     AveragingTable = KindTable
     CompensationTable = KindTable
@@ -377,7 +378,7 @@ class Scenario(Table, InSentences):
             )
         return self._simulation(problem, interventions, processes).run(self.until, watch)
 
-    def convergence(self) -> Convergence:
+    def convergence(self) -> "Convergence":
         """Ask theory how near to the optimum the averages come, and how fast.
 
         Returns
@@ -394,6 +395,8 @@ class Scenario(Table, InSentences):
         """
         problem, interventions = self.built()
         if self.dynamics == "synchronous":
+            from aimd_des.theory import convergence  # slow to import, and not for a run
+
             return convergence(
                 problem, lag=self.lag, averaging=self.averaging.build(), response=self._response()
             )

@@ -1,16 +1,46 @@
 """Many runs: a study as data, carried out on one machine or many, read back, and its statistics."""
 
-from aimd_des.study.axis import Axis
-from aimd_des.study.file import read_study
-from aimd_des.study.replicate import jackknife, mean_and_error, replicate
-from aimd_des.study.results import StudyResults, load_study
-from aimd_des.study.run import Tally, run_study
-from aimd_des.study.statistics.intervals import Interval, difference, mean_interval, paired_difference
-from aimd_des.study.statistics.steady_state import BatchMeans, batch_means, mser
-from aimd_des.study.statistics.steady_utilisation import steady_utilisation
-from aimd_des.study.statistics.stopping import replications_needed
-from aimd_des.study.statistics.summary import compare, summarise
-from aimd_des.study.study import Precision, Study
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from aimd_des.study.axis import Axis
+    from aimd_des.study.file import read_study
+    from aimd_des.study.replications import jackknife, mean_and_error, replicate
+    from aimd_des.study.results import StudyResults, load_study
+    from aimd_des.study.run import Tally, run_study
+    from aimd_des.study.statistics.intervals import Interval, difference, mean_interval, paired_difference
+    from aimd_des.study.statistics.steady_state import BatchMeans, batch_means, mser
+    from aimd_des.study.statistics.steady_utilisation import steady_utilisation
+    from aimd_des.study.statistics.stopping import replications_needed
+    from aimd_des.study.statistics.summary import compare, summarise
+    from aimd_des.study.study import Precision, Study
+
+# Where each name lives: files are checked without frames and what is stored, which are slow to import.
+_HOME = {
+    "Axis": "axis",
+    "BatchMeans": "statistics.steady_state",
+    "Interval": "statistics.intervals",
+    "Precision": "study",
+    "Study": "study",
+    "StudyResults": "results",
+    "Tally": "run",
+    "batch_means": "statistics.steady_state",
+    "compare": "statistics.summary",
+    "difference": "statistics.intervals",
+    "jackknife": "replications",
+    "load_study": "results",
+    "mean_and_error": "replications",
+    "mean_interval": "statistics.intervals",
+    "mser": "statistics.steady_state",
+    "paired_difference": "statistics.intervals",
+    "read_study": "file",
+    "replicate": "replications",
+    "replications_needed": "statistics.stopping",
+    "run_study": "run",
+    "steady_utilisation": "statistics.steady_utilisation",
+    "summarise": "statistics.summary",
+}
 
 __all__ = [
     "Axis",
@@ -36,3 +66,14 @@ __all__ = [
     "steady_utilisation",
     "summarise",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for only then."""
+    if name in _HOME:
+        return getattr(import_module(f"aimd_des.study.{_HOME[name]}"), name)
+    raise AttributeError(f"module 'aimd_des.study' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

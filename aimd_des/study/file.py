@@ -8,10 +8,12 @@ from aimd_des.scenario.dotted_keys import with_settings
 from aimd_des.scenario.file import read_tables
 from aimd_des.scenario.messages import Place, checked
 from aimd_des.study.seal import unsealed
-from aimd_des.study.store import STUDY_FILE
 from aimd_des.study.study import Study
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+
+#: The study in its folder, as a file that can be run itself.
+STUDY_FILE = "study.toml"
 
 
 def read_study(path: str | Path, settings: Mapping[str, Any] | None = None) -> Study:

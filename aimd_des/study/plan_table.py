@@ -9,12 +9,12 @@ import pyarrow as pa
 import tomli_w
 
 from aimd_des._version import RESULT_VERSION
-from aimd_des.study.file import read_study
+from aimd_des.study.file import STUDY_FILE, read_study
 from aimd_des.study.fingerprint import FORM, fingerprint
 from aimd_des.study.points import Point, Run, expand, run_of
 from aimd_des.study.run_tables import plan_schema, run_schema
 from aimd_des.study.schedule import Schedule
-from aimd_des.study.store import STUDY_FILE, Store
+from aimd_des.study.store import Store
 from aimd_des.study.stored_rows import read_rows
 from aimd_des.study.study import Study, shown_labels, stored_study
 from aimd_des.utils.errors import InputError

@@ -9,11 +9,13 @@ import os
 import re
 from hashlib import sha256
 from pathlib import Path
+from typing import TYPE_CHECKING
 from uuid import uuid4
 
-import pyarrow as pa
-
 from aimd_des.utils.errors import InputError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 # What stands before and after the digest.  In JSON it is the last key, in TOML a comment at the end; in
 # Parquet it stands between the last page and the footer, where nothing points to.
@@ -45,7 +47,7 @@ def _seal(name: str, content: bytes) -> bytes:
     return before + digest.hexdigest().encode() + after
 
 
-def write_file(path: Path, content: bytes | pa.Buffer) -> None:
+def write_file(path: Path, content: "bytes | pa.Buffer") -> None:
     """Write a file under a temporary name, and give it its own when all of it is on the disk."""
     temporary = path.with_name(f".{path.name}.{uuid4().hex}.tmp")
     try:
@@ -71,7 +73,7 @@ def sweep_left(folder: Path) -> None:
             left.unlink(missing_ok=True)
 
 
-def write_sealed(folder: Path, name: str, content: bytes | pa.Buffer) -> None:
+def write_sealed(folder: Path, name: str, content: "bytes | pa.Buffer") -> None:
     """Write a file with the digest of its content, unless the same is there already."""
     path = folder / name
     rest = bytes(content)

@@ -9,7 +9,6 @@ from aimd_des.problem.optimum import Optimum, solve_optimum
 from aimd_des.problem.problem import Problem
 from aimd_des.scenario import Scenario
 from aimd_des.scenario.canonical import with_seed
-from aimd_des.scenario.expected import expected_of
 from aimd_des.study.points import Job, problem_words
 from aimd_des.utils.errors import InputError, SimulationError
 
@@ -76,6 +75,8 @@ class SharedParts:
         """Ask theory for the misallocation at the end: empty where it does not cover the scenario."""
         known, seed = self._point(job).expected, job.labels["seed"] if job.own_seed else 0
         if seed not in known:
+            from aimd_des.scenario.expected import expected_of  # theory is slow to import
+
             try:
                 theory = expected_of(scenario, self.problem(job, scenario).problem.n_agents)
                 mean = theory.misallocation(scenario.until).mean

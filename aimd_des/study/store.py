@@ -16,6 +16,7 @@ import tomli_w
 from aimd_des._version import RESULT_VERSION
 from aimd_des.results.frames import columns_now
 from aimd_des.study.columns import FRAMES
+from aimd_des.study.file import STUDY_FILE
 from aimd_des.study.locks import LOCK, alone
 from aimd_des.study.seal import is_left, read_sealed, sweep_left, write_sealed
 from aimd_des.study.study import Study
@@ -24,8 +25,6 @@ from aimd_des.utils.errors import InputError
 _LOGGER = logging.getLogger("aimd_des")
 
 _FOLDERS = ("runs", "failed", *FRAMES)
-#: The study as a file that can be run itself.
-STUDY_FILE = "study.toml"
 _FILES = ("manifest.json", STUDY_FILE, "plan.parquet", "points.parquet")
 _MANIFEST = {"runs", "result_version", "study"}
 

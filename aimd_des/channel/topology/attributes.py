@@ -3,16 +3,16 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import networkx as nx
-
 from aimd_des.channel.parameters import LONGEST
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
-if TYPE_CHECKING:  # the class has parameters in the stubs only
+if TYPE_CHECKING:
+    import networkx as nx
+
     Graph = nx.Graph[Any]
-else:
-    Graph = nx.Graph
+else:  # networkx is slow to import: it is there as soon as there is a graph
+    Graph = Any
 
 #: The attributes of every edge, and the largest number that each may hold.
 HIGHEST = {"latency": LONGEST, "loss": 1.0}
@@ -20,6 +20,8 @@ HIGHEST = {"latency": LONGEST, "loss": 1.0}
 
 def simple_graph(field: str, graph: object, remedy: str = "keep one, as networkx.Graph(graph) does") -> Graph:
     """Refuse what is no graph, or has several edges between the same nodes."""
+    import networkx as nx
+
     validation.instance(field, graph, nx.Graph, "a networkx.Graph or networkx.DiGraph")
     clean: Graph = graph  # type: ignore[assignment]  # it has been looked at
     if clean.is_multigraph():

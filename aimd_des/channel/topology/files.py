@@ -6,8 +6,6 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-import networkx as nx
-
 from aimd_des.channel.csv_columns import read_columns
 from aimd_des.channel.topology.attributes import HIGHEST, Graph, edge_number, known_node, simple_graph
 from aimd_des.utils import validation
@@ -19,15 +17,7 @@ _TYPES = {"boolean", "int", "integer", "long", "float", "double", "string"}
 
 # What is no XML is a SyntaxError; what networkx does not know is an error of its own or a KeyError, and
 # what it does not find one of the last two.
-_UNREADABLE = (
-    OSError,
-    SyntaxError,
-    ValueError,
-    nx.NetworkXException,
-    LookupError,
-    TypeError,
-    AttributeError,
-)
+_UNREADABLE = (OSError, SyntaxError, ValueError, LookupError, TypeError, AttributeError)
 
 
 @built_in("network", "graphml")
@@ -57,6 +47,8 @@ def from_graphml(path: str | Path, *, root: str, latency: str = "latency", loss:
         If the file cannot be read, has parallel edges (naming their nodes) or no such root, or an edge
         lacks an attribute (naming the nearest one) or has one out of range.
     """
+    import networkx as nx
+
     file, named = validation.path("path", path), {"latency": latency, "loss": loss}
     for quantity, attribute in named.items():
         validation.instance(quantity, attribute, str, "the name of an attribute of the edges")
@@ -64,7 +56,7 @@ def from_graphml(path: str | Path, *, root: str, latency: str = "latency", loss:
         read: Any = nx.parse_graphml(_with_known_keys(file))
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file") from None
-    except _UNREADABLE as error:
+    except (*_UNREADABLE, nx.NetworkXException) as error:
         raise InputError(f"{path}: cannot be read as GraphML ({str(error).strip()})") from None
     graph = simple_graph(f"{path}", read, "leave one of them in the file")
     known_node(f"{path}: root", root, graph)
@@ -146,6 +138,8 @@ def from_edges(
         an edge stands there twice (naming the rows, counted from 1 below the names), or there is no
         such root.
     """
+    import networkx as nx
+
     directed = validation.flag("directed", directed)
     sources, targets = read_columns(path, [source, target], _name, "the name of a node")
     quantities = [

@@ -4,7 +4,6 @@ import math
 from collections.abc import Hashable
 from typing import Any
 
-import networkx as nx
 import numpy as np
 import numpy.typing as npt
 
@@ -21,6 +20,8 @@ _LANE = 1
 
 def _finished(graph: Graph, root: Hashable, **quantities: npt.ArrayLike) -> Graph:
     """Give every edge its numbers, and the graph its root."""
+    import networkx as nx
+
     graph.graph["root"] = root
     for name, given in quantities.items():
         value = validation.per_agent(name, given, low=0.0, high=HIGHEST[name])
@@ -48,6 +49,8 @@ def star(n_agents: int, latency: npt.ArrayLike = 0.0, loss: npt.ArrayLike = 0.0)
     networkx.Graph
         With n + 1 nodes.
     """
+    import networkx as nx
+
     graph = nx.star_graph(validation.integer("n_agents", n_agents, low=1))
     return _finished(graph, 0, latency=latency, loss=loss)
 
@@ -72,6 +75,8 @@ def balanced_tree(branching: int, height: int, latency: float = 0.0, loss: float
     networkx.Graph
         With 1 + branching + branching**2 + ... + branching**height nodes.
     """
+    import networkx as nx
+
     width, depth = (
         validation.integer("branching", branching, low=1),
         validation.integer("height", height, low=1),
@@ -103,6 +108,8 @@ def grid(
     InputError
         If a number is outside its range, or the root outside the grid.
     """
+    import networkx as nx
+
     height = validation.integer("rows", rows, low=1)
     width = validation.integer(
         "columns", columns, low=2 if height == 1 else 1, remedy="a node needs a neighbour"
@@ -139,6 +146,8 @@ def random_geometric(
     networkx.Graph
         With n + 1 nodes, each with its place as the attribute `pos`.
     """
+    import networkx as nx
+
     n = validation.integer("n_agents", n_agents, low=1)
     reach = validation.number("radius", radius, low=0.0, low_open=True)
     slowness = validation.number("latency_per_distance", latency_per_distance, low=0.0, high=LONGEST / 2.0)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import special
 
 from aimd_des.utils import validation
 from aimd_des.utils.docstrings import described_like
@@ -46,6 +45,8 @@ class Interval:
 
 def quantile(confidence: float, degrees: npt.ArrayLike) -> FloatArray:
     """Compute how many standard errors an interval reaches to either side."""
+    from scipy import special  # slow to import
+
     level = validation.number("confidence", confidence, low=0.0, high=1.0, low_open=True, high_open=True)
     free = np.asarray(degrees, dtype=np.float64)
     known = np.where(free > 0.0, free, 1.0)
