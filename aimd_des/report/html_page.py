@@ -4,13 +4,13 @@ import base64
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar
 
 from aimd_des._version import __version__
+from aimd_des.report.script import bundled
 from aimd_des.study.seal import write_file
 from aimd_des.utils.errors import InputError
 
@@ -150,7 +150,7 @@ def render(page: Page) -> str:
         loader=folder, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     style, glue = (folder.get_source(environment, name)[0] for name in ("page.css", "page.js"))
-    script = _bundle(glue)
+    script = bundled(glue)
     return environment.get_template("page.html").render(
         page=page,
         version=__version__,
@@ -158,14 +158,6 @@ def render(page: Page) -> str:
         script=script,
         hash=_hash(script),
     )
-
-
-@lru_cache
-def _bundle(glue: str) -> str:
-    """Put Vega and what joins it to the page into one script: seconds, for whoever makes several pages."""
-    import vl_convert
-
-    return str(vl_convert.javascript_bundle(glue))
 
 
 def _hash(script: str) -> str:
