@@ -57,6 +57,8 @@ FIRST = {
     "run_synchronous": _SETTING + "run_synchronous(problem, steps=50, seed=0)",
 }
 SCENARIO = 'model = "models.smart_cameras"\nuntil = 50\nseed = 0\n'
+STUDY = 'base = "scenario.toml"\nreplications = 2\n'
+_SWEEP = ["-m", "aimd_des", "sweep", "study.toml", "--out", "study", "--workers", "1"]
 #: What compiles nothing: arguments of Python, and variables of the environment.
 PLAIN: dict[str, tuple[list[str], dict[str, str]]] = {
     "python": (["-c", ""], {}),
@@ -67,6 +69,9 @@ PLAIN: dict[str, tuple[list[str], dict[str, str]]] = {
     ),
     "aimd-des --help": (["-m", "aimd_des", "--help"], {}),
     "aimd-des validate": (["-m", "aimd_des", "validate", "scenario.toml"], {}),
+    "validate, of a study": (["-m", "aimd_des", "validate", "study.toml"], {}),
+    "show, of a study": (["-m", "aimd_des", "show", "study"], {}),
+    "sweep, with nothing to do": (_SWEEP, {}),
     "Tab on --set": (
         ["-c", "from aimd_des.cli import main; main(prog_name='aimd-des')"],
         {
@@ -119,6 +124,8 @@ def main(arguments: list[str] | None = None) -> None:
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         (folder / "scenario.toml").write_text(SCENARIO, encoding="utf-8")
+        (folder / "study.toml").write_text(STUDY, encoding="utf-8")
+        _run(_SWEEP, folder, {})
         turns = [
             [_first(name, program, folder) for name, program in FIRST.items()] for _ in range(options.repeats)
         ]
