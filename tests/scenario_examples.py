@@ -108,6 +108,22 @@ _OTHERS = {
     ),
     "estimated": inline("", '[channel]\nloss = 0.2\n[compensation]\nkind = "estimated"\nnumber_bits = 4'),
     "prices": f'{MODEL}\n[[interventions]]\nkind = "prices"\nevery = 12.5\n',
+    "threshold that changes": inline(
+        "", '[[interventions]]\nkind = "threshold"\nat = 6\nthreshold = 0.8\nresource = "disk"'
+    ),
+    "channel that changes": inline(
+        "",
+        '[[interventions]]\nkind = "channel"\nat = 9.5\n'
+        "channel = { latency = 1.5, loss = 0.4, duplication = 0.2, fifo = true }\n"
+        '[[interventions]]\nkind = "channel"\nat = 25\n'
+        'channel = { latency = { kind = "exponential", mean = 0.4 } }',
+    ),
+    "hold-off that changes": inline(
+        _CONTINUOUS,
+        '[control_unit]\nkind = "crossing"\nhold_off = 0.25\n'
+        '[[interventions]]\nkind = "hold_off"\nat = 8\nhold_off = 1.5\n'
+        '[[interventions]]\nkind = "hold_off"\nat = 20\nhold_off = 0.1\nlongest_hold_off = 3',
+    ),
     "recording": f"{MODEL}\n[recording]\ndemand = 0.5\nallocations = [0.0, 1, 20]\nevents = true\ntail = 0",
 }
 

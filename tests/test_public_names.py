@@ -50,9 +50,10 @@ FACES = {
         TermCosts TrackingCosts UtilityCosts weighted_costs
     """,
     "interventions": """
-        Absence CapacityProfile CapacityRamp CapacityStep Crash Failover Intervention Join Partition
-        Prices UnusualActivity check_absences check_end cut_off fail join leave reconnect recover
-        set_capacity set_costs set_decrease set_increase set_normalization set_threshold weigh
+        Absence CapacityProfile CapacityRamp CapacityStep ChangeChannel ChangeHoldOff ChangeThreshold Crash
+        Failover Intervention Join Partition Prices UnusualActivity check_absences check_end cut_off fail
+        join leave reconnect recover set_capacity set_channel set_costs set_decrease set_hold_off
+        set_increase set_normalization set_threshold weigh
     """,
     "latency": """
         Constant Empirical Exponential Latency LogNormal Pareto ShiftedGamma Uniform

@@ -42,6 +42,12 @@ class Conditions:
     on_tightening: list[Callable[[float, int], None]] = field(default_factory=list)
     # Called with the time when a control unit takes over.
     on_recovery: list[Callable[[float], None]] = field(default_factory=list)
+    # Called with the shortest and the longest hold-off when they have changed; empty where there is none.
+    on_hold_off: list[Callable[[float, float], None]] = field(default_factory=list)
+    # Whether they have changed: then the control unit's own word on when it may signal is out of date.
+    retimed: bool = False
+    # Called when signals go over another channel from now on.
+    on_channel: list[Callable[[], None]] = field(default_factory=list)
     # Called with the costs when they have changed.
     on_costs: list[Callable[[Costs], None]] = field(default_factory=list)
     # Called when parameters of the agents' rule have changed.

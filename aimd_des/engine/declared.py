@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Protocol, runtime_checkable
 
+from aimd_des.engine.control_unit import CrossingTable, table_of
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.system import System
 from aimd_des.problem.lookup import agent_indices
@@ -60,6 +61,31 @@ def check_absences(problem: Problem, interventions: Iterable[object]) -> None:
                 raise InputError.of(
                     f"absence of agent {name}", other, allowed, "let one begin after the other"
                 )
+
+
+def check_hold_offs(interventions: Iterable[object], control_unit: object) -> None:
+    """Refuse changes of a hold-off where the control unit has none.
+
+    Parameters
+    ----------
+    interventions : iterable of Intervention
+        All that are declared; those that change a hold-off have ``of_hold_off``.
+    control_unit : ControlUnit or None
+        That of the run; None stands for one that samples.
+
+    Raises
+    ------
+    InputError
+        Naming the first of them.
+    """
+    if isinstance(table_of(control_unit), CrossingTable):
+        return
+    for number, declared in enumerate(interventions):
+        if getattr(declared, "of_hold_off", False):
+            allowed = "left out unless the control unit is a Crossing: others have no hold-off"
+            raise InputError.of(
+                f"interventions[{number}]", declared, allowed, "choose Crossing(hold_off=...)"
+            )
 
 
 def check_end(interventions: Sequence[object], until: float) -> None:

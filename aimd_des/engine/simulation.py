@@ -12,7 +12,7 @@ from aimd_des.dynamics.responses import Response
 from aimd_des.dynamics.state import agent_parameters
 from aimd_des.engine.agent_process import AgentProcess
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, Sampled, table_of
-from aimd_des.engine.declared import Intervention, check_absences, check_end
+from aimd_des.engine.declared import Intervention, check_absences, check_end, check_hold_offs
 from aimd_des.engine.delivery import Agent, ProcessGenerator
 from aimd_des.engine.observers import Observer
 from aimd_des.engine.run_in_progress import Run
@@ -168,6 +168,7 @@ class Simulation:
             returned_values.check(intervention, problem)
         # After the others: it looks agents up, which must exist.
         check_absences(problem, changes)
+        check_hold_offs(changes, control_unit)
         self.problem = problem
         self.dynamics: Dynamics = dynamics
         self.control_unit = Sampled() if control_unit is None else control_unit
@@ -277,6 +278,9 @@ class Simulation:
         observations = observer.finish()
         # A control unit of the user's own need not say when it may signal.
         opportunities = getattr(self.control_unit, "opportunities", None)
+        # And what ours says is no longer so where its hold-off has changed.
+        if system.conditions.retimed:
+            opportunities = None
         return Result(
             self.problem,
             self.dynamics,

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aimd_des.channel import Channel
+from aimd_des.channel import Channel, Link
 from aimd_des.dynamics.averaging import Averaging, age_at, folded_at, keep_parts
 from aimd_des.dynamics.clocks import Clocks
 from aimd_des.dynamics.demand import CONTINUOUS, DISCRETE
@@ -86,10 +86,7 @@ class System(Readings):
         n, m = problem.n_agents, problem.n_resources
         # A key for each purpose: what one of them draws moves no number of another.
         self.keys = {purpose: rng.key(seed, purpose) for purpose in Purpose}
-        said = returned_values.said_by(channel, "open")
-        with returned_values.calling(said):
-            self.link = channel.open(n, self.keys)
-        returned_values.having(said, self.link, ["transmit"])
+        self.link = self._opened(channel, n)
         tick_weight = CONTINUOUS if clocks is None else DISCRETE
         # Arrays of this run: interventions write them, so nothing of the problem's may be among them.
         parameters = agent_parameters(problem, tick_weight, averaging, compensation, response)
@@ -115,6 +112,34 @@ class System(Readings):
         self.transmitter = Transmitter(self.env, self.link, m, self.conditions, until, carrier, log)
         draws = ResponseDraws(self.keys[Purpose.RESPONSE], n)
         self.response_draws: Callable[[Signal], list[float]] = draws.__getitem__
+
+    def _opened(self, channel: Channel, n_agents: int) -> Link:
+        """Let a channel begin, which may be the user's own."""
+        said = returned_values.said_by(channel, "open")
+        with returned_values.calling(said):
+            link = channel.open(n_agents, self.keys)
+        returned_values.having(said, link, ["transmit"])
+        return link
+
+    def change_channel(self, channel: Channel) -> None:
+        """Let signals go over another channel from now on; what has been sent arrives as it would have.
+
+        Parameters
+        ----------
+        channel : Channel
+            It begins now: it knows of no signal that was sent before.
+
+        Raises
+        ------
+        InputError
+            If it does not fit the number of agents, or its link has no ``transmit``.
+        """
+        link = self._opened(channel, self.problem.n_agents)
+        self.settle()
+        self.link = self.transmitter.link = link
+        returned_values.attach(link, self)
+        for tell in self.conditions.on_channel:
+            tell()
 
     def events(self, since: int = 0) -> "pd.DataFrame":
         """Read the event log as far as it goes, or what has come since somebody read it.

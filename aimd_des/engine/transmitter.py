@@ -72,6 +72,9 @@ class Transmitter:
         Copies by what becomes of them; duplicates that arrive are counted apart.
     collective : Collective or None
         Takes the copies of agents that are advanced together.
+    on_leave : list of callable
+        Called with (signal, arrival) when copies leave the control unit: when each agent's copy arrives, of
+        shape (n,), inf where it is lost.  Duplicates leave as copies of their own.
     """
 
     def __init__(
@@ -91,6 +94,7 @@ class Transmitter:
         self.numbers = np.zeros(n_resources, dtype=np.int64)
         self.delivered, self.lost, self.duplicated = np.zeros((3, n_resources, self.n_agents), dtype=np.int64)
         self.collective: Collective | None = None
+        self.on_leave: list[Callable[[Signal, FloatArray], None]] = []
 
     @property
     def in_flight(self) -> IntArray:
@@ -105,7 +109,8 @@ class Transmitter:
         self.sent.append(signal)
         departure = time + delay
         # Drawn at the look even if the signal leaves later: so a channel is asked in the order of broadcasts.
-        copies = self._drawn(signal, departure)
+        link = self.link
+        copies = self._drawn(link, signal, departure)
         # Turns are taken at the look: what lands at one instant lands in the order of the looks.
         turn, *orders = (self.env.reserve(many) for many in (1, self.n_agents, self.n_agents))
         # A delay may be too short to make a difference; then the signal leaves in this very look.
@@ -117,18 +122,17 @@ class Transmitter:
         # What the channel loses is lost at the look, before the departure, which may come after the end.
         self._lose(signal, copies.arrival == math.inf)
         if not late:
-            self._leave(signal, copies, orders)
+            self._leave(signal, copies, orders, link)
         elif departure < self.until:
 
             def leave_late(_: simpy.Event) -> None:
-                self._leave_late(signal, copies, orders)
+                self._leave_late(signal, copies, orders, link)
 
             # A delivery with a turn before those of its copies: after interventions that cut, ahead of looks.
             self.env.at(departure, EventKind.DELIVER, turn).callbacks.append(leave_late)
 
-    def _drawn(self, signal: Broadcast, departure: float) -> Copies:
+    def _drawn(self, link: Link, signal: Broadcast, departure: float) -> Copies:
         """Ask the channel, and refuse what it cannot mean."""
-        link = self.link
         # Ours need no check, and leave the order of copies to the time when cuts are known.
         if isinstance(link, DrawnLink):
             return link.draw(signal, departure)
@@ -155,7 +159,7 @@ class Transmitter:
             entries[:, 3] = agents
             self.log.extend(entries)
 
-    def _leave_late(self, signal: Broadcast, drawn: Copies, orders: list[int]) -> None:
+    def _leave_late(self, signal: Broadcast, drawn: Copies, orders: list[int], link: Link) -> None:
         """Let a signal leave after its sensing delay, as far as nothing is in the way now."""
         # Nobody may have looked at this instant; what is due must be answered before more is sent.
         if self.collective is not None:
@@ -164,19 +168,23 @@ class Transmitter:
         copies = _without(cut, drawn)
         # The others were entered at the look.
         self._lose(signal, (copies.arrival == math.inf) & (drawn.arrival < math.inf))
-        self._leave(signal, copies, orders)
+        self._leave(signal, copies, orders, link)
 
-    def _leave(self, signal: Broadcast, copies: Copies, orders: list[int]) -> None:
+    def _leave(self, signal: Broadcast, copies: Copies, orders: list[int], link: Link) -> None:
         """Put copies on their way, each behind those that left before it where links keep the order."""
-        if isinstance(self.link, DrawnLink):
-            self.link.keep_order(copies)
+        # Over the channel that drew them, which may be another one by now.
+        if isinstance(link, DrawnLink):
+            link.keep_order(copies)
         accounts = self.delivered, self.duplicated
         for copy, (arrival, account, order) in enumerate(zip(copies, accounts, orders, strict=True)):
             if arrival is not None:
                 # Counted ahead, so that nothing is counted when a copy lands; inf is never before the end.
                 arrives = arrival < self.until
                 account[signal.resource] += arrives
-                self._carry(Signal(signal.resource, signal.number, copy), arrival, arrives, order)
+                sent = Signal(signal.resource, signal.number, copy)
+                for tell in self.on_leave:
+                    tell(sent, arrival)
+                self._carry(sent, arrival, arrives, order)
 
     def missed(self, signal: Signal, agent: int) -> None:
         """Take note that a copy has landed where nobody is: it is lost after all."""

@@ -115,6 +115,7 @@ class CompiledAgents:
         # have arrived from others even where `reached` has been forgotten since.
         self._settled = self._position = system.env.reached
         system.conditions.on_costs.append(self._reprice)
+        system.conditions.on_channel.append(self._leave_rows)
         self._entries = EventEntries(m, ticking=ticking)
 
     def _integrals(self, overshoot: ConstantPieces | LinearPieces | None) -> FleetOvershoot:
@@ -219,13 +220,16 @@ class CompiledAgents:
         """Take in new private costs."""
         # Whoever sets them has settled: copies that were due before are answered at the old ones.
         self._gradient = _compiled_gradient(costs)
+        self._leave_rows()
+        self.agents = self.agents._replace(table=cost_table(costs), gradient=_address(self._gradient))
+
+    def _leave_rows(self) -> None:
+        """Let copies go to the queues where rows do not serve from now on."""
         rows = self.agents.rows
-        if rows.enabled and self._gradient is not None:
+        if rows.enabled and (self._gradient is not None or not serves(self.system)):
             for resource in range(len(rows.serving)):
                 spill(self.agents.copies, rows, resource)
-            rows = rows._replace(enabled=False)
-        table, address = cost_table(costs), _address(self._gradient)
-        self.agents = self.agents._replace(table=table, gradient=address, rows=rows)
+            self.agents = self.agents._replace(rows=rows._replace(enabled=False))
 
     def flush(self) -> None:
         """Have changes folded in that come before those of the members."""

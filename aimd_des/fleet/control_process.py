@@ -12,7 +12,7 @@ from aimd_des.channel.transmit_kernel import ChannelTable
 from aimd_des.dynamics.totals import piece
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, SampledTable
 from aimd_des.engine.control_unit.base import NEVER
-from aimd_des.engine.control_unit.crossing import Unanswered, standstill
+from aimd_des.engine.control_unit.crossing import Unanswered, standstill, within
 from aimd_des.engine.control_unit.sampled import asked
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import EventKind, Mailbox
@@ -88,6 +88,9 @@ class ControlProcess:
         self._setting = 0
         system.conditions.on_tightening.append(self._tightened)
         system.conditions.on_recovery.append(self._recovered)
+        system.conditions.on_channel.append(self._rewire)
+        if self.control.crossing:
+            system.conditions.on_hold_off.append(self._retimed)
 
     def process(self) -> ProcessGenerator:
         """Look for as long as the run lasts."""
@@ -215,6 +218,18 @@ class ControlProcess:
             self.control.look_time[:] = time
             self._set_alarm()
 
+    def _retimed(self, shortest: float, longest: float) -> None:
+        """Take new bounds of the hold-off; one that goes on ends when it would have ended."""
+        # Compiled code reads them from the record that it is given at each stretch.
+        self.control = self.control._replace(shortest=shortest, longest=longest)
+        hold_off = self.control.hold_off
+        hold_off[:] = [within(one, shortest, longest) for one in hold_off.tolist()]
+
+    def _rewire(self) -> None:
+        """Send over the channel of the run as it is now."""
+        # Between two stretches: all signals of the last one have been noted.
+        self.channel = self._channel()
+
     def _steer(self) -> int:
         """Go on with looks to the next event; do what compiled code has stopped for."""
         env, control, channel, fleet = self.system.env, self.control, self.channel, self.fleet
@@ -224,7 +239,8 @@ class ControlProcess:
         fleet.flush()
         # Listeners outside are told in time: whatever they do comes before the next signal.
         told = fleet.agents.reported != NO_ANSWERS and not fleet.integrals.lines
-        channel = channel._replace(compiled=channel.compiled and not told)
+        seen = bool(self.system.transmitter.on_leave)
+        channel = channel._replace(compiled=channel.compiled and not told and not seen)
         due, until = self._next()[0], env.horizon
         # However short the run, the next look is within the stride.
         length = 0.0 if env.one else self._stride

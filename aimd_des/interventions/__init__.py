@@ -8,6 +8,13 @@ from aimd_des.engine.declared import Intervention, check_absences, check_end
 from aimd_des.interventions.actions import cut_off, fail, join, leave, reconnect, recover
 from aimd_des.interventions.agents import Absence, Crash, Join, Prices, UnusualActivity
 from aimd_des.interventions.capacity import CapacityProfile, CapacityRamp, CapacityStep
+from aimd_des.interventions.changes import (
+    ChangeChannel,
+    ChangeHoldOff,
+    ChangeThreshold,
+    set_channel,
+    set_hold_off,
+)
 from aimd_des.interventions.faults import Failover, Partition
 from aimd_des.interventions.parameters import (
     set_capacity,
@@ -23,6 +30,9 @@ __all__ = [
     "CapacityProfile",
     "CapacityRamp",
     "CapacityStep",
+    "ChangeChannel",
+    "ChangeHoldOff",
+    "ChangeThreshold",
     "Crash",
     "Failover",
     "Intervention",
@@ -39,8 +49,10 @@ __all__ = [
     "reconnect",
     "recover",
     "set_capacity",
+    "set_channel",
     "set_costs",
     "set_decrease",
+    "set_hold_off",
     "set_increase",
     "set_normalization",
     "set_threshold",

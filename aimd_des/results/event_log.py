@@ -57,6 +57,10 @@ class Entry(IntEnum):
     """alpha of an agent changes; what it is from now on."""
     DECREASE = 17
     """beta of an agent changes; what it is from now on."""
+    HOLD_OFF = 18
+    """The hold-off of the control unit changes; what it is from now on, the shortest where it adapts."""
+    CHANNEL = 19
+    """Signals go over another channel from now on; 0."""
 
 
 # Numbers of an entry.

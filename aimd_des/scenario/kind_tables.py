@@ -45,6 +45,9 @@ _NUMBER, _LIST, _TABLE, _TABLES = "(number)", "(list)", "(table)", "(tables)"
 # What holds where a table of a group names no kind.
 _DEFAULTS = {"control_unit": "sampled", "costs": "polynomial"}
 
+# Objects that a parameter may be, and the tables by which they stand in a file.
+_NESTED: dict[Any, type[Part]] = {}
+
 # Modules of the user's own are named with dots: nothing is known of what they have before they are read.
 _OWN = {"type": "object", "properties": {"kind": {"type": "string", "pattern": r"\."}}, "required": ["kind"]}
 
@@ -149,9 +152,16 @@ def _refuse_no_file(path: str) -> None:
         raise InputError.of("path", path, "the name of a file that exists")
 
 
+def stands_as(kind: Any, table: type[Part]) -> None:
+    """Let a parameter that is such an object stand in a file as a table, which makes it."""
+    _NESTED[kind] = table
+
+
 def _for_call(kind: Kind, name: str, value: Any) -> Any:
     """Make a tuple or an array of a list where that is asked for: nodes of a grid have such names."""
     hint = kind.signature[name].annotation
+    if isinstance(value, Part):
+        return value.build()
     if not isinstance(value, list):
         return value
     if kind.is_own and np.ndarray in (hint, get_origin(hint)):
@@ -180,7 +190,7 @@ def _as_data(hint: Any, kind: Kind) -> Any:
         return elements if many is None else Annotated[elements, Field(min_length=many, max_length=many)]
     if origin in (dict, Mapping):
         return dict[inner[0], inner[1]]  # type: ignore[valid-type]
-    plain = {int: Integer, Path: str, inspect.Parameter.empty: Any, tuple: list[Any]}
+    plain = {int: Integer, Path: str, inspect.Parameter.empty: Any, tuple: list[Any], **_NESTED}
     return plain.get(hint, hint)
 
 

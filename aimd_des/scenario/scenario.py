@@ -10,6 +10,7 @@ from aimd_des.dynamics.averaging import Averaging
 from aimd_des.dynamics.demand import CONTINUOUS, DISCRETE
 from aimd_des.dynamics.responses import Response
 from aimd_des.engine.agent_process import AgentProcess
+from aimd_des.engine.control_unit import CrossingTable, table_of
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.simulation import Simulation
 from aimd_des.engine.system import System
@@ -155,6 +156,12 @@ class Scenario(Table, InSentences):
             averaging: Averaging = self.averaging.build()
             averaging.parameters(CONTINUOUS if self.dynamics == "continuous" else DISCRETE)
         for number, table in enumerate(self.interventions):
+            if getattr(table.of.of.make, "of_hold_off", False) and not self._holds_off():
+                raise InputError.of(
+                    f"interventions.{number}.kind",
+                    table.of.name,
+                    "left out unless control_unit.kind is 'crossing': others have no hold-off",
+                )
             if table.of.of.make is RedrawnPrices and self.model is None:
                 raise InputError.of(
                     f"interventions.{number}.kind",
@@ -163,6 +170,10 @@ class Scenario(Table, InSentences):
                     "prices are drawn by a model",
                 )
         return self
+
+    def _holds_off(self) -> bool:
+        """Tell whether the control unit has a hold-off that can be changed."""
+        return isinstance(table_of(self.control_unit.build()), CrossingTable)
 
     def _check_problem(self) -> None:
         given = [name for name in ("model", "resources", "costs") if getattr(self, name) is not None]
@@ -377,6 +388,23 @@ class Scenario(Table, InSentences):
                 recording=self.recording.build(),
             )
         return self._simulation(problem, interventions, processes).run(self.until, watch)
+
+    def simulation(self) -> Simulation:
+        """Put the system together, to be run piece by piece: ``scenario.simulation().start(scenario.until)``.
+
+        Returns
+        -------
+        Simulation
+            What `run` runs.
+
+        Raises
+        ------
+        InputError
+            If the problem is refused, or dynamics are synchronous, which are no simulation.
+        """
+        if self.dynamics == "synchronous":
+            raise InputError.of("dynamics", self.dynamics, "'discrete' or 'continuous' for a simulation")
+        return self._simulation(*self.built())
 
     def convergence(self) -> "Convergence":
         """Ask theory how near to the optimum the averages come, and how fast.

@@ -8,7 +8,7 @@ from aimd_des.channel.loss import Combined, Loss
 from aimd_des.dynamics.clocks import Clocks
 from aimd_des.problem.problem import Resource
 from aimd_des.results.recording import Recording
-from aimd_des.scenario.kind_tables import KindTable, one_of
+from aimd_des.scenario.kind_tables import KindTable, one_of, stands_as
 from aimd_des.scenario.strict_table import Part, Table
 
 Times = Literal["auto", "end"] | float | list[float]
@@ -127,6 +127,10 @@ class ChannelSettings(Part):
             numbers = [part for part in given if not isinstance(part, KindTable)]
             return Combined(*(table.build() for table in tables)) if tables else numbers
         return given
+
+
+# As what a change of the channel names it.
+stands_as(Channel, ChannelSettings)
 
 
 class ClocksSettings(Part):

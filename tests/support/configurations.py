@@ -43,6 +43,8 @@ from aimd_des.interventions import (
     CapacityProfile,
     CapacityRamp,
     CapacityStep,
+    ChangeChannel,
+    ChangeThreshold,
     Crash,
     Failover,
     Intervention,
@@ -300,6 +302,10 @@ def conditions(draw: st.DrawFn, problem: Problem, until: float) -> Intervention:
         lambda: Prices(1.5 + long, Redrawn(problem.costs)),
         lambda: Failover(at, long),
         lambda: Partition(at, long, members),
+        lambda: ChangeThreshold(at, 0.7 if period else 1.0, j if steps < 3 else None),
+        lambda: ChangeChannel(
+            at, BroadcastChannel(latency.Exponential(long), 0.3, 0.2 if period else 0.0, steps < 3)
+        ),
     ]
     return draw(st.sampled_from(kinds))()
 

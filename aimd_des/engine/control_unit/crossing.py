@@ -48,6 +48,11 @@ def adapted(hold_off: float, shortest: float, longest: float, expected: float, t
     return min(2.0 * hold_off, longest)
 
 
+def within(hold_off: float, shortest: float, longest: float) -> float:
+    """Bring a hold-off into bounds that have changed."""
+    return min(max(hold_off, shortest), longest)
+
+
 class Unanswered:
     """What total demand would be if nobody had answered since the last signal, whatever else has changed.
 
@@ -157,8 +162,7 @@ class Crossing:
     def _sense(self, system: System, resource: int, unanswered: Unanswered) -> ProcessGenerator:
         """Go from one possible crossing to the next: responses only lower the total, growth bounds it."""
         env, limit, growth = system.env, system.parameters.limit, system.conditions.growth
-        shortest, longest = self.bounds
-        alarm = _Alarm(system, resource, shortest)
+        alarm = _Alarm(system, resource, *self.bounds)
         at_this_instant, instant = 0, NEVER
         level, since = unanswered.level, unanswered.since
         # By an event of its kind, so that interventions at time 0 come before the first look.
@@ -174,10 +178,11 @@ class Crossing:
             # At the threshold, or so near below it that no representable time lies in between.
             at_this_instant = at_this_instant + 1 if now == instant else 1
             if at_this_instant > MOST_AT_ONE_INSTANT:
-                raise SimulationError(standstill(system, resource, shortest))
+                raise SimulationError(standstill(system, resource, alarm.shortest))
             if alarm.holding:
                 expected = float(level[resource] + growth[resource] * (now - since[resource]))
-                alarm.hold_off = adapted(alarm.hold_off, shortest, longest, expected, total)
+                bounds = alarm.shortest, alarm.longest
+                alarm.hold_off = adapted(alarm.hold_off, *bounds, expected, total)
             # Before the broadcast, which may be answered within it: what follows counts from this total.
             instant, alarm.holding = now, True
             level[resource], since[resource] = total, now
@@ -203,15 +208,17 @@ class _Alarm:
     `hold_off` is the present one, and `holding` says whether it is what is waited for.
     """
 
-    def __init__(self, system: System, resource: int, shortest: float) -> None:
+    def __init__(self, system: System, resource: int, shortest: float, longest: float) -> None:
         self.env = system.env
         self.resource = resource
         self.shortest = self.hold_off = shortest
+        self.longest = longest
         self.mailbox = Mailbox(system.env)
         self.latest = 0
         self.watchful = self.holding = False
         system.conditions.on_tightening.append(self._tightened)
         system.conditions.on_recovery.append(self._recovered)
+        system.conditions.on_hold_off.append(self._retimed)
 
     def at(self, time: float, *, sooner_if_raised: bool) -> Mailbox:
         """Set the alarm, for no time at all if it is infinite; an earlier setting no longer counts."""
@@ -231,6 +238,11 @@ class _Alarm:
     def _tightened(self, time: float, resource: int) -> None:
         if self.watchful and resource == self.resource:
             self.at(time, sooner_if_raised=True)
+
+    def _retimed(self, shortest: float, longest: float) -> None:
+        """Take new bounds of the hold-off; one that goes on ends when it would have ended."""
+        self.shortest, self.longest = shortest, longest
+        self.hold_off = within(self.hold_off, shortest, longest)
 
     def _recovered(self, time: float) -> None:
         """Let the unit that takes over look at once; it knows of no hold-off."""
