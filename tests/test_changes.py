@@ -216,7 +216,10 @@ def test_a_file_says_the_same_when_it_is_written_and_read() -> None:
     ("change", "words"),
     [
         ({"control_unit": {"kind": "sampled"}}, "interventions.0.kind = 'hold_off'"),
-        ({"interventions": [{"kind": "channel", "at": 1.0, "channel": {"loss": 2.0}}]}, "interventions.0.channel: loss = 2.0"),
+        (
+            {"interventions": [{"kind": "channel", "at": 1.0, "channel": {"loss": 2.0}}]},
+            "interventions.0.channel: loss = 2.0",
+        ),
         ({"interventions": [{"kind": "channel", "at": 1.0, "channel": {"los": 0.2}}]}, "unknown key 'los'"),
         ({"interventions": [{"kind": "channel", "at": 1.0}]}, "channel"),
     ],

@@ -38,6 +38,7 @@ ORDER = [
     "scenario",
     "study",
     "report",
+    "live",
     "cli",
     "__main__",
 ]

@@ -14,7 +14,19 @@ from aimd_des.cli.printing import let_go_of_output, say
 from aimd_des.utils.terminal_text import fit
 
 # In the order in which help shows them; each is `command` in the module of its name.
-_COMMANDS = ("run", "watch", "sweep", "validate", "show", "report", "compare", "list", "schema", "completion")
+_COMMANDS = (
+    "run",
+    "watch",
+    "live",
+    "sweep",
+    "validate",
+    "show",
+    "report",
+    "compare",
+    "list",
+    "schema",
+    "completion",
+)
 
 _EPILOG = """\b
 Examples:

@@ -73,6 +73,7 @@ ABOVE_KERNELS = frozenset(
         "cli",
         "compensation",
         "latency",
+        "live",
         "loss",
         "lowlevel",
         "plots",
