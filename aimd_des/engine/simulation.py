@@ -177,8 +177,7 @@ class Simulation:
         self.special = self._checked(special)
         self.clocks = Clocks() if clocks is None and dynamics == "discrete" else clocks
         self.averaging = Cumulative() if averaging is None else averaging
-        self.compensation = compensation
-        self.response = response
+        self.compensation, self.response = compensation, response
         self.interventions = changes
         self.recording = Recording() if recording is None else recording
         self.processes = validation.instances("processes", processes, _FUNCTION, "a function of the system")

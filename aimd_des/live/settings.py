@@ -206,7 +206,7 @@ def _value(field: str, control: Choice | Slider, value: object) -> float | int |
 
 def _change(field: str, data: object) -> dict[str, Any]:
     change = _table(field, data)
-    made = {"at": validation.number(f"{field}.at", change.get("at"), low=0.0)}
+    made: dict[str, Any] = {"at": validation.number(f"{field}.at", change.get("at"), low=0.0)}
     if "set" in change:
         return made | {"set": _values(f"{field}.set", change["set"], _NOW)}
     kind = validation.choice(f"{field}.do", change.get("do"), list(_DONE))

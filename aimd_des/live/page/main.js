@@ -74,11 +74,13 @@ function take(message) {
   const { slot, kind } = message, wait = app.waits[slot];
   if (kind === "refused") { refused(message); return; }
   if (kind === "file") { download(message); return; }
-  if (message.id !== app.ids[slot]) return;
+  // What belongs to an earlier run, or to a system that is no longer shown, is of no use.
+  if (message.id !== app.ids[slot] || !app.views[slot]) return;
   if (kind === "start") {
     if (wait.keepUpTo === null) wait.track = new Track(message);
   } else if (kind === "chunk") {
     if (wait) begin(slot, wait);
+    if (!app.tracks[slot]) return;
     app.tracks[slot].add(message);
     if (wait) app.stats.pictures[slot] = { id: message.id, asked: wait.at, came: performance.now(), drawn: 0 };
   } else if (kind === "measure") measured(app.tracks[slot], message);
@@ -335,7 +337,7 @@ function setCompare(two) {
   byId("compare").setAttribute("aria-pressed", String(two));
   byId("which").hidden = !two;
   if (two && !app.views.b) app.views.b = new View("b", byId("systems"), app);
-  if (!two && app.views.b) { app.views.b.root.remove(); delete app.views.b; delete app.tracks.b; app.slot = "a"; }
+  if (!two && app.views.b) { app.views.b.root.remove(); delete app.views.b; delete app.tracks.b; app.waits.b = null; app.ids.b += 1; app.slot = "a"; }
   for (const [slot, view] of Object.entries(app.views)) view.find(".name").textContent = two ? `System ${slot.toUpperCase()}` : "";
   selectSlot(app.slot);
 }
