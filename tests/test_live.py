@@ -409,3 +409,12 @@ def test_a_socket_plays_refuses_and_goes_on() -> None:
     saved = tomllib.loads(told[-1]["text"])
     assert (saved["seed"], saved["until"]) == (5, 31.0)
     assert "constant" in next(message for message in told if message["kind"] == "band")["text"]
+
+
+def test_the_page_of_the_documentation_is_the_page_as_it_is_now() -> None:
+    page = Path(__file__).parents[1] / "docs" / "_static" / "live.html"
+    text = page.read_text(encoding="utf-8")
+    assert page.stat().st_size < 2_000_000
+    boot = text.partition('type="application/json">')[2].partition("</script>")[0]
+    remedy = "write it anew: python docs/_extensions/live_pictures.py"
+    assert html_page.render(json.loads(boot)) == text, remedy

@@ -113,7 +113,7 @@ class Ring {
   // A dot for each copy on its way, with a tail as long as it is fast.
   copies(context, track, time, resource, { inner, unit, few }, { speed, calm }) {
     const { n } = track, way = inner - unit - (few ? 9 : 4), list = track.signals[resource];
-    const size = few ? Math.max(2, Math.min(3.2, 240 / n)) : 1.25;
+    const size = few ? Math.max(2, Math.min(3.2, 240 / n)) * Math.max(0.55, Math.min(1.15, inner / 170)) : 1.25;
     const fade = 0.9 * speed;
     const paths = { cut: new Path2D(), hold: new Path2D(), lost: new Path2D(), cross: new Path2D(), tails: new Path2D(), cutTails: new Path2D() };
     for (let k = list.length - 1; k >= 0; k--) {
@@ -153,7 +153,7 @@ class Ring {
     const angle = (2 * Math.PI * i) / n - Math.PI / 2, c = Math.cos(angle), s = Math.sin(angle), at = unit + share * way;
     const x = at * c, y = at * s;
     if (gone) {
-      const arm = few ? 3.2 : 1.6;
+      const arm = few ? size * 1.1 : 1.6;
       paths.cross.moveTo(x - arm, y - arm); paths.cross.lineTo(x + arm, y + arm);
       paths.cross.moveTo(x - arm, y + arm); paths.cross.lineTo(x + arm, y - arm);
       return;
@@ -184,7 +184,7 @@ class Ring {
         context.globalAlpha = 1 - share;
         context.lineWidth = few ? 2.2 : 1;
         context.beginPath();
-        context.arc(inner * Math.cos(angle), inner * Math.sin(angle), (few ? 7 : 2) + (calm ? 2 : share * (few ? 11 : 6)), 0, 2 * Math.PI);
+        context.arc(inner * Math.cos(angle), inner * Math.sin(angle), (few ? 0.045 * inner : 2) + (calm ? 2 : share * (few ? 0.07 * inner : 6)), 0, 2 * Math.PI);
         context.stroke();
       }
     }

@@ -61,8 +61,9 @@ class View {
       root.className = "saw";
       const head = document.createElement("div"), name = document.createElement("b"), words = document.createElement("span");
       head.className = "saw-head";
-      name.textContent = resource.name;
-      name.style.color = shade(resource.colour);
+      const dot = document.createElement("i");
+      dot.style.background = shade(resource.colour);
+      name.append(dot, resource.name);
       head.append(name, words);
       const canvas = document.createElement("canvas");
       canvas.setAttribute("role", "img");
