@@ -79,7 +79,7 @@ class View {
   }
 
   buildTable(resources) {
-    const heads = ["", "signals", "copies lost", "in flight", "cuts", "certain cuts", "averages use", "mis- allocation"];
+    const heads = ["", "signals", "copies lost", "in flight", "cuts", "certain cuts", "averages use", "mis\u00adallocation"];
     const row = document.createElement("tr");
     row.append(...heads.map((text) => { const cell = document.createElement(text ? "th" : "td"); cell.textContent = text; if (text) cell.scope = "col"; return cell; }));
     this.find(".counts thead").replaceChildren(row);
