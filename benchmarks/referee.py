@@ -13,14 +13,19 @@ from aimd_des import Crossing
 from aimd_des.lowlevel import FloatArray
 from aimd_des.study import mean_and_error
 from benchmarks.harness import console, cpu_seconds, positive, table
-from scenarios import continuous_vs_discrete, cures, delay, unequal_delays
-from scenarios.burst_loss import runs as burst_loss
-from scenarios.capacity_drop import runs as capacity_drop
+from scenarios import (
+    burst_loss,
+    capacity_drop,
+    continuous_vs_discrete,
+    cures,
+    delay,
+    mesh,
+    outage,
+    unequal_delays,
+    usable,
+)
 from scenarios.common.measure import run_draws
-from scenarios.mesh import runs as mesh
-from scenarios.outage import runs as outage
-from scenarios.robust_responses.study import Drawn, measure_late
-from scenarios.usable import frame as usable
+from scenarios.robust_responses import Drawn, measure_late
 
 __all__ = ["CLAIMS", "Claim", "Verdict", "judge", "main", "measure"]
 

@@ -175,7 +175,7 @@ def _findings(table: pd.DataFrame, until: float) -> list[str]:
     """)
 
 
-main = command("city", study, "Does what sixty cameras do hold for a city of a hundred thousand?")
+main = command("city", study, __doc__)
 
 if __name__ == "__main__":
     main()

@@ -212,9 +212,7 @@ def _size(table: pd.DataFrame, measure: str, name: str) -> float:
     return abs(number(table, "effect", measure=measure, clocks=name))
 
 
-main = command(
-    "clocks", study, "Does it matter that clocks are out of phase, run at different speeds or tick unevenly?"
-)
+main = command("clocks", study, __doc__)
 
 if __name__ == "__main__":
     main()

@@ -190,11 +190,7 @@ def _findings(table: pd.DataFrame, names: tuple[str, ...]) -> list[str]:
     """)
 
 
-main = command(
-    "continuous_vs_discrete",
-    study,
-    "What changes when agents grow and answer in continuous time instead of on one clock?",
-)
+main = command("continuous_vs_discrete", study, __doc__)
 
 if __name__ == "__main__":
     main()

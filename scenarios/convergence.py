@@ -221,7 +221,7 @@ def _findings(table: pd.DataFrame, steps: int) -> list[str]:
     return sentences(near) + (sentences(far) if 20 in set(last["lag"]) else [])
 
 
-main = command("convergence", study, "How near to the optimum do averages come, how fast, and what helps?")
+main = command("convergence", study, __doc__)
 
 if __name__ == "__main__":
     main()

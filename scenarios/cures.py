@@ -26,7 +26,7 @@ from aimd_des.plots import colour
 from aimd_des.responses import CustomResponse, Derandomised, EventNormalised, Response
 from scenarios.common import figures
 from scenarios.common.command import Finding, command
-from scenarios.common.measure import distance, quietly, run_draws, sensed
+from scenarios.common.measure import distance, quietly, rows_of, run_draws, sensed
 from scenarios.common.systems import lowered, memory_alone, rate
 from scenarios.common.tables import number, numbers, over_draws, pick, shown, summarise_draws
 
@@ -235,11 +235,9 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     ]
     cases += [Case(LOSS, cure, scales[1], 4.0 * until, pilots) for cure in _LONGER]
     pairs = run_draws(measure, [case for case in cases if case.possible], draws, 1, seed, quick, runs)
-    rows = [
-        {**dict(zip(_LABELS, case, strict=False)), "draw": draw, **one._asdict()}
-        for case, found in pairs
-        for draw, (one,) in enumerate(found, seed)
-    ]
+    rows = rows_of(
+        pairs, lambda case, _, one: {**dict(zip(_LABELS, case[:4], strict=True)), **one._asdict()}, seed
+    )
     table = summarise_draws([*rows, *_at_budget(rows, until)], _LABELS).assign(theory=np.nan)
     settings = {"seed": seed, "draws": draws, "until": until}
     printed = shown(_shown(table), ["setting", "cure", "measure"], ".3f")
@@ -324,7 +322,7 @@ def _said(budget: pd.DataFrame, setting: str, cure: str) -> str:
     return f"{cure}: {shares} % off, {use} % used{risky}"
 
 
-main = command("cures", study, "What is the cheapest cure for loss and delay?")
+main = command("cures", study, __doc__)
 
 if __name__ == "__main__":
     main()

@@ -21,9 +21,9 @@ from aimd_des import BroadcastChannel, InputError, Problem, solve_optimum, theor
 from aimd_des.lowlevel import FloatArray
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import distance, late, run_draws, run_late
+from scenarios.common.measure import distance, late, rows_of, run_draws, run_late
 from scenarios.common.systems import held, memory_alone, rate
-from scenarios.common.tables import number, over_draws, pick, shown, summarise_draws
+from scenarios.common.tables import beside_theory, number, over_draws, pick, shown, summarise_draws
 
 MEASURES = ("signals", "utilisation", "misallocation", "smallest", "level", "above")
 _START, _SHORT, _LONG = 1_000.0, 5_000.0, 20_000.0
@@ -51,12 +51,9 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     """Run memory of the paper's system over latencies and hold-offs, with draws of the costs."""
     draws = 2 if quick else 10
     cases = _cases(quick)
-    rows = [
-        {**case._asdict(), "draw": draw, **dict(zip(MEASURES, one, strict=True))}
-        for case, outcomes in run_draws(measure, cases, draws, 1, seed, quick, runs)
-        for draw, (one,) in enumerate(outcomes)
-    ]
-    table = summarise_draws(rows, list(Case._fields))
+    pairs = run_draws(measure, cases, draws, 1, seed, quick, runs)
+    rows = rows_of(pairs, lambda case, _, one: {**case._asdict(), **dict(zip(MEASURES, one, strict=True))})
+    table = summarise_draws(rows, Case._fields)
     table["taken"] = [taken(row["latency"], row["hold_off"]) for row in table.to_dict("records")]
     problems = [memory_alone(draw=draw) for draw in range(seed, seed + draws)]
     expected = {
@@ -151,16 +148,14 @@ def _figure(table: pd.DataFrame) -> Figure:
     figures.named(panels[0], "without latency", ":", linewidth=1.0)
     figures.level(panels[1], 100.0)
     figures.level(panels[2], 1.0)
-    for axes in panels:
-        axes.legend(fontsize="small", frameon=False, ncols=2)
+    figures.legends(panels, ncols=2)
     return figure
 
 
 def _draw(axes: Axes, rows: pd.DataFrame, by: str, along: str, scale: float) -> None:
     for place, value in enumerate(sorted(rows[by].unique())[-6:]):
         mine = rows[rows[by] == value].sort_values(along)
-        figures.points(axes, mine[along], mine, place, f"{by.replace('_', '-')} {value:g}", scale=scale)
-        figures.theory(axes, mine[along], mine, place, scale=scale)
+        figures.curve(axes, mine[along], mine, place, f"{by.replace('_', '-')} {value:g}", scale=scale)
     figures.named(axes, "theory, without noise")
 
 
@@ -171,9 +166,7 @@ def _findings(table: pd.DataFrame) -> list[str]:
     def say(measure: str, latency: float, hold_off: float = least) -> str:
         scale, digits = (100.0, 1) if measure in ("misallocation", "smallest") else (1.0, 2)
         where: dict[str, Any] = {"measure": measure, "latency": latency, "hold_off": hold_off}
-        known = number(short, "theory", **where)
-        told = "" if np.isnan(known) else f", theory {scale * known:.{digits}f}"
-        return f"{over_draws(short, scale, digits, **where)}{told}"
+        return beside_theory(short, scale, digits, **where)
 
     wrong = pick(short, measure="misallocation")
     floor = number(wrong, latency=0.0, hold_off=1.0)
@@ -217,7 +210,7 @@ def _aged(table: pd.DataFrame, latency: float, hold_off: float) -> str:
     return " instead of ".join(over_draws(table, 100.0, 1, span=span, **where) for span in ends)
 
 
-main = command("delay", study, "What does latency do, and which hold-off goes with it?")
+main = command("delay", study, __doc__)
 
 if __name__ == "__main__":
     main()

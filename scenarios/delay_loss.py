@@ -222,7 +222,7 @@ def _span(rows: pd.DataFrame, dynamics: str) -> str:
     return _range(rows[rows["dynamics"] == dynamics], "theory")
 
 
-main = command("delay_loss", study, "What do latency and loss do together?")
+main = command("delay_loss", study, __doc__)
 
 if __name__ == "__main__":
     main()

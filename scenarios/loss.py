@@ -82,10 +82,10 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     cases += [_Case(way, _SPREAD, 0.5 * top, long) for way in _WAYS[1:] for top in tops]
     found = run_draws(_run, cases, draws, 1, seed, quick, runs)
     rows = [
-        {**row, "draw": seed + draw}
+        {**row, "draw": draw}
         for case, outcomes in found
-        for draw, (one,) in enumerate(outcomes)
-        for row in _rows(case, one, seed + draw)
+        for draw, (one,) in enumerate(outcomes, seed)
+        for row in _rows(case, one, draw)
     ]
     rows += [
         {"loss": _SAME, "way": way.name, "mean_loss": np.nan, "length": short[2], "draw": draw, **limits}
@@ -226,8 +226,7 @@ def _draw_spread(axes: Axes, table: pd.DataFrame) -> None:
     for place, way in enumerate(_WAYS[1:], start=1):
         for measure, face in ((_PLAIN, colour(place)), (_NEW, "white")):
             rows = pick(table, loss=_SPREAD, way=way.name, measure=measure, length=longest)
-            figures.points(axes, rows["mean_loss"], rows, place, scale=100.0, markerfacecolor=face)
-            figures.theory(axes, rows["mean_loss"], rows, place, scale=100.0)
+            figures.curve(axes, rows["mean_loss"], rows, place, scale=100.0, markerfacecolor=face)
     figures.named(axes, "from the plain optimum", "o")
     figures.named(axes, "from the reweighted optimum", "o", markerfacecolor="white")
 
@@ -266,7 +265,7 @@ def _findings(table: pd.DataFrame) -> list[str]:
     return sentences("- " + "\n- ".join(found))
 
 
-main = command("loss", study, "How much loss is survived, how much is usable, and whom does loss cost?")
+main = command("loss", study, __doc__)
 
 if __name__ == "__main__":
     main()

@@ -363,7 +363,7 @@ def _findings(table: pd.DataFrame) -> list[str]:
     """)
 
 
-main = command("responses", study, "Which response is best for what, and what does it cost?")
+main = command("responses", study, __doc__)
 
 if __name__ == "__main__":
     main()

@@ -190,8 +190,7 @@ def _figure(table: pd.DataFrame, until: float) -> Figure:
     away = "distance from the optimum for what is used (%)"
     figures.dress(wrong, "(c) Shares are wrong where the total swings", x, away, ylim=(0.0, None))
     figures.dress(scattered, "(d) It ends where latencies scatter", x, held, **limits)
-    for axes in (shares, high, scattered):
-        axes.legend(frameon=False, fontsize="small")
+    figures.legends((shares, high, scattered))
     return figure
 
 
@@ -223,11 +222,7 @@ def _findings(table: pd.DataFrame, mean: float, until: float) -> list[str]:
     """)
 
 
-main = command(
-    "unequal_delays",
-    study,
-    "Who hears late: does it get more or less, and does a mixture of latencies act like its mean?",
-)
+main = command("unequal_delays", study, __doc__)
 
 if __name__ == "__main__":
     main()

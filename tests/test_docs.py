@@ -151,7 +151,7 @@ def test_every_scenario_has_a_page_in_the_gallery(name: str) -> None:
 
 
 def test_modules_and_folders_are_scenarios() -> None:
-    text, code = SCENARIOS["churn"]
+    text, code = SCENARIOS["congested_channel"]
     assert (text.name, code.name) == ("__init__.py", "study.py")
     assert SCENARIOS["delay"][0] == SCENARIOS["delay"][1]
     assert "common" not in SCENARIOS

@@ -7,7 +7,7 @@ import pytest
 
 from aimd_des.study import mean_and_error
 from aimd_des.theory import BurstRunaway, burst_runaway, burst_shares
-from scenarios.burst_loss.runs import Answer, Bursts, Outcome, answer, measure, share_of_smallest
+from scenarios.burst_loss import Answer, Bursts, Outcome, answer, measure, share_of_smallest
 from scenarios.common.systems import memory_alone
 
 PROBLEM = memory_alone()

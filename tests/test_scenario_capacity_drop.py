@@ -7,7 +7,7 @@ import pytest
 
 from aimd_des import theory
 from aimd_des.study import mean_and_error
-from scenarios.capacity_drop.runs import (
+from scenarios.capacity_drop import (
     DYNAMICS,
     LEVEL,
     PAPER,

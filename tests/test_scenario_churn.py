@@ -5,7 +5,7 @@ import pytest
 
 from aimd_des.interventions import Absence, Crash, Join
 from aimd_des.study import mean_and_error
-from scenarios.churn.runs import (
+from scenarios.churn import (
     ALPHA,
     CRITICAL_STAY,
     FORGOT,

@@ -10,10 +10,8 @@ from aimd_des.study import mean_and_error
 from scenarios.common.measure import run_draws
 from scenarios.common.systems import memory_alone, rate
 from scenarios.delay import MEASURES, Case, expect, measure, taken
-from scenarios.usable.delay import DELAY
-from scenarios.usable.frame import Case as Search
-from scenarios.usable.frame import Setting, search
-from scenarios.usable.loss import LOSS
+from scenarios.usable import Case as Search
+from scenarios.usable import Setting, search, usable_delay, usable_loss
 
 # Standard errors by which a mean may be off: by Student's t with 3 degrees of freedom once in 200.
 Z = 6.0
@@ -99,12 +97,12 @@ def test_usable_delay_is_what_the_threshold_leaves_for_growth(hold_off: float) -
     """Within a tenth of a period, of draws 0 and 1."""
     case = Search("latency", 4.0, 0.02, Setting(hold_off, 0.9), 1_000.0)
     room = 0.1 * memory_alone().capacity[0] / memory_alone().increase.sum()
-    wanted = DELAY.expected(case).above
+    wanted = usable_delay(case).above
     assert wanted == pytest.approx(room, abs=0.2)
     for draw in (0, 1):
         assert search(case, draw, 1_000 * draw).above == pytest.approx(wanted, abs=0.1)
     # Negative control: another threshold.
-    other = DELAY.expected(case._replace(setting=Setting(hold_off, 0.95))).above
+    other = usable_delay(case._replace(setting=Setting(hold_off, 0.95))).above
     assert abs(other - wanted) > 0.5
 
 
@@ -114,7 +112,7 @@ def test_a_threshold_below_the_capacity_makes_more_loss_usable() -> None:
     edges = {}
     for threshold in (1.0, 0.95):
         case = Search("loss", 0.95, 0.01, Setting(0.5, threshold), 3_000.0)
-        found, wanted = search(case, 0, 0), LOSS.expected(case).above
+        found, wanted = search(case, 0, 0), usable_loss(case).above
         assert found.above == pytest.approx(wanted, abs=0.1)
         assert found.misallocation > found.above + 0.1  # losses that are the same for all cost no shares
         edges[threshold] = found.above
@@ -127,7 +125,7 @@ def test_usable_delay_by_the_shares_grows_with_the_hold_off() -> None:
     edges = []
     for hold_off in (0.1, 0.2):
         case = Search("latency", 8.0, 0.1, Setting(hold_off, 0.9), 3_000.0)
-        edge, wanted = search(case, 0, 0).misallocation, DELAY.expected(case).misallocation
+        edge, wanted = search(case, 0, 0).misallocation, usable_delay(case).misallocation
         assert math.sqrt(0.046 / 0.05) * wanted * 0.85 < edge < 1.1 * wanted
         edges.append(edge)
     assert edges[1] == pytest.approx(2.0 * edges[0], rel=0.25)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from aimd_des.utils.validation import FloatArray
-from scenarios.ev_day.runs import LOSS, Case, Night, night, run
+from scenarios.ev_day import LOSS, Case, Night, night, run
 
 NIGHTS, VEHICLES, STEP = 4, 12, 120
 # By Student's t with 3 degrees of freedom, beyond this on one side once in 200.

@@ -7,7 +7,7 @@ import pytest
 from aimd_des import theory
 from aimd_des.study import mean_and_error
 from scenarios.common.systems import memory_alone
-from scenarios.mesh.runs import (
+from scenarios.mesh import (
     FLOOD,
     KNOWN,
     THRICE,

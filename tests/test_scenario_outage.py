@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from aimd_des.study import mean_and_error
-from scenarios.outage.runs import ALL, FAILOVER, HALF, OTHER, PART, Found, Outage, expected, measure
+from scenarios.outage import ALL, FAILOVER, HALF, OTHER, PART, Found, Outage, expected, measure
 
 # Standard errors by which a mean may be off: by Student's t with 7 degrees of freedom once in 1,000.
 Z = 5.4

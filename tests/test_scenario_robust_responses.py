@@ -10,7 +10,7 @@ from aimd_des.study import mean_and_error
 from aimd_des.theory import believed_loss
 from scenarios.common.measure import run_draws
 from scenarios.common.systems import critical, rate
-from scenarios.robust_responses.study import MEMORY, Answer, Drawn, answer, measure_late
+from scenarios.robust_responses import MEMORY, Answer, Drawn, answer, measure_late
 from tests.conftest import quietly
 
 # Four replications: by Student's t with 3 degrees of freedom a mean is so far off once in 200.

@@ -6,7 +6,7 @@ import pytest
 from aimd_des.study import mean_and_error
 from scenarios.common.measure import run_draws
 from scenarios.common.tables import reached
-from scenarios.unusual_activity.runs import (
+from scenarios.unusual_activity import (
     ONE,
     STEEP,
     Case,

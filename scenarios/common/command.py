@@ -85,13 +85,14 @@ class _Refusal(click.ClickException):
     exit_code = 2
 
 
-def command(name: str, study: Callable[..., Finding], question: str) -> click.Command:
-    """Make the command of a study.
+def command(name: str, study: Callable[..., Finding], text: str | None) -> click.Command:
+    """Make the command of a study, whose text begins with a line that says what it asks.
 
     A study is a function of `quick` (whether to run the small size), of `seed` (of the first replication)
     and of `runs` (a folder in which runs are kept; those that are there are not run again; none unless
     given).  What it finds is a function of the first two.
     """
+    question = (text or "").partition("\n")[0]
 
     def call(quick: bool, seed: int, out: Path, overwrite: bool, runs: Path | None) -> None:
         console = Console(width=None if sys.stdout.isatty() else 118, highlight=False)

@@ -1,5 +1,6 @@
 """Figures of the studies: panels, points with their errors, lines of theory, and names for the legend."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import pandas as pd
@@ -13,8 +14,10 @@ __all__ = [
     "MARKS",
     "REFERENCE",
     "course",
+    "curve",
     "dress",
     "frame",
+    "legends",
     "level",
     "named",
     "number_axis",
@@ -57,6 +60,14 @@ def theory(axes: Axes, x: Any, rows: pd.DataFrame, place: int, *, scale: float =
     axes.plot(x, scale * rows["theory"], color=colour(place), linewidth=1.5)
 
 
+def curve(
+    axes: Axes, x: Any, rows: pd.DataFrame, place: int, label: str = "", *, scale: float = 1.0, **look: Any
+) -> None:
+    """Draw rows as `points` does, and what theory has for them."""
+    points(axes, x, rows, place, label, scale=scale, **look)
+    theory(axes, x, rows, place, scale=scale)
+
+
 def level(axes: Axes, value: float, style: str = ":") -> None:
     """Draw a level that others are held against."""
     axes.axhline(value, color=REFERENCE, linewidth=1.0, linestyle=style)
@@ -66,6 +77,12 @@ def named(axes: Axes, label: str, style: str = "-", **look: Any) -> None:
     """Put a kind of line or mark into the legend."""
     usual: dict[str, Any] = {"color": REFERENCE, "linewidth": 1.5}
     axes.plot([], [], style, label=label, **(usual | look))
+
+
+def legends(panels: Iterable[Axes], **how: Any) -> None:
+    """Give each panel a legend of its own."""
+    for axes in panels:
+        axes.legend(**({"frameon": False, "fontsize": "small"} | how))
 
 
 def dress(

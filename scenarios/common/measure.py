@@ -1,7 +1,7 @@
 """One run of the paper's system, or one like it, and what is measured after its start has died away."""
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -276,6 +276,23 @@ def run_draws(
     return list(zip(cases, groups, strict=True))
 
 
+def rows_of(
+    pairs: Iterable[tuple[Any, Iterable[Iterable[Any]]]],
+    row: Callable[[Any, int, Any], Mapping[str, Any]] | None = None,
+    first: int = 0,
+) -> list[dict[str, Any]]:
+    """List what `run_draws` gives, a row for each run, with its `draw`, which are counted from `first` on.
+
+    A row is what a function of case, draw and outcome makes of them: the fields of both unless given.
+    """
+    return [
+        {"draw": draw, **(row(case, draw, one) if row else {**case._asdict(), **one._asdict()})}
+        for case, found in pairs
+        for draw, outcomes in enumerate(found, first)
+        for one in outcomes
+    ]
+
+
 def _run_draw(function: Callable[[_Case, int, int], _Outcome], case: _Case, draw: int, seed: int) -> _Outcome:
     return function(case, draw, seed + _SEEDS_A_DRAW * draw)
 
@@ -293,23 +310,6 @@ def distances(
         )
         for name, weights in optima.items()
     ]
-
-
-def table_of(
-    labels: Mapping[str, Any],
-    problem: Problem,
-    found: Sequence[Any],
-    names: Sequence[str],
-    optima: Mapping[str, Any],
-    expected: Mapping[str, float],
-) -> pd.DataFrame:
-    """Make a table of one case: means of these measures, distances from optima, and what theory has."""
-    rows = summarise(
-        [{**labels, **{name: getattr(one, name) for name in names}} for one in found], list(labels)
-    )
-    more = distances(labels, problem, [one.average for one in found], optima)
-    table = pd.concat([rows, pd.DataFrame(more)], ignore_index=True)
-    return table.assign(theory=table["measure"].map(expected).astype(float))
 
 
 def measure_all(

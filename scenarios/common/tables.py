@@ -103,6 +103,13 @@ def over_draws(table: pd.DataFrame, scale: float = 1.0, digits: int = 2, **wante
     return f"{mean} ± {half} (± {spread} over draws)"
 
 
+def beside_theory(table: pd.DataFrame, scale: float = 1.0, digits: int = 2, **wanted: object) -> str:
+    """Say the same, and what theory has for it, if it has anything."""
+    known = scale * number(table, "theory", **wanted)
+    found = over_draws(table, scale, digits, **wanted)
+    return found if np.isnan(known) else f"{found}, theory {known:.{digits}f}"
+
+
 def shown(table: pd.DataFrame, labels: Sequence[str], form: str = ".4f") -> pd.DataFrame:
     """Write the rows that have a mean for readers: labels, theory, and mean ± standard error."""
     rows = table[table["mean"].notna()]

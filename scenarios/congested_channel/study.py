@@ -16,7 +16,7 @@ from aimd_des.plots import colour
 from aimd_des.study import jackknife
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import distance, run_draws
+from scenarios.common.measure import distance, rows_of, run_draws
 from scenarios.common.tables import (
     estimate,
     number,
@@ -26,6 +26,7 @@ from scenarios.common.tables import (
     reached,
     shown,
     summarise_draws,
+    theory_of,
     with_theory,
 )
 from scenarios.congested_channel.runs import (
@@ -108,22 +109,10 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     ]
     holdings = [Holding(share, own, ends=size.ends) for share in size.shares for own in (True, False)]
     jobs = partial(run_draws, draws=size.draws, replications=1, seed=seed, quick=quick, runs=runs)
-    rows = [
-        row
-        for (law, case), (_, found) in zip(silences, jobs(load, [case for _, case in silences]), strict=True)
-        for row in _silence_rows(law, case, found, seed)
-    ]
-    rows += [row for case, found in jobs(load, rests) for row in _rest_rows(case, found, seed)]
-    table = pd.concat(
-        [
-            summarise_draws(rows, _LABELS),
-            summarise_draws(
-                [row for case, found in jobs(shares, holdings) for row in _share_rows(case, found, seed)],
-                _LABELS,
-            ),
-        ],
-        ignore_index=True,
-    )
+    rows = rows_of(jobs(load, silences), _silence_row, seed)
+    rows += rows_of(jobs(load, rests), _rest_row, seed)
+    held = [row for case, found in jobs(shares, holdings) for row in _share_rows(case, found, seed)]
+    table = pd.concat([summarise_draws(some, _LABELS) for some in (rows, held)], ignore_index=True)
     table = with_theory(table, _LABELS)
     table = pd.concat([table, pd.DataFrame(_escapes(size, seed, quick, runs))], ignore_index=True)
     settings = {"seed": seed, **size._asdict()}
@@ -132,13 +121,13 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     return Finding("congested_channel", settings, table, printed, _findings(table, size, seed), drawn)
 
 
-def _silences(size: _Size) -> list[tuple[str, Silence]]:
+def _silences(size: _Size) -> list[Silence]:
     """List silences: all hold-offs with loss that grows, the longest one with what helps."""
     cases = [(_EXCESS, hold_off) for hold_off in size.hold_offs]
     cases += [(law, size.hold_offs[0]) for law in (_OVERFLOW, _SAME, _LOWER)]
     cases += [(_KEPT, size.hold_offs[1])]
     return [
-        (law, Silence(_LAWS[law], hold_off, silence, 0.9 if law == _LOWER else 1.0, size.after))
+        Silence(_LAWS[law], hold_off, silence, 0.9 if law == _LOWER else 1.0, size.after)
         for law, hold_off in cases
         for silence in size.silences
     ]
@@ -149,36 +138,25 @@ def _congestion(law: Law, hold_off: float, draw: int) -> theory.Congestion:
     return theory.congestion(system_of(draw), law, hold_off=hold_off)
 
 
-def _silence_rows(
-    law: str, case: Silence, found: Sequence[Sequence[Load]], seed: int
-) -> list[dict[str, Any]]:
-    rows = []
-    for draw, (one,) in enumerate(found, start=seed):
-        gap = one.lifted - _congestion(case.law, case.hold_off, draw).turning
-        back = one.last < _AWAY
-        right = back == (gap < 0.0)
-        labels: dict[str, Any] = {
-            "experiment": "silence",
-            "loss": law,
-            "hold_off": case.hold_off,
-            "x": case.silence,
-        }
-        measures = {"lifted": one.lifted, _SILENCE: float(back), "as predicted": float(right)}
-        clear = float(right) if abs(gap) > _NEAR else np.nan
-        rows.append({**labels, "length": case.after, "draw": draw, **measures, "clearly predicted": clear})
-    return rows
+def _silence_row(case: Silence, draw: int, one: Load) -> dict[str, Any]:
+    gap = one.lifted - _congestion(case.law, case.hold_off, draw).turning
+    back = one.last < _AWAY
+    right = float(back == (gap < 0.0))
+    law = _LOWER if case.threshold < 1.0 else next(name for name, law in _LAWS.items() if law == case.law)
+    return {
+        **dict(zip(_LABELS, ("silence", law, case.hold_off, case.silence, case.after), strict=True)),
+        "lifted": one.lifted,
+        _SILENCE: float(back),
+        "as predicted": right,
+        "clearly predicted": right if abs(gap) > _NEAR else np.nan,
+    }
 
 
-def _rest_rows(case: Silence, found: Sequence[Sequence[Load]], seed: int) -> list[dict[str, Any]]:
-    rows = []
-    for draw, (one,) in enumerate(found, start=seed):
-        rests = _congestion(case.law, case.hold_off, draw).rests
-        labels = {"experiment": "rest", "loss": _EXCESS, "hold_off": case.hold_off, "x": _limit(case.law)}
-        expected = rests[-1] if rests else np.nan
-        rows.append(
-            {**labels, "length": case.after, "draw": draw, _REST: one.last, "theory of rest": expected}
-        )
-    return rows
+def _rest_row(case: Silence, draw: int, one: Load) -> dict[str, Any]:
+    rests = _congestion(case.law, case.hold_off, draw).rests
+    limit = case.law.limit if isinstance(case.law, Excess) else np.nan
+    labels = dict(zip(_LABELS, ("rest", _EXCESS, case.hold_off, limit, case.after), strict=True))
+    return {**labels, _REST: one.last, theory_of(_REST): rests[-1] if rests else np.nan}
 
 
 def _escapes(size: _Size, seed: int, quick: bool, runs: Path | None) -> list[dict[str, Any]]:
@@ -197,10 +175,6 @@ def _escapes(size: _Size, seed: int, quick: bool, runs: Path | None) -> list[dic
         row = estimate(labels, _EXPOSURE, (np.sum(counts, axis=0)[1], np.nan), each * size.draws)
         rows.append({**row, "draws": size.draws})
     return rows
-
-
-def _limit(law: Law) -> float:
-    return law.limit if isinstance(law, Excess) else np.nan
 
 
 def _share_rows(case: Holding, found: Sequence[Sequence[Shares]], seed: int) -> list[dict[str, Any]]:
@@ -223,8 +197,7 @@ def _figure(table: pd.DataFrame, size: _Size, seed: int) -> Figure:
     x, y = "loss of who holds the capacity over n", "distance from the optimum for what is used (%)"
     title = "(c) Who holds more loses more, and takes more"
     figures.dress(right, title, x, y, ylim=(0.0, None), xlim=(0.0, None))
-    for axes in (left, middle, right):
-        axes.legend(frameon=False, fontsize="small")
+    figures.legends((left, middle, right))
     return figure
 
 

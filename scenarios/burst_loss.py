@@ -1,23 +1,176 @@
-"""The study: what is run, and what is made of it."""
+"""Does it matter whether losses come in bursts?
 
-from collections.abc import Sequence
+Hardly, where each link has bursts of its own and n p alpha B / C, the part of the capacity that bad links
+hold, is small.  What is larger gives everybody p alpha B, whatever its costs: shares level out, signals
+become more frequent, and in the end do not suffice.  If all links have their bursts together, total demand
+runs away by n alpha B in each, and is above the capacity for p of the time and a little more; shares stay
+as they are up to bursts of some tens of periods.  Agents that make good for loss make it worse where bursts
+are long.
+"""  # noqa: D400 - a question
+
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import networkx as nx
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import theory
+from aimd_des import (
+    BroadcastChannel,
+    Problem,
+    Recording,
+    Result,
+    solve_optimum,
+    theory,
+    topology,
+)
+from aimd_des.compensation import Compensation, EstimatedLoss, KnownLoss
+from aimd_des.loss import Bernoulli, CommonMode, GilbertElliott, Loss
+from aimd_des.lowlevel import Channel, FloatArray
 from aimd_des.plots import colour
-from scenarios.burst_loss.runs import Answer, Bursts, Outcome, answer, measure, run_one, share_of_smallest
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import distance, run_draws
-from scenarios.common.systems import memory_alone
-from scenarios.common.tables import number, over_draws, pick, shown, summarise_draws, with_theory
+from scenarios.common.measure import distance, late, quietly, rows_of, run_draws, run_late, sensed
+from scenarios.common.systems import memory_alone, spread
+from scenarios.common.tables import (
+    beside_theory,
+    over_draws,
+    pick,
+    shown,
+    summarise_draws,
+    theory_of,
+    with_theory,
+)
+
+# Of the total, for what is rounding and no excess.
+_ROUNDING = 1e-9
+# What is exceeded for so much of the time is a high level, however long the run.
+_RARE = 0.01
+# A Gamma so small that no response saturates, however much an agent makes good for.
+_GENTLE = 1 / 360
+
+
+class Bursts(NamedTuple):
+    """What is run: losses with a mean and a mean length of bursts, 0 for none."""
+
+    common: bool  # whether all links are one
+    # p, and B in units of time.
+    loss: float
+    burst: float
+    hold_off: float  # r, in units of time
+    # The end, and the time from which the run is measured.
+    until: float
+    start: float
+
+    def channel(self, n: int) -> Channel:
+        """Make the channel: links that are one are a single edge, from which a relay reaches everybody."""
+        if self.burst == 0.0:
+            model = CommonMode(self.loss) if self.common else Bernoulli(self.loss)
+            return BroadcastChannel(loss=model)
+        if not self.common:
+            return BroadcastChannel(loss=GilbertElliott(self.loss, self.burst))
+        graph: Any = nx.Graph()
+        graph.add_edge("unit", "relay", latency=0.0, loss=self.loss)
+        graph.add_edges_from((("relay", agent) for agent in range(n)), latency=0.0, loss=0.0)
+        bursty = partial(GilbertElliott, mean_burst=self.burst)
+        return topology.tree(graph, root="unit", agents=list(range(n)), loss=bursty)
+
+
+class Outcome(NamedTuple):
+    """What is measured of one run after its start; demand is over the capacity."""
+
+    # Signals per unit of time, share of time above the capacity, mean of what is above it, the level that is
+    # exceeded for 1 % of the time, and the highest.
+    signals: float
+    time_above: float
+    excess: float
+    high: float
+    peak: float
+    # Mean excess where total demand turns back above the capacity, seen once in a hold-off; NaN if it
+    # never did.
+    run_away_peak: float
+    # Mean duration of excursions above the capacity, in units of time; NaN if there were none.
+    excursion: float
+    # Share of the total that the third of the agents with the smallest optimal allocations holds, and the
+    # distance of the averages from the optimum for what they use.
+    smallest: float
+    misallocation: float
+
+
+def run_one(run: Bursts, draw: int, seed: int, looks: FloatArray) -> Result:
+    """Run, with total demand recorded at `looks`."""
+    problem, span = memory_alone(draw=draw), (run.start, run.until)
+    return run_late(problem, run.hold_off, run.channel(problem.n_agents), span, seed, looks)
+
+
+def measure(run: Bursts, draw: int, seed: int) -> Outcome:
+    """Run and measure; beyond what can be held responses are cut off at probability 1."""
+    result = run_one(run, draw, seed, np.arange(run.start, run.until, run.hold_off))
+    problem, found = result.problem, late(result, run.start)
+    times = result.signals_sent.time
+    times = times[times >= run.start]
+    # A signal that did not suffice is repeated a hold-off later: so long as it is, demand is above.
+    again = np.append(False, np.diff(times) <= run.hold_off * (1.0 + 1e-9))
+    begun = int((again[1:] & ~again[:-1]).sum())
+    level = result.observations.total_demand[:, 0] / problem.capacity[0] - 1.0
+    turns = (level[1:-1] > _ROUNDING) & (level[1:-1] > level[:-2]) & (level[1:-1] > level[2:])
+    return Outcome(
+        signals=found.signals,
+        time_above=found.time_above,
+        excess=found.excess,
+        high=1.0 + float(np.quantile(level, 1.0 - _RARE)),
+        peak=found.peak,
+        run_away_peak=float(level[1:-1][turns].mean()) if turns.any() else np.nan,
+        excursion=float(found.time_above * (run.until - run.start) / begun) if begun else np.nan,
+        smallest=share_of_smallest(problem, found.average),
+        misallocation=float(distance(problem, found.average)[0]),
+    )
+
+
+def share_of_smallest(problem: Problem, allocation: FloatArray) -> float:
+    """Compute what the third of the agents holds that the optimum gives least of the one resource."""
+    order = np.argsort(solve_optimum(problem).allocation[:, 0])
+    return float(allocation[order[: problem.n_agents // 3], 0].sum() / allocation.sum())
+
+
+class Answer(NamedTuple):
+    """What is run with losses that are spread from 0 to twice a mean, and agents that make good for them."""
+
+    way: str  # "nothing", "known loss", or so many bits of a running number
+    mean: float
+    burst: float
+    until: float
+
+    @property
+    def compensation(self) -> Compensation | None:
+        """How agents make good for loss."""
+        if self.way == "nothing":
+            return None
+        return KnownLoss(_spread(self.mean)) if self.way == "known loss" else EstimatedLoss(int(self.way[0]))
+
+
+def _spread(mean: float) -> FloatArray:
+    return spread(0.0, 2.0 * mean)
+
+
+def answer(run: Answer, draw: int, seed: int) -> float:
+    """Run, and measure how far averages are from the optimum for what they use."""
+    losses = _spread(run.mean)
+    model: Loss = GilbertElliott(losses, run.burst) if run.burst > 0.0 else Bernoulli(losses)
+    problem = memory_alone(normalization=_GENTLE, draw=draw)
+    simulation = sensed(
+        problem,
+        0.1,
+        channel=BroadcastChannel(loss=model),
+        compensation=run.compensation,
+        seed=seed,
+        recording=Recording(demand="end", overshoot=False),
+    )
+    return float(distance(problem, quietly(simulation, run.until).average_at_end)[0])
+
 
 _LOSS = 0.2
 _HOLD_OFF = 0.25
@@ -86,12 +239,10 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         for burst in (size.answered if mean == size.means[0] else size.answered[:1])
     ]
     jobs = partial(run_draws, draws=size.draws, replications=1, seed=seed, quick=quick, runs=runs)
-    rows = [row for case, found in jobs(measure, cases) for row in _rows(case, found, seed)]
-    rows += [
-        {"links": way, "loss": mean, "burst": burst, "length": end, "draw": seed + draw, _OFF: one}
-        for (way, mean, burst, end), found in jobs(answer, answers)
-        for draw, (one,) in enumerate(found)
-    ]
+    rows = rows_of(jobs(measure, cases), _row, seed)
+    rows += rows_of(
+        jobs(answer, answers), lambda case, _, off: {**dict(zip(_LABELS, case, strict=True)), _OFF: off}, seed
+    )
     table = with_theory(summarise_draws(rows, _LABELS), _LABELS)
     settings = {"seed": seed, **size._asdict()}
     printed = shown(table[table["measure"].isin(_PRINTED)], [*_LABELS, "measure"])
@@ -99,18 +250,11 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     return Finding("burst_loss", settings, table, printed, _findings(table, size), drawn)
 
 
-def _rows(run: Bursts, found: Sequence[Sequence[Outcome]], seed: int) -> list[dict[str, Any]]:
-    rows = []
-    for draw, (one,) in enumerate(found, start=seed):
-        labels: dict[str, Any] = {
-            "links": _COMMON if run.common else _OWN,
-            "loss": run.loss,
-            "burst": run.burst,
-        }
-        known = _expected(run.common, run.loss, run.burst, draw)
-        expected = {f"theory of {name}": value for name, value in known.items()}
-        rows.append({**labels, "length": run.until, "draw": draw, **one._asdict(), **expected})
-    return rows
+def _row(run: Bursts, draw: int, one: Outcome) -> dict[str, Any]:
+    labels = {"links": _COMMON if run.common else _OWN, "loss": run.loss, "burst": run.burst}
+    known = _expected(run.common, run.loss, run.burst, draw)
+    expected = {theory_of(name): value for name, value in known.items()}
+    return {**labels, "length": run.until, **one._asdict(), **expected}
 
 
 @lru_cache(maxsize=1024)
@@ -148,8 +292,7 @@ def _figure(table: pd.DataFrame, size: _Size, seed: int) -> Figure:
     title = "(e) Bursts of each link level the shares"
     figures.dress(panels[4], title, held, "memory held by the 20 smallest (%)")
     _draw_answers(panels[5], table, size)
-    for axes in panels:
-        axes.legend(frameon=False, fontsize="small")
+    figures.legends(panels)
     return figure
 
 
@@ -177,8 +320,7 @@ def _draw_levels(axes: Axes, common: pd.DataFrame) -> None:
         found, lift = pick(common, measure=measured), float(measured == "run_away_peak")
         rows = found.assign(mean=found["mean"] + lift, theory=found["theory"] + lift)
         burst = np.maximum(rows["burst"], _NONE)
-        figures.points(axes, burst, rows, place, label)
-        figures.theory(axes, burst, rows, place)
+        figures.curve(axes, burst, rows, place, label)
     figures.named(axes, "theory")
     figures.level(axes, 1.0)
     _bursts(axes, "(b) In common: demand runs away", "total demand over capacity", ylim=(0.0, None))
@@ -191,8 +333,7 @@ def _draw_shares(axes: Axes, common: pd.DataFrame, table: pd.DataFrame, size: _S
     for place, (links, all_rows) in enumerate(((_OWN, own), (_COMMON, common))):
         rows = pick(all_rows, measure=_OFF)
         burst = np.maximum(rows["burst"], _NONE)
-        figures.points(axes, burst, rows, place, links, scale=100.0)
-        figures.theory(axes, burst, rows, place, scale=100.0)
+        figures.curve(axes, burst, rows, place, links, scale=100.0)
     figures.named(axes, "theory")
     _bursts(axes, "(c) Shares", "distance from the optimum (%)")
 
@@ -201,8 +342,7 @@ def _draw_held(axes: Axes, table: pd.DataFrame, size: _Size, measured: str) -> N
     for place, loss in enumerate(size.losses):
         rows = pick(table, links=_OWN, loss=loss, length=size.ends[-1], measure=measured)
         held = loss * _GROWTH * rows["burst"]
-        figures.points(axes, held, rows, place, f"loss {loss:g}", scale=100.0)
-        figures.theory(axes, held, rows, place, scale=100.0)
+        figures.curve(axes, held, rows, place, f"loss {loss:g}", scale=100.0)
     if measured == "smallest":
         figures.named(axes, "theory")
 
@@ -236,9 +376,7 @@ def _findings(table: pd.DataFrame, size: _Size) -> list[str]:
 
     def common(measured: str, burst: float, scale: float = 1.0, digits: int = 2, length: float = end) -> str:
         wanted = {"links": _COMMON, "burst": burst, "length": length, "measure": measured}
-        expected = number(table, "theory", **wanted)
-        known = "" if np.isnan(expected) else f", theory {scale * expected:.{digits}f}"
-        return over_draws(table, scale, digits, **wanted) + known
+        return beside_theory(table, scale, digits, **wanted)
 
     def made_good(mean: float, burst: float) -> str:
         found = {
@@ -269,4 +407,7 @@ def _findings(table: pd.DataFrame, size: _Size) -> list[str]:
     """)
 
 
-main = command("burst_loss", study, "Does it matter whether losses come in bursts?")
+main = command("burst_loss", study, __doc__)
+
+if __name__ == "__main__":
+    main()

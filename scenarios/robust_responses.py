@@ -1,4 +1,11 @@
-"""The study: what is run, and what is made of it."""
+"""What helps against loss and delay: answering more often, a lower threshold, a hold-off that adapts?
+
+Agents that know their loss, or estimate it from running numbers of 5 bits, end up within 2 % of the
+optimum, from 9 to 32 % off; with numbers of 2 bits they stay there. Thresholds from theory keep demand below
+the capacity for all but about 1 % of the time, at up to 8 points of utilisation. A hold-off that adapts
+survives as much loss as a short one, and saves signals under latency, if it is bounded below 1 / rho;
+one that may grow beyond saves them by letting demand run away.
+"""  # noqa: D400 - a question
 
 from collections.abc import Mapping
 from functools import lru_cache, partial
@@ -17,7 +24,7 @@ from aimd_des.plots import colour
 from models.smart_cameras import smart_cameras
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import distance, late, quietly, run_draws, run_late
+from scenarios.common.measure import distance, late, quietly, rows_of, run_draws, run_late
 from scenarios.common.systems import critical, held, lowered, memory_alone, rate, spread
 from scenarios.common.tables import number, over_draws, pick, shown, summarise_draws, with_theory
 
@@ -102,7 +109,9 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     draws, long = (2, 500.0) if quick else (10, 20_000.0)
     until, short = (600.0, 300.0) if quick else (12_500.0, 5_000.0)
     run = partial(run_draws, draws=draws, replications=1, seed=seed, quick=quick, runs=runs)
-    table = _over_draws(run(measure_late, [*_thresholds(quick, until), *_hold_offs(quick, short)]))
+    late_runs = run(measure_late, [*_thresholds(quick, until), *_hold_offs(quick, short)])
+    rows = rows_of(late_runs, lambda case, _, one: {**case.labels, "resource": "memory", **one._asdict()})
+    table = summarise_draws(rows, _LABELS)
     table["theory"] = [_expected(row, table) for row in table.to_dict("records")]
     table = pd.concat([_compensated(run(answer, _answers(quick, long))), table], ignore_index=True)
     wide = table["panel"].str.startswith("loss, ")
@@ -222,15 +231,6 @@ def _compensated(pairs: list[tuple[Answer, list[list[_Answered]]]]) -> pd.DataFr
                 values = {measure: float(getattr(seen, part)[j]) for measure, part in _PARTS.items()}
                 rows.append({**labels, "resource": name, "draw": draw, **values})
     return with_theory(summarise_draws(rows, _LABELS), _LABELS)
-
-
-def _over_draws(pairs: list[tuple[Drawn, list[list[_Late]]]]) -> pd.DataFrame:
-    rows = [
-        {**case.labels, "resource": "memory", "draw": draw, **seen._asdict()}
-        for case, outcomes in pairs
-        for draw, (seen,) in enumerate(outcomes)
-    ]
-    return summarise_draws(rows, _LABELS)
 
 
 def _expected(row: dict[Any, Any], table: pd.DataFrame) -> float:
@@ -441,8 +441,7 @@ def _about_thresholds(table: pd.DataFrame) -> list[str]:
     """)
 
 
-main = command(
-    "robust_responses",
-    study,
-    "What helps against loss and delay: answering more, a lower threshold, an adaptive hold-off?",
-)
+main = command("robust_responses", study, __doc__)
+
+if __name__ == "__main__":
+    main()
