@@ -14,6 +14,8 @@ h_i being half a saw tooth.  Once the run is much older than the time x / alpha 
 shares, y is what the balance makes it for the averages at hand, and only these are followed.
 """
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise
@@ -24,6 +26,7 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 
 from aimd_des.dynamics.responses import AT_CUTS, AT_SIGNALS
+from aimd_des.theory.first_swings import follow_first_swings
 from aimd_des.theory.prediction import Steady, found_by_signals
 from aimd_des.theory.response_rule import chance
 from aimd_des.theory.setting import Setting
@@ -32,10 +35,15 @@ from aimd_des.utils.validation import FloatArray
 
 # In multiples of the time until all capacities are reached.
 _SETTLED = 20.0
+# The same for what is followed by steps, and the lag up to which that is not necessary.
+_FOLLOWED, _AT_ONCE = 40.0, 1
 # Turns of the averages after which nothing moves any more.
 _ENDLESS = 500.0
 # Just after the first signal the average over signals would follow it at any rate.
 _NOT_YET = 0.05
+
+# The state of averages by their turns; averages come first.
+Way = Callable[[float], FloatArray]
 
 
 class Memory(NamedTuple):
@@ -144,8 +152,23 @@ class Path:
         return averages
 
     @cached_property
-    def _stages(self) -> list[tuple[float, Trajectory]]:
+    def _lag(self) -> int:
+        """After how many steps a signal acts on the clock."""
+        return math.ceil(self.setting.latency) if self.setting.discrete else 0
+
+    def _from_first_swings(self) -> list[tuple[float, Way]]:
+        """Follow the first swings of a late system by steps, and go on from where they have led."""
+        steps = math.ceil(_FOLLOWED * float(self.starts.max()))
+        parts = self.setting, self.steady, self.memory, self._kappa, self._lag, steps
+        swings = follow_first_swings(*parts)
+        slope, middle = self._by_turns(self._slow), float(self.memory.turns(swings.middle))
+        return [(float(self.starts.min()), swings), (steps - 1.0, Trajectory(slope, middle, swings.state))]
+
+    @cached_property
+    def _stages(self) -> list[tuple[float, Way]]:
         """The ways between the times at which something begins, each with the time where it begins."""
+        if self.origin is None and self._lag > _AT_ONCE:
+            return self._from_first_swings()
         if self.origin is None:
             begin, change = float(self.starts.min()), _SETTLED * float(self.starts.max())
             first = self.setting.problem.increase * begin
@@ -153,7 +176,7 @@ class Path:
         else:
             begin, state = self.origin.time, self.origin.state
             change = begin + _SETTLED * float(first_signals(self.setting, self.steady).max())
-        stages = []
+        stages: list[tuple[float, Way]] = []
         times = [begin, *(start for start in np.unique(self.starts).tolist() if start > begin), change]
         for time, end in pairwise(times):
             slope = self._by_turns(partial(self._fast, self.starts <= time))
