@@ -11,7 +11,8 @@ their averaging: 1 / t over all of the past, a / t with the gain a, 1 / tau with
     d theta_i / dt = r (y_i - h_i - theta_i),
 
 h_i being half a saw tooth.  Once the run is much older than the time x / alpha in which agents find new
-shares, y is what the balance makes it for the averages at hand, and only these are followed.
+shares, y is what the balance makes it for the averages at hand, and only these are followed.  Where signals
+come late the way begins with swings that are no balance: `first_swings` follows them step by step.
 """
 
 import math
