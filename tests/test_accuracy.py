@@ -194,7 +194,7 @@ def test_where_theory_says_nothing_nothing_is_shown_and_the_report_says_why() ->
     assert folder.frame("convergence")["expected"].isna().all()
     page = report_run(folder)
     (chart,) = (chart for chart in page.charts if chart.id == "convergence")
-    assert "Dashed" not in chart.text
+    assert "Dotted" not in chart.text
     assert [note for note in page.notes if "must be constant; theory covers nothing else" in note]
 
 
@@ -203,7 +203,7 @@ def test_the_chart_of_a_report_has_logarithmic_axes_and_the_band() -> None:
     run("five.toml")
     folder = load_run("results/five")
     (chart,) = (chart for chart in report_run(folder).charts if chart.id == "convergence")
-    band, mean, line = chart.spec["layer"]
+    line, band, mean = chart.spec["layer"]
     assert (band["mark"]["type"], mean["mark"]["type"], line["mark"]["type"]) == ("area", "line", "line")
     scales = [line["encoding"][axis]["scale"]["type"] for axis in "xy"]
     assert scales == ["log", "log"]

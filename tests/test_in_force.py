@@ -169,7 +169,10 @@ def test_the_optimum_by_hand(tmp_path: Path) -> None:
     assert result.optimum_of(first, own) is before
 
 
-def test_the_report_shows_demand_over_the_capacity_in_force_and_the_optimum_at_the_end() -> None:
+def test_the_report_shows_demand_over_the_capacity_in_force_and_the_optimum_at_the_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("aimd_des.report.run_charts._LOOKS_A_TOOTH", 0)  # looks are drawn one by one
     assert run(str(write(STEP))).exit_code == 0
     capacity = pd.read_parquet("results/five/capacity.parquet")
     assert capacity.astype({"resource": str}).to_numpy().tolist() == [[0.0, "r", 3.0], [10.0, "r", 1.5]]
@@ -181,7 +184,7 @@ def test_the_report_shows_demand_over_the_capacity_in_force_and_the_optimum_at_t
         in_force = 3.0 if row["time"] < 10.0 else 1.5
         assert row["level"] == pytest.approx(demand[row["time"]] / in_force, rel=1e-4)
     # In multiples of equal shares: (1, 0.5) over 0.75.
-    best = [row["best"] for row in values(charts["shares"], layer=1)]
+    best = [row["best"] for row in values(charts["shares"])]
     assert best == pytest.approx([4 / 3, 2 / 3], rel=1e-4)
 
 
@@ -211,7 +214,7 @@ def test_a_run_that_ends_with_fewer_agents_gives_all_of_its_results(text: str) -
     page = report_run(load_run("results/five"))
     (shares,) = (chart.spec for chart in page.charts if chart.id == "shares")
     held: dict[str, list[float]] = {"memory": [], "bandwidth": []}
-    for row in values(shares, layer=1):
+    for row in values(shares):
         held[row["resource"]].append(row["held"])
     average = in_python(text).average_at_end[1:]
     assert held["memory"] == pytest.approx((average[:, 0] / (4.0 / 4)).tolist(), rel=1e-4)

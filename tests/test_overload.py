@@ -187,7 +187,7 @@ coefficients = [[[1.0]], [[1.0]]]
     page = tmp_path / "page.html"
     done = CliRunner().invoke(main, ["report", str(tmp_path / "out"), "--out", str(page)])
     assert done.exit_code == 0, done.output
-    assert "In the second half of the run demand has run away from it." in page.read_text(encoding="utf-8")
+    assert "Demand has run away from the capacity of " in page.read_text(encoding="utf-8")
 
 
 def test_a_study_says_in_how_many_runs(tmp_path: Path) -> None:

@@ -129,8 +129,8 @@ def test_the_page_of_a_run_draws_without_asking_for_anything(browser: Any, tmp_p
     path = tmp_path / "run.html"
     write_page(report_run(load_run(Path("results/five"))), path)
     look(browser)
-    open_page(browser, path, 5)
-    for chart in ("demand", "signals", "averages", "convergence", "shares"):
+    open_page(browser, path, 7)
+    for chart in ("demand", "signals", "averages", "convergence", "error", "cost", "shares"):
         marks = browser.execute_script(
             f"return document.querySelectorAll(`[data-chart='{chart}'] svg [class*=mark-] path[d]`).length"
         )
@@ -196,9 +196,45 @@ def test_all_controls_are_reached_by_the_keyboard(browser: Any, study_page: Path
         reached.append(focused(browser))
     assert reached[0] == "a"  # to the results
     controls = [name for name in reached if name in {"along", "axis1", "axis2", "up", "measure", "of"}]
-    assert controls[:6] == ["along", "axis1", "axis2", "up", "measure", "of"]
+    assert controls[:6] == ["along", "axis1", "axis2", "measure", "of", "up"]
     assert "summary" in reached
     assert "axis0" not in reached
+
+
+def test_a_chart_is_saved_as_the_rows_that_it_draws(browser: Any, study_page: Path) -> None:
+    look(browser)
+    open_page(browser, study_page, 4)
+    until(browser, "document.querySelectorAll('.save:not([hidden])').length === 4")
+    browser.execute_script(
+        "URL.createObjectURL = (blob) => { blob.text().then(text => { window.saved = text; }); return '#'; };"
+        "document.querySelector('[data-save=line-utilisation] button').click()"
+    )
+    until(browser, "window.saved !== undefined")
+    head, *rows = browser.execute_script("return window.saved").strip().split("\r\n")
+    columns = "mean of Utilisation (% of the capacity),low of Utilisation (% of the capacity)"
+    assert head.startswith(f"latency,loss,way,resource,{columns}")
+    assert len(rows) == 24
+    assert rows[0].startswith("0,0,tree,memory,")
+    # A text with commas and quotes is quoted.
+    assert all(row.startswith(("0,", "0.5,", "2,")) for row in rows)
+    assert sum('""quoted""' in row for row in rows) == 12
+
+
+def test_points_lead_to_their_rows_and_rows_to_their_runs(browser: Any, study_page: Path) -> None:
+    look(browser)
+    open_page(browser, study_page, 4)
+    browser.execute_script("document.querySelector('main details').open = false; location.hash = '#point3'")
+    until(browser, "document.activeElement.id === 'point3'")
+    assert browser.execute_script("return document.querySelector('main details').open")
+    button = "document.querySelector('#point3 button')"
+    browser.execute_script(f"{button}.click()")
+    runs = browser.execute_script(
+        "return [...document.querySelectorAll('.listed li')].map(li => li.textContent)"
+    )
+    assert [run.split(":")[0] for run in runs] == ["replication 0", "replication 1"]
+    assert browser.execute_script(f"return {button}.getAttribute('aria-expanded')") == "true"
+    browser.execute_script(f"{button}.click()")
+    assert browser.execute_script("return document.querySelectorAll('.listed').length") == 0
 
 
 _CONTRAST = """
@@ -237,4 +273,9 @@ def test_pages_can_be_printed(browser: Any, study_page: Path) -> None:
     assert pdf.startswith(b"%PDF")
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
     assert browser.execute_script("return getComputedStyle(document.body).color") == "rgb(0, 0, 0)"
+    hidden = "return [...document.querySelectorAll('.controls, .save')].every(e => e.offsetParent === null)"
+    assert browser.execute_script(hidden)
+    # On paper charts are drawn anew, so wide that letters keep their size.
+    browser.execute_script("window.dispatchEvent(new Event('beforeprint'))")
+    until(browser, "Number(document.querySelector('.chart svg').getAttribute('width')) < 700")
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})

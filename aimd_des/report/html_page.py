@@ -2,7 +2,7 @@
 
 import base64
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
 from importlib.util import find_spec
@@ -22,8 +22,8 @@ class Verdict:
     """One of the numbers that say how it went."""
 
     name: str  # what is measured
-    number: str  # with its unit
-    words: str  # what the number says, of what
+    numbers: Sequence[tuple[str, str]]  # each with its unit, and of what it is
+    words: str  # what they say; empty where nothing is to be judged
     meaning: str  # what the measure means
 
 
@@ -77,6 +77,12 @@ class PageTable:
     heads: Sequence[str]  # of the columns
     rows: Sequence[Sequence[str]]  # the cells
     labels: int = 1  # how many cells of a row, from the left, say what it is
+    words: bool = False  # whether the last column has sentences, not numbers
+    # Of rows that charts and other rows refer to: the position of the row, and its anchor.
+    anchors: Mapping[int, str] = field(default_factory=dict)
+    # Of rows that have more to tell, by their position: what JavaScript lists on demand.
+    details: Mapping[int, Sequence[str]] = field(default_factory=dict)
+    hint: str = ""  # how it is used
 
 
 @dataclass(frozen=True)
@@ -85,6 +91,8 @@ class Page:
 
     kind: str  # "Run" or "Study"
     title: str  # the heading
+    headline: str  # how it went, in one sentence
+    more: str  # what else to know of it, or empty
     facts: Sequence[tuple[str, str]]  # what was run
     verdicts: Sequence[Verdict]  # how it went
     controls: Sequence[Slider | Choice]  # of the charts

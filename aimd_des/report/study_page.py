@@ -1,19 +1,22 @@
 """The page of a study, made from its folder."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import tomli_w
 
+from aimd_des.report.boundaries import boundary_words, critical_losses, critical_words
 from aimd_des.report.html_page import Chart, Choice, Page, PageTable, Slider, Verdict
-from aimd_des.report.verdicts import JUDGED, verdict
-from aimd_des.results.measures import FIRST, measure_words
+from aimd_des.report.shown_measures import LIMITS, shown_measure
+from aimd_des.report.study_axes import Along, axes_of, placed
+from aimd_des.report.verdicts import JUDGED, card
+from aimd_des.results.measures import EXPECTED, FIRST
 from aimd_des.study import StudyResults, summarise
 from aimd_des.study.results import run_away_words
 from aimd_des.study.statistics.summary import means_by_point
-from aimd_des.utils.formatting import interval, short
+from aimd_des.utils.formatting import interval, percent, short
 
 _MOST_FAILURES = 20
 _MOST_MEASURES = 8
@@ -40,13 +43,16 @@ def report_study(results: StudyResults) -> Page:
     table = summarise(runs, [*names, "resource"], measures) if len(runs) else None
     charts: list[Chart] = []
     controls: list[Slider | Choice] = []
+    verdicts: list[Verdict] = []
     if table is not None:
-        charts, controls = _charts(results, table, main or measures[:1], measures)
+        charts, controls, verdicts = _shown(results, table, main, measures)
     return Page(
         kind="Study",
         title=study.title or f"Study in {results.folder.name}",
+        headline=_headline(results, names, main),
+        more=_unfinished(results),
         facts=_facts(results),
-        verdicts=[] if table is None else _verdicts(table, names, main),
+        verdicts=verdicts,
         controls=controls,
         charts=charts,
         hint="Charts run along the axis that is chosen first; sliders say where the other axes stand.",
@@ -54,7 +60,7 @@ def report_study(results: StudyResults) -> Page:
         if len(results.run_away)
         else [],
         tables=[
-            *([] if table is None else [_points(table, names, main or measures[:1])]),
+            *([] if table is None else [_points(results, table, names, main or measures[:1])]),
             *_failures(results),
         ],
         provenance=_provenance(results),
@@ -62,55 +68,119 @@ def report_study(results: StudyResults) -> Page:
     )
 
 
-def _axes(results: StudyResults) -> "list[tuple[str, list[str], list[tuple[Any, ...]]]]":
-    """List the axes that can be moved along: name, columns and positions; axes that are zipped are one."""
-    groups: dict[str, list[Any]] = {}
-    for number, axis in enumerate(results.study.axes):
-        groups.setdefault(axis.zip or f"\0{number}", []).append(axis)
-    found = []
-    for group in groups.values():
-        columns = [axis.name for axis in group]
-        positions = list(zip(*([value for value, _ in axis.settings()] for axis in group), strict=True))
-        if len(positions) > 1:
-            found.append((", ".join(columns), columns, positions))
-    # The longest first: it is what charts run along.
-    return sorted(found, key=lambda one: -len(one[2]))
+def _headline(results: StudyResults, names: Sequence[str], main: Sequence[str]) -> str:
+    """Say of how many runs demand has run away, and what is so of the others."""
+    runs, away = results.runs, results.run_away
+    if not len(runs):
+        return "No run is there yet."
+    held, count = runs[~runs["key"].isin(away["key"])], runs["key"].nunique()
+    lost = runs["key"].nunique() - held["key"].nunique()
+    if lost:
+        begun = f"Demand has run away from a capacity in {lost:,} of {count:,} runs"
+        if not len(held):
+            return f"{begun}."
+        begun += "; in the others"
+    else:
+        begun = f"Demand has run away in none of the {count:,} runs:"
+    means = held.groupby([*names, "resource"], observed=True)[list(main)].mean()
+    words = {
+        "utilisation": "mean demand is {} of the capacity",
+        "misallocation": "what is used is shared with an error of {}",
+        "overshoot_peak": "peak demand is {} of the capacity",
+    }
+    said = [words[name].format(_span(means[name])) for name in main if means[name].notna().any()]
+    if not said:
+        return f"{begun.rstrip(':')}." if not lost else f"{begun.removesuffix('; in the others')}."
+    return f"{begun} {said[0] if len(said) == 1 else ', '.join(said[:-1]) + ', and ' + said[-1]}."
 
 
-def _charts(
+def _span(values: "pd.Series[float]") -> str:
+    low, high = percent(float(values.min())), percent(float(values.max()))
+    return low if low == high else f"{low} to {high}"
+
+
+def _unfinished(results: StudyResults) -> str:
+    counts = (("failed", len(results.failed)), ("missing", len(results.missing)))
+    said = ", ".join(f"{word} {count:,}" for word, count in counts if count)
+    return f"Of {len(results.plan):,} runs: {said}. What is said here is of the others." if said else ""
+
+
+def _anchors(table: pd.DataFrame, names: Sequence[str]) -> dict[tuple[Any, ...], str]:
+    """Name each point, for charts that lead to it."""
+    points = table[list(names)].drop_duplicates() if names else table.iloc[:1, :0]
+    return {row: f"point{k}" for k, row in enumerate(points.itertuples(index=False, name=None))}
+
+
+def _shown(
     results: StudyResults, table: pd.DataFrame, main: Sequence[str], measures: Sequence[str]
-) -> tuple[list[Chart], list[Slider | Choice]]:
-    """Make the charts and their controls."""
-    from aimd_des.report.study_charts import Along, line_chart, map_chart, study_controls
+) -> tuple[list[Chart], list[Slider | Choice], list[Verdict]]:
+    """Make charts, their controls, and the cards."""
+    from aimd_des.report.study_charts import line_chart, map_chart, study_controls
 
-    axes = _axes(results)
-    if not axes:
-        return [], []
+    axes = axes_of(results)
     resources = list(dict.fromkeys(table["resource"].astype(str)))
-    placed = pd.DataFrame(index=table.index)
-    for number, (_, columns, positions) in enumerate(axes):
-        place = {position: k for k, position in enumerate(positions)}
-        placed[f"i{number}"] = [place[row] for row in table[columns].itertuples(index=False, name=None)]
-    placed["resource"] = table["resource"].astype(str)
-    along = [Along(name, tuple(", ".join(map(short, one)) for one in values)) for name, _, values in axes]
-    start = [int(placed[f"i{number}"].iloc[0]) for number in range(len(axes))]
+    names = [axis.name for axis in results.study.axes]
+    anchors = _anchors(table, names)
+    links = [f"#{anchors[row]}" for row in table[names].itertuples(index=False, name=None)]
+    where = placed(table, axes).assign(link=links)
+    critical = critical_losses(results, axes)
+    verdicts = [
+        _verdict(name, table, where, axes, critical_words(critical) if name == "utilisation" else "")
+        for name in main
+    ]
+    if not axes:
+        return [], [], verdicts
+    start = [int(where[f"i{number}"].iloc[0]) for number in range(len(axes))]
     charts = []
-    for name in main:
+    for name in main or measures[:1]:
         rows = table["measure"] == name
         ends = table.loc[rows, ["mean", "low", "high"]].replace([np.inf, -np.inf], np.nan)
-        charts.append(line_chart(pd.concat([placed[rows], ends], axis=1), name, along, resources, start))
+        frame = pd.concat([where[rows], ends], axis=1)
+        if name == "misallocation" and EXPECTED in results.study.columns():
+            frame = frame.assign(expected=_expected(results, names, table[rows]))
+        charts.append(line_chart(frame, name, axes, resources, start, critical))
     if len(axes) > 1:
-        charts.append(map_chart(_wide(table, placed, measures, resources), measures, along, start))
-    return charts, study_controls(along, resources, measures, start)
+        wide = _wide(table, where, measures, resources)
+        charts.append(map_chart(wide, measures, axes, resources, start, critical))
+    return charts, study_controls(axes, resources, measures, start), verdicts
+
+
+def _expected(results: StudyResults, names: Sequence[str], rows: pd.DataFrame) -> list[float]:
+    """Take what theory expects at each point, in the mean over draws."""
+    keys = [*names, "resource"]
+    found = results.runs.groupby(keys, observed=True)[EXPECTED].mean()
+    wanted = rows[keys].itertuples(index=False, name=None)
+    return [float(found.get(row if len(keys) > 1 else row[0], np.nan)) for row in wanted]
+
+
+def _verdict(
+    name: str, table: pd.DataFrame, where: pd.DataFrame, axes: Sequence[Along], theory: str
+) -> Verdict:
+    """Say from where to where the means of a measure go, and where they pass what is good."""
+    rows = where.assign(mean=table["mean"])[table["measure"] == name].dropna(subset="mean")
+    numbers = [(_span(rows["mean"]), f"over {len(rows):,} means")]
+    words = []
+    if len(rows) > 1:
+        low, high = (rows.iloc[int(at)] for at in (rows["mean"].argmin(), rows["mean"].argmax()))
+        words = [f"Lowest at {_where(low, axes)}; highest at {_where(high, axes)}."]
+    if name in LIMITS and len(rows):
+        words.append(boundary_words(rows, axes, LIMITS[name]))
+    return card(name, numbers, " ".join([*words, theory]).strip())
+
+
+def _where(row: "pd.Series[Any]", axes: Sequence[Along]) -> str:
+    """Name a point and a resource."""
+    at = [f"{axis.name} {axis.labels[int(row[f'i{k}'])]}" for k, axis in enumerate(axes)]
+    return ", ".join([*at, str(row["resource"])])
 
 
 def _wide(
-    table: pd.DataFrame, placed: pd.DataFrame, measures: Sequence[str], resources: Sequence[str]
+    table: pd.DataFrame, where: pd.DataFrame, measures: Sequence[str], resources: Sequence[str]
 ) -> pd.DataFrame:
     """Put the measures side by side, a row for each point and resource."""
-    keys = [name for name in placed.columns if name != "resource"]
-    long = placed.assign(
-        r=placed["resource"].map({name: k for k, name in enumerate(resources)}),
+    keys = [name for name in where.columns if name != "resource"]
+    long = where.assign(
+        r=where["resource"].map({name: k for k, name in enumerate(resources)}),
         measure=table["measure"],
         m=table["mean"],
         h=(table["high"] - table["low"]) / 2.0,
@@ -121,34 +191,41 @@ def _wide(
     return wide.reset_index()
 
 
-def _verdicts(table: pd.DataFrame, names: Sequence[str], main: Sequence[str]) -> list[Verdict]:
-    """Say the worst point for each of the measures that matter most, and the span of the others."""
-    found = []
-    for measure in main:
-        rows = table[table["measure"] == measure]
-        values = {
-            _where(dict(zip([*names, "resource"], labels, strict=True))): float(mean)
-            for *labels, mean in rows[[*names, "resource", "mean"]].itertuples(index=False, name=None)
-        }
-        found.append(verdict(measure, values, f"{len(values):,} means"))
-    return [one for one in found if one is not None]
+def _points(
+    results: StudyResults, table: pd.DataFrame, names: Sequence[str], main: Sequence[str]
+) -> PageTable:
+    """List the means of the main measures at every point, each point with its runs."""
+    shown = {name: shown_measure(name) for name in main}
+    runs, anchors = _runs(results, names), _anchors(table, names)
+    rows: list[list[str]] = []
+    first: dict[tuple[Any, ...], int] = {}
+    for labels, count, means in means_by_point(table, [*names, "resource"]):
+        first.setdefault(tuple(labels[:-1]), len(rows))
+        cells = (_interval(*(shown[name].factor * part for part in means[name])) for name in main)
+        rows.append([*map(short, labels), f"{count:,}", *cells])
+    heads = [*names, "resource", "replications", *(one.label for one in shown.values())]
+    return PageTable(
+        "Means at every point, with the half-widths of their 95 % confidence intervals",
+        heads,
+        rows,
+        labels=len(names) + 1,
+        anchors={place: anchors[point] for point, place in first.items()},
+        details={place: runs[point] for point, place in first.items() if point in runs},
+        hint="The runs of a point are listed with the keys by which load_study(folder).scenario(key) gives"
+        " their scenarios, to be run alone.",
+    )
 
 
-def _where(labels: dict[str, Any]) -> str:
-    """Name a point and a resource."""
-    resource = labels.pop("resource")
-    return ", ".join([*(f"{name} {short(value)}" for name, value in labels.items()), str(resource)])
-
-
-def _points(table: pd.DataFrame, names: Sequence[str], main: Sequence[str]) -> PageTable:
-    """List the means of the main measures at every point."""
-    rows = [
-        [*map(short, labels), f"{count:,}", *(_interval(*means[name]) for name in main)]
-        for labels, count, means in means_by_point(table, [*names, "resource"])
-    ]
-    heads = [*names, "resource", "replications", *map(measure_words, main)]
-    title = "Means at every point, with the half-widths of their 95 % confidence intervals"
-    return PageTable(title, heads, rows, labels=len(names) + 1)
+def _runs(results: StudyResults, names: Sequence[str]) -> Mapping[tuple[Any, ...], list[str]]:
+    """List the runs of each point."""
+    found: dict[tuple[Any, ...], list[str]] = {}
+    runs = results.runs.drop_duplicates("key")
+    away = set(results.run_away["key"])
+    columns = runs[[*names, "replication", "key"]].itertuples(index=False, name=None)
+    for *point, replication, key in columns:
+        note = ", has run away" if key in away else ""
+        found.setdefault(tuple(point), []).append(f"replication {replication}: {key}{note}")
+    return found
 
 
 def _interval(mean: float, half: float) -> str:

@@ -1,80 +1,78 @@
 """The numbers that matter, and what they say in words."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Mapping, Sequence
 from math import isfinite
-from typing import NamedTuple
 
+from aimd_des.report.headline import Headline, Settling
 from aimd_des.report.html_page import Verdict
 from aimd_des.results.measures import MEASURES
-from aimd_des.utils.formatting import percent
+from aimd_des.scenario.run_folder import Number, StoredRun
+from aimd_des.utils.formatting import grouped, percent
 
-
-class Judgement(NamedTuple):
-    """How the page judges a measure."""
-
-    more: str  # what to know besides its meaning
-    badness: Callable[[float], float]  # is the larger the worse a value is
-    words: Callable[[float], str]  # says a value of it, as a share
-
-
-def _used(share: float) -> str:
-    if share > 1.0:
-        return f"Mean demand is {percent(share - 1.0)} above the capacity."
-    if share >= 0.9:
-        return "Nearly all of the capacity is used."
-    return (
-        "A part of the capacity is left unused." if share >= 0.7 else "Much of the capacity is left unused."
-    )
-
-
-def _shared(share: float) -> str:
-    if share < 0.02:
-        return "What is used is shared almost as it is best."
-    return "What is used is shared about as it is best." if share < 0.1 else "What is used is shared wrongly."
-
-
-def _exceeded(peak: float) -> str:
-    if peak <= 1.0:
-        return "Demand never exceeded the capacity."
-    if peak < 1.15:
-        return "Demand exceeded the capacity by a little."
-    return "Demand exceeded the capacity by much."
-
-
-#: The three of the verdict, in its order.
+#: The three of the verdict, in its order, and what to know of each besides its meaning.
 JUDGED = {
-    "utilisation": Judgement(
-        "Demand swings below the capacity like the teeth of a saw, so even a run without fault does not use"
-        " all of it.",
-        lambda share: abs(share - 1.0),
-        _used,
-    ),
-    "misallocation": Judgement("Half of it would have to change hands.", abs, _shared),
-    "overshoot_peak": Judgement(
-        "It is what signals that come late, or not at all, let happen.", abs, _exceeded
-    ),
+    "utilisation": "Demand swings below the capacity like the teeth of a saw, so even a run without fault"
+    " does not use all of it.",
+    "misallocation": "Half of it would have to change hands.",
+    "overshoot_peak": "100 % is the capacity itself. What is above comes of signals that are late or lost.",
 }
+_MOST_NAMES = 3
 
 
-def verdict(
-    name: str, values: Mapping[str, float], among: str, run_away: Collection[str] = ()
-) -> Verdict | None:
-    """Say the worst of several values in words."""
-    measure, judgement = MEASURES[name], JUDGED[name]
+def run_verdicts(run: StoredRun, found: Headline, settling: Settling) -> list[Verdict]:
+    """Say the three numbers of each resource, of a run that never reached its capacity the peak alone."""
+    words = {
+        "utilisation": _cost(run.measures) if found.judged else "",
+        "misallocation": _expected(settling) if found.judged else "",
+        "overshoot_peak": _above(run.measures) if found.reached else "The capacity was never reached.",
+    }
+    names = list(JUDGED) if found.reached else ["overshoot_peak"]
+    cards = [_card(name, run.measures, words[name]) for name in names]
+    return [card for card in cards if card is not None]
+
+
+def _card(name: str, rows: Mapping[str, Mapping[str, Number]], words: str) -> Verdict | None:
+    values = {of: float(row[name]) for of, row in rows.items()}
     known = {of: value for of, value in values.items() if isfinite(value)}
     if not known:
         return None
-    worst = max(known, key=lambda of: (of in run_away, judgement.badness(known[of])))
-    others = [value for of, value in known.items() if of != worst]
-    words = [judgement.words(known[worst])]
-    if worst in run_away:
-        words.append("In the second half of the run demand has run away from it.")
-    if others:
-        low, high = percent(min(others)), percent(max(others))
-        span = low if low == high else f"{low} to {high}"
-        words.append(f"This is the worst of the {among}: {worst}. The others: {span}.")
-    else:
-        words.append(f"This is {worst}.")
-    return Verdict(
-        measure.title, percent(known[worst]), " ".join(words), f"{measure.meaning} {judgement.more}"
-    )
+    numbers = [(percent(value), of) for of, value in known.items()]
+    if len(known) > _MOST_NAMES:
+        low, high = min(known, key=known.__getitem__), max(known, key=known.__getitem__)
+        numbers = [
+            (percent(known[low]), f"{low}, the lowest"),
+            (percent(known[high]), f"{high}, the highest"),
+        ]
+    return card(name, numbers, words)
+
+
+def card(name: str, numbers: Sequence[tuple[str, str]], words: str) -> Verdict:
+    """Make the card of a measure."""
+    measure = MEASURES[name]
+    return Verdict(measure.title, numbers, words, f"{measure.meaning} {JUDGED.get(name, '')}".strip())
+
+
+def _cost(rows: Mapping[str, Mapping[str, Number]]) -> str:
+    cost = float(next(iter(rows.values()))["cost_ratio"])
+    if not isfinite(cost):
+        return ""
+    return f"The total cost is {grouped(cost, 3)} times that of the optimum for all of the capacity."
+
+
+def _expected(settling: Settling) -> str:
+    if not settling.band:
+        return ""
+    bands = [f"{of} {percent(low, 2)} to {percent(high, 2)}" for of, (low, high) in settling.band.items()]
+    return f"Theory expects 95 % of runs in: {', '.join(bands[:_MOST_NAMES])}."
+
+
+def _above(rows: Mapping[str, Mapping[str, Number]]) -> str:
+    """Say for how long, and by how much, demand was above the capacity."""
+    parts = []
+    for of, row in rows.items():
+        if row["overshoot_time"] > 0.0:
+            mean = percent(row["overshoot_mean"] / row["overshoot_time"], 2)
+            parts.append(f"{of} {percent(row['overshoot_time'], 2)} of the time, then by {mean} in the mean")
+    if not parts:
+        return "Demand never exceeded the capacity."
+    return f"Above the capacity: {'; '.join(parts[:_MOST_NAMES])}."

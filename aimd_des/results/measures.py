@@ -200,8 +200,8 @@ _TABLE = (
     Measure(
         "overshoot_peak",
         "number",
-        "Overshoot peak",
-        "highest demand over the capacity",
+        "Peak demand",
+        "share of the capacity",
         "The highest total demand over the capacity in force; what it is for no time, between two events of"
         " one instant, does not count.",
         lambda run: run.overshoot.peak,
@@ -209,7 +209,7 @@ _TABLE = (
     Measure(
         "overshoot_time",
         "number",
-        "Overshoot time",
+        "Time above the capacity",
         "share of time",
         "The share of time for which total demand was above the capacity, integrated and not sampled.",
         lambda run: run.overshoot.time,
@@ -217,7 +217,7 @@ _TABLE = (
     Measure(
         "overshoot_mean",
         "number",
-        "Overshoot mean",
+        "Mean excess",
         "share of the capacity",
         "The time average of what exceeds the capacity, over the capacity, integrated and not sampled.",
         lambda run: run.overshoot.mean,

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from aimd_des.results import metrics
 from aimd_des.results.frames import categorical
 from aimd_des.results.looks import looks
 from aimd_des.results.misallocation import misallocation
@@ -30,11 +31,14 @@ _MOST_AGENTS = 10_000
 class Accuracy(NamedTuple):
     """What the folder of a run tells of its accuracy."""
 
-    # time, resource, misallocation, and expected, low and high, which are NaN where nothing is expected
+    # time, resource, misallocation, relative_error and cost_ratio (of all resources together, repeated), and
+    # the expected misallocation, low and high, which are NaN where nothing is expected
     frame: pd.DataFrame
     expected: FloatArray | None  # (m,): misallocation at the end, in the mean over runs
     words: list[str]  # what is expected, in sentences
     reason: str = ""  # why nothing is
+    # What is left at the end of the deviation that decays most slowly, where theory knows.
+    left: float | None = None
 
 
 def accuracy_of(scenario: Scenario, result: Result) -> Accuracy:
@@ -43,16 +47,22 @@ def accuracy_of(scenario: Scenario, result: Result) -> Accuracy:
     count = int(np.clip(_BUDGET // problem.n_agents, _FEWEST_LOOKS, _LOOKS))
     shown = looks(seen.allocation_times, count, log=True)
     times, m = seen.allocation_times[shown], problem.n_resources
-    measured, mean, low, high = np.full((4, len(times), m), np.nan)
+    measured, error, cost, mean, low, high = np.full((6, len(times), m), np.nan)
     for row, (look, time) in enumerate(zip(shown.tolist(), times.tolist(), strict=True)):
         piece = result.piece_at(time)
         if piece.present.any():
             average = seen.average[look].T[piece.present]
-            measured[row] = misallocation(piece_problem(problem, piece), average)
-    words, reason, at_end = list[str](), "", None
+            in_force = piece_problem(problem, piece)
+            measured[row] = misallocation(in_force, average)
+            best = result.optimum_of(piece)
+            assert best is not None  # noqa: S101 - somebody is here
+            error[row] = metrics.relative_error(average, best.allocation)
+            cost[row] = metrics.cost_ratio(in_force.costs, average, best.allocation)
+    words, reason, at_end, left = list[str](), "", None, None
     try:
         expected = _expected(scenario, problem.n_agents)
         mean, low, high = expected.misallocation(times)
+        left = float(expected.left(result.until))
         at_end = mean[-1]
         words = accuracy_words(expected, result.until, Expected(at_end, low[-1], high[-1]))
     except (InputError, SimulationError, ArithmeticError, np.linalg.LinAlgError) as refusal:
@@ -62,12 +72,14 @@ def accuracy_of(scenario: Scenario, result: Result) -> Accuracy:
             "time": np.repeat(times, m),
             "resource": categorical(np.tile(np.arange(m), len(times)), problem.resource_names),
             "misallocation": measured.ravel(),
+            "relative_error": error.ravel(),
+            "cost_ratio": cost.ravel(),
             "expected": mean.ravel(),
             "low": low.ravel(),
             "high": high.ravel(),
         }
     )
-    return Accuracy(frame, at_end, words, reason)
+    return Accuracy(frame, at_end, words, reason, left)
 
 
 def _expected(scenario: Scenario, n_agents: int) -> Convergence:

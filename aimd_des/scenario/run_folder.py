@@ -21,7 +21,9 @@ import numpy as np
 from aimd_des._version import __version__
 from aimd_des.results.frames import categorical, columns_now, name_as_written, safe_names
 from aimd_des.results.measures import EXPECTED
+from aimd_des.results.misallocation import optimum_for_used
 from aimd_des.results.result import Result
+from aimd_des.results.tracking import piece_problem
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.scenario import Scenario
 from aimd_des.utils import validation
@@ -95,6 +97,7 @@ def write_run(place: Place, scenario: Scenario, result: Result, *, figures: bool
             "run_away": [result.problem.resource_names[j] for j in np.flatnonzero(result.run_away)],
             "accuracy": accuracy.words,
             "unpredicted": accuracy.reason,
+            "unsettled": accuracy.left,
             "versions": library_versions(),
         }
         (folder / PROVENANCE).write_text(json.dumps(provenance, indent=2) + "\n", encoding="utf-8")
@@ -132,16 +135,22 @@ def _capacities(result: Result) -> "pd.DataFrame":
 
 
 def _optimum(result: Result) -> "pd.DataFrame":
-    """Tell what each agent that is here at the end should hold."""
+    """Tell what each agent that is here at the end should hold, of the capacity and of what is used."""
     import pandas as pd
 
-    here, m = np.flatnonzero(result.history[-1].present), result.problem.n_resources
-    best = np.empty((0, m)) if result.optimum is None else result.optimum.allocation
+    last, m = result.history[-1], result.problem.n_resources
+    here, best, of_used = np.flatnonzero(last.present), np.empty((0, m)), np.empty((0, m))
+    if result.optimum is not None:
+        best = result.optimum.allocation
+        average = result.average_at_end[last.present]
+        found = optimum_for_used(piece_problem(result.problem, last), average)
+        of_used = np.full_like(best, np.nan) if found is None else found.allocation
     return pd.DataFrame(
         {
             "agent": categorical(np.tile(here, m), result.problem.agent_names),
             "resource": categorical(np.repeat(np.arange(m), len(here)), result.problem.resource_names),
             "allocation": best.T.ravel(),
+            "allocation_of_used": of_used.T.ravel(),
         }
     )
 
@@ -196,6 +205,8 @@ class StoredRun:
         What theory expects of the accuracy, in sentences.
     unpredicted : str
         Why theory expects nothing, where it does not.
+    unsettled : float, optional
+        By theory, the share of the deviation that decays most slowly which is left at the end.
     """
 
     folder: Path
@@ -207,6 +218,7 @@ class StoredRun:
     run_away: tuple[str, ...] = ()
     accuracy: tuple[str, ...] = ()
     unpredicted: str = ""
+    unsettled: float | None = None
 
     def has(self, frame: str) -> bool:
         """Tell whether a frame was written; earlier versions wrote fewer.
@@ -293,7 +305,8 @@ def load_run(folder: str | Path) -> StoredRun:
         provenance = json.loads(text[name])
         digest, versions = str(provenance["digest"]), dict(provenance["versions"])
         run_away, accuracy = (tuple(map(str, provenance.get(key, ()))) for key in ("run_away", "accuracy"))
-        unpredicted = str(provenance.get("unpredicted", ""))
+        unpredicted, left = str(provenance.get("unpredicted", "")), provenance.get("unsettled")
+        unsettled = None if left is None else float(left)
         name = _SCENARIO
         scenario = with_new_keys(tomllib.loads(text[name]), silent=True)
         name = _SUMMARY
@@ -312,7 +325,9 @@ def load_run(folder: str | Path) -> StoredRun:
             f"{folder}: has no {SUMS}, so nothing tells whether its files are as they were written; {_REMEDY}"
         )
         warnings.warn(said, UserWarning, stacklevel=2)
-    return StoredRun(folder, scenario, digest, versions, measures, sums, run_away, accuracy, unpredicted)
+    return StoredRun(
+        folder, scenario, digest, versions, measures, sums, run_away, accuracy, unpredicted, unsettled
+    )
 
 
 def _read(folder: Path, name: str, sums: Mapping[str, str] | None) -> bytes:
