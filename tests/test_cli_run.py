@@ -71,6 +71,17 @@ def test_a_figure_that_fails_is_a_warning_and_no_reason_to_lose_a_run(
     assert {path.name for path in Path("out").iterdir()} >= TABLES
 
 
+def test_figures_have_the_formats_that_are_asked_for() -> None:
+    outcome = invoke("run", str(write()), "--out", "out", "--format", "pdf, svg")
+    assert outcome.exit_code == 0, outcome.output
+    names = {f"figure{k}.{form}" for k in (1, 2, 3, 4) for form in ("pdf", "svg")}
+    assert {path.name for path in Path("out").iterdir()} == names | TABLES
+    assert Path("out/figure1.pdf").read_bytes().startswith(b"%PDF")
+    assert "<svg" in Path("out/figure1.svg").read_text(encoding="utf-8")
+    found = refusal("run", "five.toml", "--format", "gif")
+    assert found == "Invalid value for '--format': 'gif': must be some of pdf, svg, png, separated by commas"
+
+
 @pytest.mark.parametrize("overwrite", [[], ["--overwrite"]])
 def test_what_comes_to_the_folder_during_a_run_is_left_alone(
     overwrite: list[str], monkeypatch: pytest.MonkeyPatch

@@ -1,14 +1,17 @@
 """`aimd-des show`: what was run and what came out, of a run."""
 
 import json
+from io import StringIO
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
+from aimd_des.results.measures import measure_words
+from aimd_des.study import load_study
 from aimd_des.utils.checksums import checksums_of, write_checksums
 from aimd_des.utils.formatting import measured
-from tests.command_line import refusal, run, said, words, write
+from tests.command_line import invoke, refusal, run, said, words, write
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 
@@ -31,7 +34,7 @@ def test_a_run_is_shown_with_all_its_measures() -> None:
     summary = pd.read_csv("out/summary.csv", index_col="resource")
     assert ["measure", "memory", "disk"] in rows
     for name, column in summary.items():
-        assert [*str(name).split("_"), *map(measured, column.tolist())] in rows
+        assert [*measure_words(str(name)).split(), *map(measured, column.tolist())] in rows
 
 
 def test_a_model_is_shown_with_its_parameters() -> None:
@@ -107,3 +110,43 @@ def test_a_folder_that_lacks_a_file_is_refused(name: str) -> None:
     Path("out/SHA256SUMS").unlink()
     Path("out", name).write_bytes(b"\xff\xfe")
     assert refusal("show", "out").startswith(f"out/{name}: cannot be read (")
+
+
+def test_a_run_is_printed_as_data() -> None:
+    a_run()
+    summary = pd.read_csv("out/summary.csv", index_col="resource")
+    found = pd.read_csv(StringIO(invoke("show", "out", "--csv").stdout), index_col="resource")
+    pd.testing.assert_frame_equal(found, summary, rtol=1e-12)
+    (first, _) = json.loads(invoke("show", "out", "--json", "--measure", "utilisation").stdout)
+    assert first == {"resource": "memory", "utilisation": pytest.approx(summary["utilisation"]["memory"])}
+    assert refusal("show", "out", "--plot", "a.png").startswith(
+        "--plot: has a meaning for the folder of a study"
+    )
+
+
+def test_a_study_is_printed_as_data_and_drawn() -> None:
+    axes = {"loss": [0.0, 0.5], "latency": [0.5, 1.0]}
+    tables = "".join(
+        f'[[axes]]\nname = "{name}"\nkey = "channel.{name}"\nvalues = {v}\n' for name, v in axes.items()
+    )
+    base = 'model = "models.smart_cameras"\nparameters.n_cameras = 3\nuntil = 20\n'
+    Path("study.toml").write_text(f"replications = 2\n[scenario]\n{base}{tables}", encoding="utf-8")
+    assert invoke("sweep", "study.toml", "--out", "study", "--workers", "1").exit_code == 0
+    found = pd.read_csv(StringIO(invoke("show", "study", "--csv", "--measure", "signals").stdout))
+    assert len(found) == 4 * 3
+    runs = load_study("study").runs
+    here = (runs["loss"] == 0.5) & (runs["latency"] == 1.0) & (runs["resource"] == "disk")
+    row = found[(found["loss"] == 0.5) & (found["latency"] == 1.0) & (found["resource"] == "disk")]
+    assert row["mean"].tolist() == pytest.approx([runs[here]["signals"].mean()])
+    for name, by in (("map.pdf", ()), ("line.svg", ("--by", "loss")), ("map.png", ())):
+        outcome = invoke("show", "study", "--plot", name, *by)
+        assert outcome.exit_code == 0, outcome.output
+    assert [Path(name).read_bytes()[:4] for name in ("map.pdf", "line.svg", "map.png")] == [
+        b"%PDF",
+        b"<?xm",
+        b"\x89PNG",
+    ]
+    assert "must be a new file" in refusal("show", "study", "--plot", "map.png")
+    assert "must end in .pdf, .svg, .png" in refusal("show", "study", "--plot", "map.gif")
+    assert "needs one or two axes" in refusal("show", "study", "--plot", "none.png", "--by", "resource")
+    assert "cannot be given together" in refusal("show", "study", "--plot", "none.png", "--csv")

@@ -182,7 +182,7 @@ def test_the_report_shows_demand_over_the_capacity_in_force_and_the_optimum_at_t
     assert len(rows) > 100
     for row in rows:
         in_force = 3.0 if row["time"] < 10.0 else 1.5
-        assert row["level"] == pytest.approx(demand[row["time"]] / in_force, rel=1e-4)
+        assert row["level"] == pytest.approx(100.0 * demand[row["time"]] / in_force, rel=1e-4)
     # In multiples of equal shares: (1, 0.5) over 0.75.
     best = [row["best"] for row in values(charts["shares"])]
     assert best == pytest.approx([4 / 3, 2 / 3], rel=1e-4)

@@ -32,6 +32,7 @@ from aimd_des import (
     topology,
 )
 from aimd_des.plots import (
+    agent_timeline,
     averages_against_optimum,
     colour,
     consensus,
@@ -40,6 +41,7 @@ from aimd_des.plots import (
     heat_map,
     network_map,
     paper_figures,
+    score,
     shared_legend,
     signal_raster,
     sum_of_demand,
@@ -175,6 +177,55 @@ def test_the_raster_is_the_log(run: Result) -> None:
     assert [path[0, 0] for path in lines.get_segments()] == sent
     assert [text.get_text() for text in axes.get_yticklabels()] == ["7", "2", "5"]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("time", "agent")
+
+
+def test_the_score_has_every_copy_from_its_signal_to_its_arrival(run: Result) -> None:
+    axes = score(empty_axes(), run, 1, start=50.0, end=90.0, agents=[7, 2, 5])
+    events, rows = run.events, {"7": 0, "2": 1, "5": 2}
+    own = events[events["resource"] == "resource 1"]
+    sent = own[own["kind"] == "signal"].set_index("number")["time"]
+    copies = own[own["kind"].isin(["deliver", "lost"]) & own["agent"].isin(list(rows))]
+    begun = sent.loc[copies["number"]].to_numpy()
+    copies = copies.assign(begun=begun, row=copies["agent"].astype(str).map(rows))
+    copies = copies[(copies["time"] >= 50.0) & (begun <= 90.0)]
+    (ways,) = [one for one in axes.collections if one.get_label() == "on its way"]
+    assert isinstance(ways, LineCollection)
+    late = copies[copies["time"] > copies["begun"]]
+    expected = sorted(zip(late["begun"], late["row"], late["time"], strict=True))
+    drawn_ways = [(path[0, 0], path[0, 1], path[1, 0]) for path in ways.get_segments()]
+    assert len(expected) > 10
+    assert sorted(drawn_ways) == expected
+    lost = copies[copies["kind"] == "lost"]
+    assert sorted(map(tuple, spots(axes, "lost").tolist())) == sorted(
+        zip(lost["time"], lost["row"], strict=True)
+    )
+    responded = own[(own["kind"] == "respond") & own["agent"].isin(list(rows))]
+    answers = set(zip(responded["agent"], responded["number"], strict=True))
+    heard = copies[copies["kind"] == "deliver"]
+    number = sum(pair in answers for pair in zip(heard["agent"], heard["number"], strict=True))
+    assert len(spots(axes, "arrives, responds")) == number > 3
+    assert len(spots(axes, "arrives, holds")) == len(heard) - number
+
+
+def test_the_line_of_an_agent_has_its_demand_and_its_copies(run: Result) -> None:
+    axes = agent_timeline(empty_axes(), run, 3, 0, start=50.0, end=90.0)
+    seen = run.observations
+    inside = (seen.allocation_times >= 50.0) & (seen.allocation_times <= 90.0)
+    (demand,) = [one for one in axes.get_lines() if one.get_label() == "demand"]
+    assert np.asarray(demand.get_ydata()).tolist() == seen.demand[inside, 0, 3].tolist()
+    (crosses,) = [one for one in axes.get_lines() if one.get_label() == "copy lost"]
+    events = run.events
+    own = events[(events["resource"] == "resource 0") & (events["agent"] == "3")]
+    sent = events[(events["resource"] == "resource 0") & (events["kind"] == "signal")]
+    times = sent.set_index("number")["time"].loc[own[own["kind"] == "lost"]["number"]]
+    expected = times[(times >= 50.0) & (times <= 90.0)].tolist()
+    assert len(expected) > 0
+    assert np.asarray(crosses.get_xdata()).tolist() == expected
+    with pytest.raises(InputError, match="agent = 12"):
+        agent_timeline(empty_axes(), run, 12, 0)
+    silent, _ = drawn(3, 1, 20)
+    assert "Recording(events=True)" in said(agent_timeline(empty_axes(), silent, 0, 0))
+    assert "Recording(events=True)" in said(score(empty_axes(), silent, 0))
 
 
 def test_what_is_lost_has_another_colour_than_what_is_answered(run: Result) -> None:

@@ -71,10 +71,11 @@ FACES = {
         consensus_spread cost_ratio relative_error utilisation
     """,
     "plots": """
-        REFERENCE absolute_error average_allocations averages_against_optimum capacity_events colour
-        consensus cost_ratio demand_and_signals derivatives error_decay error_histogram frame heat_map
-        instantaneous_allocations network_map number_axis paper_figures relative_error shared_legend
-        signal_raster sum_of_averages sum_of_demand tracking_error tracking_level
+        REFERENCE absolute_error agent_timeline average_allocations averages_against_optimum
+        capacity_events colour consensus cost_ratio demand_and_signals derivatives error_decay
+        error_histogram frame heat_map
+        instantaneous_allocations network_map number_axis paper_figures relative_error score
+        shared_legend signal_raster sum_of_averages sum_of_demand tracking_error tracking_level
     """,
     "report": """
         check_page report_run report_study write_page

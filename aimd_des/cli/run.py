@@ -8,6 +8,16 @@ import click
 from aimd_des.cli.errors import refusing, writing
 from aimd_des.cli.printing import say
 from aimd_des.cli.set_option import changes, check_command, set_option
+from aimd_des.cli.show_data import FORMATS
+
+
+def _formats(_context: click.Context, _option: click.Parameter, given: str) -> tuple[str, ...]:
+    """Take formats apart, each once."""
+    formats = tuple(dict.fromkeys(word.strip() for word in given.split(",")))
+    for word in formats:
+        if word not in FORMATS:
+            raise click.BadParameter(f"{word!r}: must be some of {', '.join(FORMATS)}, separated by commas")
+    return formats
 
 
 @click.command(
@@ -30,6 +40,15 @@ from aimd_des.cli.set_option import changes, check_command, set_option
 )
 @click.option("--overwrite", is_flag=True, help="Replace a folder that an earlier run wrote.")
 @click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures, too.")
+@click.option(
+    "--format",
+    "formats",
+    default="png",
+    show_default=True,
+    callback=_formats,
+    metavar="FORMATS",
+    help="Formats of the figures, separated by commas: png, and pdf and svg with vectors.",
+)
 def command(
     scenario: Path,
     seed: int | None,
@@ -38,13 +57,14 @@ def command(
     out: Path | None,
     overwrite: bool,
     figures: bool,
+    formats: tuple[str, ...],
 ) -> None:
     """Run the system that the file SCENARIO describes, and write what came out.
 
     The folder receives scenario.toml (the run, every value spelled out), summary.csv (a row for
     each resource), signals.parquet, demand.parquet and allocations.parquet (tidy frames), capacity.parquet
     and optimum.parquet (what they are held against), convergence.parquet (misallocation over time, and what
-    theory expects of it), figures as PNG, run.json (digest, seed, versions), and SHA256SUMS (a checksum of
+    theory expects of it), figures, run.json (digest, seed, versions), and SHA256SUMS (a checksum of
     each file).  The same scenario and seed give the same digest.
     """
     from aimd_des.cli.progress import RunProgress
@@ -65,7 +85,7 @@ def command(
         warnings.simplefilter("ignore", OverloadWarning)  # said below, in one line
         result = loaded.run(progress.update)
     with writing(folder), refusing():
-        write_run(place, loaded, result, figures=figures)
+        write_run(place, loaded, result, figures=figures, formats=formats)
     with refusing():
         stored = load_run(folder)
         print_measures("Summary", stored)

@@ -16,7 +16,7 @@ _PROBLEM = ("resources", "costs")
 
 def show_run(run: StoredRun, measures: Sequence[str] = ()) -> None:
     """Print what was run, with which versions, and the measures of each resource."""
-    _chosen(run, measures)
+    chosen_of_run(run, measures)
     of_model = "model" in run.scenario
     given = {key: value for key, value in run.scenario.items() if of_model or key not in _PROBLEM}
     problem = [] if of_model else [("problem", _written_out(run))]
@@ -35,12 +35,13 @@ def _written_out(run: StoredRun) -> str:
 def print_measures(title: str, run: StoredRun, measures: Sequence[str] = ()) -> None:
     """Print a line for each measure and a column for each resource."""
     rows = [
-        [measure_words(name), *(of[name] for of in run.measures.values())] for name in _chosen(run, measures)
+        [measure_words(name), *(of[name] for of in run.measures.values())]
+        for name in chosen_of_run(run, measures)
     ]
     print_table(title, ["measure", *run.measures], rows)
 
 
-def _chosen(run: StoredRun, measures: Sequence[str]) -> list[str]:
+def chosen_of_run(run: StoredRun, measures: Sequence[str]) -> list[str]:
     """Take the measures that are asked for, or all of the run."""
     known = list(next(iter(run.measures.values()), {}))
     for name in measures:
@@ -54,8 +55,8 @@ def compare_runs(first: StoredRun, second: StoredRun, measures: Sequence[str] = 
     if not shared:
         own = f"{', '.join(first.measures)} and {', '.join(second.measures)}"
         raise InputError(f"{first.folder} and {second.folder}: no resource is in both (they have {own})")
-    of_second = _chosen(second, measures)
-    names = [name for name in _chosen(first, measures) if name in of_second]
+    of_second = chosen_of_run(second, measures)
+    names = [name for name in chosen_of_run(first, measures) if name in of_second]
     equal = first.digest == second.digest
     print_pairs(
         "The digests are equal: the same events, to the last bit" if equal else "The digests are different",

@@ -41,7 +41,7 @@ def show_study(folder: Path, measures: Sequence[str] = (), by: Sequence[str] = (
 
     results = load_study(folder)
     names = chosen_measures(results.study.columns(), measures)
-    axes = _chosen_axes(results.study, by)
+    axes = chosen_axes(results.study, by)
     runs = results.runs
     print_pairs(f"Study in {folder}", _about(results))
     say()
@@ -54,7 +54,8 @@ def show_study(folder: Path, measures: Sequence[str] = (), by: Sequence[str] = (
     _print_failures(results)
 
 
-def _chosen_axes(study: "Study", by: Sequence[str]) -> list[str]:
+def chosen_axes(study: "Study", by: Sequence[str]) -> list[str]:
+    """Take the axes that are asked for, or all."""
     known = [axis.name for axis in study.axes]
     for name in by:
         if name not in (*known, "resource"):
@@ -85,15 +86,21 @@ def _means(runs: "pd.DataFrame", axes: list[str], names: list[str]) -> tuple[lis
     from aimd_des.study.statistics.summary import means_by_point
 
     points = [*axes, "resource"]
-    # One number of each replication: runs of one replication may have the same seed.
-    groups = runs.groupby([*points, "replication"], observed=True, sort=False)
-    sizes = groups.size()
-    whole = groups[names].mean()[sizes == sizes.max()].reset_index()
+    whole = whole_replications(runs, points, names)
     rows = [
         [*labels, count, *(plus_or_minus(*means[name]) for name in names)]
         for labels, count, means in means_by_point(summarise(whole, points, names), points)
     ]
     return [*points, "replications", *map(measure_words, names)], rows
+
+
+def whole_replications(
+    runs: "pd.DataFrame", points: Sequence[str], measures: Sequence[str]
+) -> "pd.DataFrame":
+    """Take one number of each replication: runs of one replication may have the same seed."""
+    groups = runs.groupby([*points, "replication"], observed=True, sort=False)
+    sizes = groups.size()
+    return groups[list(measures)].mean()[sizes == sizes.max()].reset_index()
 
 
 def _print_failures(results: "StudyResults") -> None:

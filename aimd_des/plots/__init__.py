@@ -12,6 +12,7 @@ from aimd_des.plots.errors import absolute_error, cost_ratio, error_histogram, r
 from aimd_des.plots.maps import heat_map
 from aimd_des.plots.network import network_map
 from aimd_des.plots.paper import paper_figures
+from aimd_des.plots.score import agent_timeline, score
 from aimd_des.plots.signals import demand_and_signals, signal_raster
 from aimd_des.plots.style import REFERENCE, colour, frame, number_axis, shared_legend
 from aimd_des.plots.tracking import tracking_error, tracking_level
@@ -19,6 +20,7 @@ from aimd_des.plots.tracking import tracking_error, tracking_level
 __all__ = [
     "REFERENCE",
     "absolute_error",
+    "agent_timeline",
     "average_allocations",
     "averages_against_optimum",
     "capacity_events",
@@ -36,6 +38,7 @@ __all__ = [
     "number_axis",
     "paper_figures",
     "relative_error",
+    "score",
     "shared_legend",
     "signal_raster",
     "sum_of_averages",

@@ -54,7 +54,8 @@ def average_allocations(
         for place, i in enumerate(chosen):
             # Row by row: an array of all looks of all agents can be larger than the memory left.
             curve = seen.average[shown, j, i] / scale.divisor[j]
-            axes.plot(times, curve, color=style.colour(j), linewidth=1.4)
+            look = style.marked(j, len(times), 9 * place + 3 * j)
+            axes.plot(times, curve, color=style.colour(j), linewidth=1.4, **look)
             _reference(axes, seen.allocation_times[few], levels[:, j, place] / scale.divisor[j], j)
     style.name_resources(axes, result.problem, "optimum")
     axes.set_xlim(times[0], times[-1])
@@ -108,7 +109,8 @@ def derivatives(axes: Axes, result: Result, optimum: Optimum | None = None) -> A
     ----------
     optimum : Optimum, optional
         What stands for the optimum of the problem at the end; the one in force at each time unless given.
-        Its multipliers, which all derivatives equal at the optimum, are drawn as dashed lines.
+        Its multipliers, which all derivatives equal at the optimum, are drawn as dashed lines, and those of
+        the optimum for what is used, to which derivatives go, as dotted ones.
     """
     problem, seen = result.problem, result.observations
     unit = units.units_of(problem, "unit as in the legend")
@@ -129,11 +131,19 @@ def derivatives(axes: Axes, result: Result, optimum: Optimum | None = None) -> A
         axes.set_yscale("log", nonpositive="clip")
     few = selection.few_looks(result)
     level = measured(result, few, optimum, lambda look: look.best.multipliers, m)
+    used = measured(result, shown, optimum, _multipliers_for_used, m)
     for j in range(m):
         _reference(axes, seen.allocation_times[few], level[:, j], j)
+        axes.plot(times, used[:, j], ":", color=style.colour(j), linewidth=1.4)
     style.name_resources(axes, problem, "optimum")
+    axes.plot([], [], ":", color=style.REFERENCE, linewidth=1.4, label="optimum for what is used")
     style.time_axis(axes, result, log=True)
     return axes
+
+
+def _multipliers_for_used(look: Observation) -> FloatArray:
+    best = look.for_used
+    return np.full(look.average.shape[1], np.nan) if best is None else best.multipliers
 
 
 def _agreement(look: Observation) -> FloatArray:
@@ -174,7 +184,7 @@ def _error_bars(axes: Axes, times: FloatArray, mean: FloatArray, spread: FloatAr
             spread[:, j],
             color=style.colour(j),
             linewidth=1.0,
-            marker="o",
+            marker=style.mark(j),
             markersize=3.0,
             capsize=2.5,
         )

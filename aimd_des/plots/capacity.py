@@ -94,7 +94,9 @@ def _totals(
     for j in range(problem.n_resources):
         capacity_line(axes, result, j, scale.divisor[j], times[0], times[-1])
         curve = totals[:, j] / scale.divisor[j]
-        axes.plot(times, curve, form, color=style.colour(j), linewidth=1.4, markersize=4.0)
+        # Along the logarithm of time curves are smooth, and lie on each other.
+        look = style.marked(j, len(times), 2 * j) if log else {"markersize": 4.0}
+        axes.plot(times, curve, form, color=style.colour(j), linewidth=1.4, **look)
     style.name_resources(axes, problem, "capacity")
     axes.set_xlim(times[0], times[-1])
     if log:
@@ -128,7 +130,8 @@ def capacity_events(axes: Axes, results: Result | Sequence[Result]) -> Axes:
         for j in range(run.problem.n_resources):
             count = np.searchsorted(sent.time[sent.resource == j], grid)
             width, alpha = (1.8, 1.0) if place == 0 else (0.6, 0.35)
-            axes.plot(grid, count, color=style.colour(j), linewidth=width, alpha=alpha)
+            look = style.marked(j, len(grid), 9 * j) if place == 0 else {}
+            axes.plot(grid, count, color=style.colour(j), linewidth=width, alpha=alpha, **look)
     axes.set_ylabel("number of capacity events")
     style.name_resources(axes, runs[0].problem)
     axes.set_xlim(0.0, max(run.until for run in runs))

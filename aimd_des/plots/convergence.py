@@ -14,8 +14,9 @@ from aimd_des.plots.panel import panel
 from aimd_des.problem.optimum import Optimum
 from aimd_des.results import metrics
 from aimd_des.results.looks import looks
-from aimd_des.results.misallocation import misallocation
+from aimd_des.results.misallocation import misallocation, optimum_for_used
 from aimd_des.results.result import Result
+from aimd_des.results.tracking import piece_problem
 from aimd_des.theory import Convergence
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
@@ -56,15 +57,22 @@ def averages_against_optimum(axes: Axes, result: Result, optimum: Optimum | None
         return style.note(axes, NOBODY)
     average, best = result.average_at_end[last.present, resource], found.allocation[:, resource]
     size = float(np.clip(2000.0 / len(best), 4.0, 30.0))
-    axes.scatter(best, average, size, style.colour(resource), alpha=0.8, linewidths=0.0)
+    mark = style.mark(resource)
+    ink = style.colour(resource)
+    axes.scatter(best, average, size, ink, marker=mark, alpha=0.8, linewidths=0.0)
     low, high = float(min(best.min(), average.min())), float(max(best.max(), average.max()))
     margin = 0.05 * (high - low) or 0.05 * high or 1.0
     ends = (low - margin, high + margin)
     axes.plot(ends, ends, "--", color=style.REFERENCE, linewidth=1.2, label="optimum")
+    used = optimum_for_used(piece_problem(result.problem, last), result.average_at_end[last.present])
+    if used is not None:
+        order, label = np.argsort(best), "optimum for what is used"
+        level = used.allocation[order, resource]
+        axes.plot(best[order], level, ":", color=style.REFERENCE, linewidth=1.4, label=label)
     axes.plot(
         [],
         [],
-        "o",
+        mark,
         color=style.colour(resource),
         markersize=4.5,
         label=style.plain(f"an agent's {shared.name}"),
@@ -96,7 +104,8 @@ def consensus(axes: Axes, result: Result, optimum: Optimum | None = None) -> Axe
     )
     for j in range(problem.n_resources):
         axes.fill_between(times, low[:, j], high[:, j], color=style.colour(j), alpha=0.2, linewidth=0.0)
-        axes.plot(times, middle[:, j], color=style.colour(j), linewidth=1.6)
+        look = style.marked(j, len(times), 2 * j)
+        axes.plot(times, middle[:, j], color=style.colour(j), linewidth=1.6, **look)
     axes.axhline(1.0, color=style.REFERENCE, linewidth=1.2, linestyle="--")
     style.name_resources(axes, problem, "optimum")
     meaning = "5 to 95 % of the agents"
@@ -165,7 +174,8 @@ def error_decay(
     if not known.size:
         return style.note(axes, NEVER)
     for j in range(error.shape[1]):
-        axes.plot(drawn, error[:, j], ".-", color=style.colour(j), linewidth=1.4, markersize=4.0)
+        ink, mark = style.colour(j), style.mark(j)
+        axes.plot(drawn, error[:, j], "-", marker=mark, color=ink, linewidth=1.4, markersize=4.0)
     axes.set_yscale("log")
     style.name_resources(axes, runs[0].problem)
     if expected is not None:

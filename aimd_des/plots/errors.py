@@ -18,6 +18,7 @@ from aimd_des.utils.validation import FloatArray
 
 _BINS = 20
 _BAND_LOOKS = 60
+_FEW_OPTIMA = 20
 
 
 @panel
@@ -40,7 +41,8 @@ def absolute_error(axes: Axes, result: Result, optimum: Optimum | None = None) -
     for j in range(m):
         middle, high = quantiles[:, :, j].T
         axes.fill_between(times, middle, high, color=style.colour(j), alpha=0.18, linewidth=0.0)
-        axes.plot(times, middle, color=style.colour(j), linewidth=1.6)
+        look = style.marked(j, len(times), 2 * j)
+        axes.plot(times, middle, color=style.colour(j), linewidth=1.6, **look)
     axes.set_yscale("log")
     style.name_resources(axes, result.problem)
     meaning = "median to 95 % of the agents"
@@ -80,7 +82,8 @@ def relative_error(
     if np.isnan(error).all():
         return style.note(axes, NEVER)
     for j in range(m):
-        axes.plot(times, error[:, j], color=style.colour(j), linewidth=1.6)
+        look = style.marked(j, len(times), 2 * j)
+        axes.plot(times, error[:, j], color=style.colour(j), linewidth=1.6, **look)
     axes.set_yscale("log")
     style.number_axis(axes.yaxis, percent=True)
     style.name_resources(axes, result.problem)
@@ -96,7 +99,8 @@ def relative_error(
 def cost_ratio(axes: Axes, result: Result, optimum: Optimum | None = None) -> Axes:
     """Draw how the total cost of the averages, over that of the optimum, evolves.
 
-    It is below 1 where the averages do not use up the capacities.
+    It is below 1 where the averages do not use up the capacities; the dotted line is what the same totals
+    would cost at best.
     """
     seen = result.observations
     axes.set_ylabel("total cost / optimal cost")
@@ -108,6 +112,10 @@ def cost_ratio(axes: Axes, result: Result, optimum: Optimum | None = None) -> Ax
     at_end = NOBODY if np.isnan(ratio[-1]) else f"total cost, {ratio[-1]:.3f} at the end"
     axes.plot(times, ratio, color="black", linewidth=1.6, label=at_end)
     axes.axhline(1.0, color=style.REFERENCE, linewidth=1.2, linestyle="--", label="optimum")
+    few = shown[looks(times, _FEW_OPTIMA, log=True)]
+    used = measured(result, few, optimum, _cost_for_used)
+    label = "optimum for what is used"
+    axes.plot(seen.allocation_times[few], used, ":", color=style.REFERENCE, linewidth=1.4, label=label)
     axes.set_xlim(times[0], times[-1])
     axes.set_ylim(bottom=0.0)
     style.time_axis(axes, result, log=True)
@@ -162,6 +170,13 @@ def _quantiles(look: Observation) -> FloatArray:
 
 def _error(look: Observation) -> FloatArray:
     return metrics.relative_error(look.average, look.best.allocation)
+
+
+def _cost_for_used(look: Observation) -> float:
+    best = look.for_used
+    if best is None:
+        return float("nan")
+    return metrics.cost_ratio(look.problem.costs, best.allocation, look.best.allocation)
 
 
 def _cost(look: Observation) -> float:

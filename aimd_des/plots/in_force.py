@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from aimd_des.problem.optimum import Optimum
 from aimd_des.problem.problem import Problem
+from aimd_des.results.misallocation import optimum_for_used
 from aimd_des.results.result import Result
 from aimd_des.results.tracking import piece_problem
 from aimd_des.utils.validation import FloatArray
@@ -25,6 +26,11 @@ class Observation(NamedTuple):
     present: npt.NDArray[np.bool_]  # (n,): who they are
     average: FloatArray  # (k, m): their averages, in units of the resources
     best: Optimum  # of the problem
+
+    @property
+    def for_used(self) -> Optimum | None:
+        """The optimum for what averages use; None where that is nothing."""
+        return optimum_for_used(self.problem, self.average)
 
 
 def measured(

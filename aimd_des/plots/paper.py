@@ -9,14 +9,19 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from aimd_des.plots.allocations import average_allocations, derivatives, instantaneous_allocations
 from aimd_des.plots.capacity import capacity_events, sum_of_averages, sum_of_demand
+from aimd_des.plots.convergence import averages_against_optimum
 from aimd_des.plots.errors import absolute_error, cost_ratio, error_histogram, relative_error
 from aimd_des.plots.style import plain, shared_legend
+from aimd_des.plots.tracking import tracking_error, tracking_level
 from aimd_des.problem.optimum import Optimum
 from aimd_des.results.result import Result
 from aimd_des.theory import Convergence
 from aimd_des.utils.errors import InputError
 
 _PANEL = (4.3, 3.7)  # inches: text of the default size stays readable on a page
+
+# Fewer are not counted in bins.
+_FEW_AGENTS = 15
 
 _Panel = tuple[str, Callable[[Axes], Axes]]
 
@@ -94,6 +99,28 @@ def figure_makers(
             (_events_title(len(runs)), lambda axes: capacity_events(axes, runs)),
         ),
     }
+
+
+def run_figures(run: Result) -> dict[str, Callable[[], Figure]]:
+    """Give what draws the figures of any run: the paper's, or what fits better.
+
+    A histogram of few agents says nothing: each is drawn against its optimum.  A fifth figure follows the
+    optimum of a run whose problem changes.
+    """
+    makers = figure_makers(run)
+    if run.problem.n_agents < _FEW_AGENTS:
+        panels: list[_Panel] = [
+            (f"Averages of {name}", partial(averages_against_optimum, result=run, optimum=None, resource=j))
+            for j, name in enumerate(run.problem.resource_names)
+        ]
+        makers["figure3"] = partial(_row, *panels)
+    if len(run.history) > 1:
+        makers["figure5"] = partial(
+            _row,
+            ("Distance from the optimum in force", lambda axes: tracking_error(axes, run)),
+            ("Use of the capacity in force", lambda axes: tracking_level(axes, run)),
+        )
+    return makers
 
 
 def _events_title(count: int) -> str:

@@ -19,7 +19,7 @@ _NO_LOOKS = (
     "Fewer than two looks at total demand lie here.\nRecord them more densely to see this panel:\n"
     "Recording(demand=0.1)"
 )
-_NO_LOG = "The run kept no log of its events.\nKeep it to see this panel:\nRecording(events=True)"
+NO_LOG = "The run kept no log of its events.\nKeep it to see this panel:\nRecording(events=True)"
 _LOST_COLOUR = "#D55E00"
 _HEARD_COLOUR = "0.72"
 
@@ -46,7 +46,7 @@ def demand_and_signals(axes: Axes, result: Result, *, start: float = 0.0, end: f
     InputError
         If the window is empty or lies outside the run.
     """
-    first, last = _window(result, start, end)
+    first, last = window(result, start, end)
     problem, seen, scale = result.problem, result.observations, units.scale_for_totals(result.problem)
     axes.set_ylabel(style.axis_label("sum of demands", scale.unit))
     shown = np.flatnonzero((seen.demand_times >= first) & (seen.demand_times <= last))
@@ -105,13 +105,13 @@ def signal_raster(
     A vertical line is a broadcast.  A copy that is lost is marked at the time of the broadcast, one that
     is heard when it arrives, and a response when the agent acts.
     """
-    first, last = _window(result, start, end)
+    first, last = window(result, start, end)
     n, shared = result.problem.n_agents, result.problem.resources
     validation.integer("resource", resource, low=0, high=len(shared) - 1)
-    rows = _rows(n, agents)
+    rows = rows_of(n, agents)
     axes.set_ylabel("agent")
     if result.log is None:
-        return style.note(axes, _NO_LOG)
+        return style.note(axes, NO_LOG)
     time, kind, agent = _entries(result.log, resource, first, last)
     broadcasts = time[kind == Entry.SIGNAL]
     if not broadcasts.size and not time.size:
@@ -135,13 +135,18 @@ def signal_raster(
     axes.set_xlim(first, last)
     style.time_axis(axes, result)
     axes.grid(visible=False)
-    shown = np.arange(0, len(rows), -(-len(rows) // _MOST_NAMES))
-    names = [style.plain(result.problem.agent_names[i]) for i in rows[shown]]
-    axes.set_yticks(shown, names, fontsize="small")
+    name_rows(axes, result, rows)
     return axes
 
 
-def _window(result: Result, start: float, end: float | None) -> tuple[float, float]:
+def name_rows(axes: Axes, result: Result, rows: npt.NDArray[np.intp]) -> None:
+    """Name the rows of agents, or some of them."""
+    shown = np.arange(0, len(rows), -(-len(rows) // _MOST_NAMES))
+    names = [style.plain(result.problem.agent_names[i]) for i in rows[shown]]
+    axes.set_yticks(shown, names, fontsize="small")
+
+
+def window(result: Result, start: float, end: float | None) -> tuple[float, float]:
     """Check a window of time."""
     first = validation.number("start", start, low=0.0, high=result.until, high_open=True)
     if end is None:
@@ -152,7 +157,7 @@ def _window(result: Result, start: float, end: float | None) -> tuple[float, flo
     return first, last
 
 
-def _rows(n_agents: int, agents: npt.ArrayLike | None) -> npt.NDArray[np.intp]:
+def rows_of(n_agents: int, agents: npt.ArrayLike | None) -> npt.NDArray[np.intp]:
     """Say which agents are drawn, from the bottom to the top."""
     if agents is None:
         return np.unique(np.linspace(0, n_agents - 1, min(n_agents, _MOST_ROWS)).astype(np.intp))

@@ -1,5 +1,7 @@
 """What all panels look like: colours, labels, axes, legends."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -18,6 +20,8 @@ from aimd_des.utils.colours import COLOURS
 REFERENCE = "0.35"
 
 _LONGEST_LABEL = 28
+# Resources differ by their marks, too: colours are not told apart by everybody, and not in print.
+_MARKS = "os^Dv<>"
 
 
 def colour(resource: int) -> str:
@@ -34,6 +38,17 @@ def colour(resource: int) -> str:
         The same in all panels; they repeat after seven.
     """
     return COLOURS[resource % len(COLOURS)]
+
+
+def mark(resource: int) -> str:
+    """Give the mark of a resource; they repeat after seven."""
+    return _MARKS[resource % len(_MARKS)]
+
+
+def marked(resource: int, count: int, first: int = 0) -> dict[str, Any]:
+    """Give the mark of a resource to some of so many points of a curve: of several curves to others."""
+    every = max(count // 7, 1)
+    return {"marker": mark(resource), "markevery": (min(first, count - 1), every), "markersize": 4.5}
 
 
 def plain(text: str) -> str:
@@ -58,7 +73,8 @@ def resource_label(resource: Resource) -> str:
 def name_resources(axes: Axes, problem: Problem, reference: str = "") -> None:
     """Put the resources, and what the dashed lines mean, into the legend of these axes."""
     for j, resource in enumerate(problem.resources):
-        axes.plot([], [], color=colour(j), linewidth=2.0, label=plain(resource_label(resource)))
+        look: dict[str, Any] = {"color": colour(j), "linewidth": 2.0, "marker": mark(j), "markersize": 5.0}
+        axes.plot([], [], label=plain(resource_label(resource)), **look)
     if reference:
         axes.plot([], [], "--", color=REFERENCE, linewidth=1.2, label=reference)
 

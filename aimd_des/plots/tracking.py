@@ -44,7 +44,8 @@ def _draw(axes: Axes, result: Result, column: str) -> bool:
     frame = result.tracking
     for j, name in enumerate(result.problem.resource_names):
         rows = frame[(frame["resource"] == name) & (frame["time"] > 0.0)]
-        axes.plot(rows["time"], rows[column], color=style.colour(j), linewidth=1.5)
+        look = style.marked(j, len(rows), 2 * j)
+        axes.plot(rows["time"], rows[column], color=style.colour(j), linewidth=1.5, **look)
     return True
 
 

@@ -9,7 +9,7 @@ import json
 import platform
 import tomllib
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from io import BytesIO, StringIO
@@ -47,6 +47,7 @@ Number = int | float
 _SCENARIO, _SUMMARY = "scenario.toml", "summary.csv"
 _REMEDY = "run the scenario again"
 _DPI = 160
+_UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 _LIBRARIES = ("numpy", "scipy", "numba", "simpy", "pandas")
 
 
@@ -56,7 +57,14 @@ def library_versions() -> dict[str, str]:
     return {"aimd_des": __version__, "python": platform.python_version(), **libraries}
 
 
-def write_run(place: Place, scenario: Scenario, result: Result, *, figures: bool = True) -> None:
+def write_run(
+    place: Place,
+    scenario: Scenario,
+    result: Result,
+    *,
+    figures: bool = True,
+    formats: Sequence[str] = ("png",),
+) -> None:
     """Write everything about a run: the numbers first, whole or not at all, and then the figures.
 
     Parameters
@@ -69,6 +77,8 @@ def write_run(place: Place, scenario: Scenario, result: Result, *, figures: bool
         What came out.
     figures : bool
         Whether to draw.
+    formats : sequence of str
+        Of the figures: "png", "pdf" and "svg".
 
     Raises
     ------
@@ -104,9 +114,9 @@ def write_run(place: Place, scenario: Scenario, result: Result, *, figures: bool
         sums = checksums_of(folder, [path.name for path in folder.iterdir()])
         write_checksums(folder, sums)
     if figures:
-        from aimd_des.plots.paper import figure_makers
+        from aimd_des.plots.paper import run_figures
 
-        _add_figures(place, figure_makers(result), sums)
+        _add_figures(place, run_figures(result), sums, formats)
 
 
 def _frames(result: Result) -> "dict[str, pd.DataFrame]":
@@ -155,19 +165,28 @@ def _optimum(result: Result) -> "pd.DataFrame":
     )
 
 
-def _add_figures(place: Place, makers: Mapping[str, Callable[[], "Figure"]], sums: Mapping[str, str]) -> None:
+def _add_figures(
+    place: Place,
+    makers: Mapping[str, Callable[[], "Figure"]],
+    sums: Mapping[str, str],
+    formats: Sequence[str],
+) -> None:
     """Draw figures into the folder of a run, as long as its checksums are there; a failure is told."""
     for name, draw in makers.items():
-        path = place.target / f"{name}.png"
+        path = place.target / f"{name}.{formats[0]}"
         try:
-            picture = BytesIO()
-            draw().savefig(picture, dpi=_DPI)
-            # By now the folder may be another run's, or somebody's who has made a new one.
-            if read_checksums(place.target, "") != sums:
-                raise TakenError(0, "the folder is no longer that of this run")
-            _write(path, picture.getvalue())
-            sums = {**sums, path.name: checksum(picture.getvalue())}
-            write_checksums(place.target, sums)
+            figure = draw()
+            for form in formats:
+                path = place.target / f"{name}.{form}"
+                picture = BytesIO()
+                # Without a date the same run is the same file.
+                figure.savefig(picture, format=form, dpi=_DPI, metadata=_UNDATED.get(form))
+                # By now the folder may be another run's, or somebody's who has made a new one.
+                if read_checksums(place.target, "") != sums:
+                    raise TakenError(0, "the folder is no longer that of this run")
+                _write(path, picture.getvalue())
+                sums = {**sums, path.name: checksum(picture.getvalue())}
+                write_checksums(place.target, sums)
         except Exception as failure:  # noqa: BLE001 - whatever it is, the numbers are what the run was for
             said = f"{place.folder / path.name}: is missing ({type(failure).__name__}: {failure})"
             warnings.warn(f"{said}; all numbers are written", RuntimeWarning, stacklevel=3)
