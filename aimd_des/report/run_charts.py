@@ -220,10 +220,8 @@ def share_chart(
     names: list[str],
 ) -> Chart:
     """Hold the average of every agent against what it should hold of what is used, or of all."""
-    n = len(average)
+    n, against, equal = len(average), best if for_used is None else for_used, best.mean(axis=0)
     kept = np.unique(np.linspace(0, n - 1, min(n, _MOST_AGENTS)).astype(int))
-    against = best if for_used is None else for_used
-    equal = best.mean(axis=0)
     frame = pd.concat(
         pd.DataFrame(
             {
@@ -237,8 +235,8 @@ def share_chart(
         for j, name in enumerate(names)
     )
     top = float(max(frame["best"].max(), frame["held"].max()))
-    line = alt.Chart(data(pd.DataFrame({"best": [0.0, top], "held": [0.0, top]})))
-    line = line.mark_line(color=REFERENCE, strokeDash=[5, 4], strokeWidth=1.5)
+    diagonal = alt.Chart(data(pd.DataFrame({"best": [0.0, top], "held": [0.0, top]})))
+    line = diagonal.mark_line(color=REFERENCE, strokeDash=[5, 4], strokeWidth=1.5)
     what = "optimum for all of the capacity" if for_used is None else "optimum for what is used"
     columns = [
         Column("agent", "agent"),

@@ -209,30 +209,7 @@ def map_chart(
     half-width of its interval h0, h1 and so on.
     """
     edges = [axis.edges for axis in axes]
-    base = (
-        alt.Chart(data(frame))
-        .transform_filter(f"datum.r == toNumber(of) && {_here(axes, ['along', 'other'])}")
-        .transform_calculate(
-            **{
-                end: f"{ends}[toNumber({axis})][datum['i' + {axis}]]"
-                for axis, end, ends in (
-                    ("along", "x", "lows"),
-                    ("along", "x2", "highs"),
-                    ("other", "y", "lows"),
-                    ("other", "y2", "highs"),
-                )
-            },
-            xc="places[toNumber(along)][datum['i' + along]]",
-            yc="places[toNumber(other)][datum['i' + other]]",
-            value="factors[toNumber(measure)] * datum['m' + measure]",
-            half="factors[toNumber(measure)] * datum['h' + measure]",
-            at="names[toNumber(along)] + ' ' + labels[toNumber(along)][datum['i' + along]]",
-            over="names[toNumber(other)] + ' ' + labels[toNumber(other)][datum['i' + other]]",
-            said="format(datum.value, '.4~g') + ' ± ' + format(datum.half, '.2~g')"
-            " + ' ' + units[toNumber(measure)]",
-        )
-        .transform_filter("isValid(datum.value)")
-    )
+    base = _map_base(frame, axes)
     flush = alt.Scale(zero=False, nice=False)
     x_axis = alt.X("x:Q", axis=_ticks("along"), scale=flush)
     y_axis = alt.Y("y:Q", axis=_ticks("other"), scale=flush)
@@ -271,6 +248,35 @@ def map_chart(
     ]
     spec = finished(chart.properties(title=title), columns, 340)
     return Chart("map", "Over two axes", _map_text(measures, critical), spec)
+
+
+def _map_base(frame: pd.DataFrame, axes: Sequence[Along]) -> alt.Chart:
+    """Take the rows that the map shows, with their cells, values and words."""
+    base: alt.Chart = (
+        alt.Chart(data(frame))
+        .transform_filter(f"datum.r == toNumber(of) && {_here(axes, ['along', 'other'])}")
+        .transform_calculate(
+            **{
+                end: f"{ends}[toNumber({axis})][datum['i' + {axis}]]"
+                for axis, end, ends in (
+                    ("along", "x", "lows"),
+                    ("along", "x2", "highs"),
+                    ("other", "y", "lows"),
+                    ("other", "y2", "highs"),
+                )
+            },
+            xc="places[toNumber(along)][datum['i' + along]]",
+            yc="places[toNumber(other)][datum['i' + other]]",
+            value="factors[toNumber(measure)] * datum['m' + measure]",
+            half="factors[toNumber(measure)] * datum['h' + measure]",
+            at="names[toNumber(along)] + ' ' + labels[toNumber(along)][datum['i' + along]]",
+            over="names[toNumber(other)] + ' ' + labels[toNumber(other)][datum['i' + other]]",
+            said="format(datum.value, '.4~g') + ' ± ' + format(datum.half, '.2~g')"
+            " + ' ' + units[toNumber(measure)]",
+        )
+        .transform_filter("isValid(datum.value)")
+    )
+    return base
 
 
 def _map_text(measures: Sequence[str], critical: Critical | None) -> str:
