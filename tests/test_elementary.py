@@ -180,6 +180,24 @@ def test_compiled_formulas_give_the_same_bits(formula: Callable[[float], float],
     assert compiled(formula)(points).tobytes() == interpreted.tobytes()
 
 
+@pytest.mark.parametrize("formula", [portable_math.log, portable_math.exp])
+def test_compiled_formulas_know_the_same_edges(formula: Callable[[float], float]) -> None:
+    """In a loop long enough for vectors, in which all branches are computed for all numbers."""
+    edges = [0.0, -0.0, math.inf, -math.inf, math.nan, -1.0, 710.0, -746.0, 5e-324, 2.0**-1022, 1.0]
+    points = np.array(13 * edges)
+    interpreted = np.array([formula(x) for x in points.tolist()])
+    np.testing.assert_array_equal(compiled(formula)(points), interpreted)
+
+
+@pytest.mark.parametrize("formula", [portable_math.log, portable_math.log_normal, portable_math.exp])
+def test_compiled_formulas_call_nothing(formula: Callable[[float], float]) -> None:
+    """A call in a loop keeps LLVM from making vectors of it."""
+    row = compiled(formula)
+    row(np.ones(3))
+    code = next(iter(row.inspect_llvm().values()))  # type: ignore[attr-defined]
+    assert not [name for name in ("frexp", "ldexp") if name in code]
+
+
 def test_logarithms_of_normal_numbers_are_those_of_all_numbers() -> None:
     points = np.concatenate([LOG_POINTS[LOG_POINTS >= 2.0**-1022], 1.0 - UNIFORMS])
     assert (

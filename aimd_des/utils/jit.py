@@ -28,7 +28,7 @@ import numpy as np
 from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.types.misc import unliteral
-from numba.extending import intrinsic, register_jitable
+from numba.extending import intrinsic, lower_builtin, register_jitable, type_callable
 
 try:
     from aimd_des.utils import numba_internals
@@ -229,6 +229,21 @@ def _interpreted(function: _Function) -> _Function:
 def instruction(plain: _Function) -> Callable[[Callable[..., Any]], _Function]:
     """Make an instruction of the machine callable from kernels."""
     return lambda function: cast(_Function, plain if numba.config.DISABLE_JIT else intrinsic(function))
+
+
+def built(signature: Any, build: Callable[..., Any]) -> Callable[[_Function], _Function]:
+    """Let kernels call a function of one number as what is built in its place; elsewhere it is as it stands.
+
+    For what compiled code can do in fewer instructions than Numba makes of the function, or in instructions
+    that LLVM makes vectors of.
+    """
+
+    def register(function: _Function) -> _Function:
+        type_callable(function)(lambda _context: lambda _: signature)
+        lower_builtin(function, *signature.args)(build)
+        return function
+
+    return register
 
 
 def kernel(function: _Function) -> _Function:
