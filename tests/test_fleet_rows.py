@@ -1,10 +1,12 @@
 """Broadcasts that are rows: the same bits as with every copy in a heap, and heaps where rows cannot serve."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -26,6 +28,7 @@ from aimd_des import (
     responses,
 )
 from aimd_des.channel import Broadcast, Copies
+from aimd_des.dynamics.responses import OWN_COLUMNS
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
@@ -33,6 +36,7 @@ from aimd_des.fleet import compiled_agents
 from aimd_des.fleet.broadcast_rows import BroadcastRows
 from aimd_des.fleet.compiled_agents import CompiledAgents
 from aimd_des.interventions.prices import set_costs
+from aimd_des.utils.validation import FloatArray
 from models import smart_cameras
 from tests.conftest import TERMS, problems, quietly, random_problem
 from tests.support.configurations import (
@@ -46,12 +50,12 @@ from tests.support.configurations import (
 )
 from tests.test_fleet import own_costs, own_problem
 
-#: What a run with rows is made of; any control unit, loss, latency, order of links, intervention, recording.
+#: What a run with rows is made of; any response, control unit, loss, latency, order of links,
+#: intervention, recording.
 ROWED = configurations(
     problem=problems(("polynomial", "polynomial", *TERMS)),
     dynamics=("continuous",),
     averaging=lambda problem, dynamics, until: st.none(),
-    response=lambda problem, dynamics, until: st.none(),
     compensation=lambda problem, dynamics, until: st.none(),
     channel=lambda problem, dynamics, until: one_kind(
         channels(problem.n_agents).map(lambda channel: replace(channel, duplication=0.0)),
@@ -115,6 +119,14 @@ def rows_of(problem: Any, until: float, **parts: Any) -> tuple[list[BroadcastRow
 LATE = BroadcastChannel(latency.Exponential(0.5), 0.1)
 
 
+@numba.njit
+def asked(average: float, demand: float, age: float, memory: FloatArray) -> float:
+    """Count the times it is asked; fail where a copy does not arrive, or comes later than it is asked."""
+    memory[0] += 1.0
+    memory[1] = max(memory[1], age)
+    return 0.3 if math.isfinite(average + demand + age) else math.nan
+
+
 @pytest.mark.parametrize(
     "parts",
     [
@@ -122,10 +134,15 @@ LATE = BroadcastChannel(latency.Exponential(0.5), 0.1)
         {"control_unit": Sampled()},
         {"channel": BroadcastChannel(latency.Exponential(0.5), 0.1, fifo=True)},
         {"recording": Recording(events=True)},
+        {"response": responses.EventNormalised()},
+        {"response": responses.Derandomised()},
+        {"response": responses.Derandomised("events", full=True)},
+        {"response": responses.CustomResponse(asked, memory=2)},
+        {"response": responses.CustomResponse(asked, "full", memory=2)},
     ],
-    ids=["crossing", "sampled", "fifo", "log"],
+    ids=["crossing", "sampled", "fifo", "log", "event_normalised", "fractional", "full", "own", "own_full"],
 )
-def test_the_papers_rule_is_answered_in_rows(parts: dict[str, Any]) -> None:
+def test_all_rules_are_answered_in_rows(parts: dict[str, Any]) -> None:
     found, result = rows_of(smart_cameras(seed=0), 60.0, **{"channel": LATE, **parts})
     assert result.account.responses.sum() > 100
     assert all(rows.enabled for rows in found)
@@ -140,17 +157,38 @@ def test_the_papers_rule_is_answered_in_rows(parts: dict[str, Any]) -> None:
         {"averaging": averaging.Window(10.0)},
         {"averaging": averaging.Forgetting(10.0)},
         {"averaging": averaging.Polynomial(2.0)},
-        {"response": responses.EventNormalised()},
-        {"response": responses.Derandomised()},
         {"compensation": compensation.KnownLoss(0.1)},
         {"channel": BroadcastChannel(latency.Exponential(0.5), 0.1, duplication=0.2)},
     ],
     ids=lambda parts: next(iter(parts)),
 )
-def test_other_rules_are_answered_from_heaps(parts: dict[str, Any]) -> None:
+def test_other_averages_compensation_and_duplicates_are_answered_from_heaps(parts: dict[str, Any]) -> None:
     found, result = rows_of(smart_cameras(seed=0), 20.0, **{"channel": LATE, **parts})
     assert result.account.responses.sum() > 10
     assert not any(rows.enabled or rows.serving.any() for rows in found)
+
+
+@pytest.mark.parametrize("cut", ["drawn", "fractional", "full"])
+def test_a_rule_of_ones_own_is_asked_once_for_each_copy_that_is_answered(cut: Any) -> None:
+    """A rule may remember, so it is never asked of a copy before its time."""
+    memory: list[FloatArray] = []
+
+    def look(system: System) -> ProcessGenerator:
+        yield system.env.at(60.0, EventKind.INTERVENE)
+        assert system.collective is not None
+        system.collective.settle()
+        memory.append(system.state.memory.copy())
+
+    own = responses.CustomResponse(asked, cut, memory=2)
+    recording = Recording(events=True)
+    parts = {"channel": LATE, "response": own, "processes": [look], "recording": recording}
+    found, result = rows_of(smart_cameras(seed=0), 60.5, **parts)
+    assert found[-1].serving.all()
+    landed = result.events[result.events["kind"].isin(["respond", "hold"]) & (result.events["time"] < 60.0)]
+    answers = landed.groupby(["resource", "agent"], observed=True).size()
+    assert memory[0][:, :, OWN_COLUMNS].sum() == len(landed) > 1000
+    assert memory[0][:, :, OWN_COLUMNS].max() == answers.max()
+    assert memory[0][:, :, OWN_COLUMNS + 1].max() <= 60.0
 
 
 @pytest.mark.parametrize(

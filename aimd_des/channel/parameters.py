@@ -1,6 +1,6 @@
 """Parameters of models, one for all agents or one for each: taken in, and counted."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from numbers import Real
 from typing import Any
 
@@ -14,6 +14,9 @@ from aimd_des.utils.validation import FloatArray
 # Times above this are refused: so far below the largest double, no draw can overflow to infinity,
 # which is how a lost copy is written.
 LONGEST = 1e100
+
+#: How many parameters a compiled function of the user's can have, besides what it is told.
+MOST_PARAMETERS = 3
 
 _EXAMPLES = {"latency": "Exponential(0.5)", "loss": "Bernoulli(0.1)"}
 
@@ -60,3 +63,19 @@ def scalar_or_row(value: Any) -> float | FloatArray:
         return float(row)
     row.setflags(write=False)
     return row
+
+
+def rows_for(function: object, n_agents: int, parameters: Sequence[npt.ArrayLike]) -> Sequence[npt.ArrayLike]:
+    """Take in the parameters of a compiled function of the user's."""
+    if len(parameters) > MOST_PARAMETERS:
+        field = f"parameters of {getattr(function, '__name__', 'the function')}"
+        raise InputError.of(field, len(parameters), f"at most {MOST_PARAMETERS}")
+    rows = [validation.per_agent(f"parameter {place}", given) for place, given in enumerate(parameters)]
+    for place, row in enumerate(rows):
+        validation.fits(f"parameter {place}", row, n_agents)
+    return rows
+
+
+def form_of(told: Sequence[str], n_parameters: int, *last: str) -> str:
+    """Write down what a compiled function of the user's is called with."""
+    return ", ".join((*told, *("first", "second", "third")[:n_parameters], *last))

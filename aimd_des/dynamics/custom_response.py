@@ -3,22 +3,33 @@
 import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from itertools import product
 from typing import Any, Literal, get_args
 
 import numba
 import numpy as np
 from numba.core.dispatcher import Dispatcher
-from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from aimd_des.dynamics.responses import INPUTS, OWN, Response, ResponseParameters, response_parameters
+from aimd_des.dynamics.responses import (
+    ASKED,
+    INPUTS,
+    OF_ANSWERS,
+    OWN,
+    OWN_COLUMNS,
+    Response,
+    ResponseParameters,
+    response_parameters,
+)
 from aimd_des.utils import returned_values, validation
-from aimd_des.utils.compiled_call import OF_AN_AGENT
+from aimd_des.utils.compiled_call import options_of
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
 _MEMORY = "memory"
+
+# In place of a comparison with infinity, of which LLVM makes several instructions on bits.
+_LARGEST = float(np.finfo(np.float64).max)
 _MOST_MEMORY = 100
 
 # Compiled and plain code may differ in the last bits; where there is compiled code, processes call it, too.
@@ -137,11 +148,11 @@ def called_plainly(
 
 
 def with_address(
-    response: Response | None, parameters: ResponseParameters
-) -> tuple[ResponseParameters, object]:
-    """Let kernels call the user's function, if there is one, for as long as what comes second is kept."""
+    response: Response | None, parameters: ResponseParameters, at_once: int = 1
+) -> ResponseParameters:
+    """Let kernels call the user's function, if there is one, for one or for several answers at once."""
     if parameters.divisor != OWN:
-        return parameters, None
+        return parameters
     own: Any = response
     if not isinstance(own.probability, Dispatcher):
         raise InputError.of(
@@ -151,36 +162,47 @@ def with_address(
             "decorate it with numba.njit, or choose agents=AgentProcess",
         )
     called = _callback(own.probability, len(parameters.order), parameters.columns)
-    return parameters._replace(address=called.address), called
+    inputs, given = np.zeros((len(INPUTS), at_once)), np.zeros(at_once)
+    return parameters._replace(address=called.address, inputs=inputs, given=given)
 
 
 def check_returned(response: Response | None, parameters: ResponseParameters) -> None:
     """Refuse what the user's function has returned to kernels, which cannot refuse it themselves."""
     if parameters.divisor == OWN:
-        validation.number(_said(response), parameters.inputs[-1], low=0.0)
+        validation.number(_said(response), parameters.wrong[0], low=0.0)
 
 
 def _said(response: object) -> str:
     return f"{type(response).__name__}.probability()"
 
 
-@lru_cache(maxsize=16)
-def _callback(function: Callable[..., Any], count: int, columns: int) -> Any:
-    # As for gradients of costs: kernels get the address alone.
-    @numba.njit  # type: ignore[untyped-decorator]  # numba has no type information
-    def ask(inputs: FloatArray, memory: FloatArray) -> float:
-        values = to_fixed_tuple(inputs, count)
-        return float(function(*values, memory)) if columns > 0 else float(function(*values))
+# The cache keeps the callback alive, without which its address would mean nothing.
+@cache
+def _callback(function: Any, count: int, columns: int) -> Any:
+    # As for gradients of costs: kernels get the address alone.  The options are the function's own, since it
+    # must give processes, which call it one by one, the same bits.
+    own = numba.njit(**{**options_of(function), "forceinline": True})(function.py_func)
 
-    @numba.cfunc(OF_AN_AGENT)  # type: ignore[untyped-decorator]
-    def call(_agent: int, inputs: Any, memory: Any) -> None:
+    @numba.njit(forceinline=True)  # type: ignore[untyped-decorator]  # numba has no type information
+    def ask(inputs: FloatArray, k: int, memory: FloatArray) -> float:
+        # Written out: what is read of more places than the function has is left out again.
+        first = (inputs[0, k], inputs[1, k], inputs[2, k], inputs[3, k], inputs[4, k])
+        values = (*first, inputs[5, k], inputs[6, k], inputs[7, k], inputs[8, k])[:count]
+        return float(own(*values, memory)) if columns > 0 else float(own(*values))
+
+    @numba.cfunc(OF_ANSWERS)  # type: ignore[untyped-decorator]
+    def call(number: int, at_once: int, inputs: Any, memory: Any, given: Any, wrong: Any) -> None:
+        values = numba.carray(inputs, (len(INPUTS), at_once))
+        kept = numba.carray(memory, (number, OWN_COLUMNS + columns))
         # Compiled code that calls this cannot take an exception.
         try:
-            returned = ask(numba.carray(inputs, (count,)), numba.carray(memory, (columns,)))
+            for k in range(number):
+                if given[k] == ASKED:
+                    returned = ask(values, k, kept[k, OWN_COLUMNS:])
+                    if not 0.0 <= returned <= _LARGEST:
+                        wrong[0] = returned
+                    given[k] = returned if returned > 0.0 else 0.0  # not a number is 0, too
         except Exception:  # noqa: BLE001 - the only one that compiled code can catch
-            returned = np.nan
-        if not 0.0 <= returned < np.inf:
-            inputs[max(1, count)] = returned
-        inputs[0] = returned
+            wrong[0] = np.nan
 
     return call

@@ -22,10 +22,11 @@ from typing import Literal, NamedTuple, Protocol, get_args, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
+from numba import types
 
 from aimd_des.dynamics.averaging import FORGETTING, POLYNOMIAL, WINDOW, AveragingParameters
 from aimd_des.utils import validation
-from aimd_des.utils.compiled_call import call_of_agent
+from aimd_des.utils.compiled_call import NUMBERS, caller
 from aimd_des.utils.jit import formula
 from aimd_des.utils.parts import built_in
 from aimd_des.utils.portable_math import expm1
@@ -58,6 +59,14 @@ _LAMBDA, _MEAN, _COUNT, _SUM, _PARTS = 0, 1, 2, 3, 4
 #: Where the numbers begin that a function of the user's keeps.
 OWN_COLUMNS = 1
 
+#: Of a function of the user's: how many agents answer, how many can at once, and addresses of inputs, memory
+#: (of the first of them), probabilities and of the last one that is none.
+OF_ANSWERS = types.void(types.int64, types.int64, *[NUMBERS] * 4)
+call_own = caller(OF_ANSWERS)
+
+#: Where a function of the user's shall put a probability.
+ASKED = 1.0
+
 
 @record
 class ResponseParameters(NamedTuple):
@@ -68,16 +77,18 @@ class ResponseParameters(NamedTuple):
     columns: int  # how many numbers a function of the user's keeps for each agent and resource
     address: int  # of the compiled function of the user's; 0 where there is none
     order: npt.NDArray[np.int64]  # which of `INPUTS` the function reads
-    # Working memory: the values of these, and the last return value of the function that was no probability,
-    # 0 if there was none.
+    # Working memory: the values of these, one row each, (9, answers at once), and the probabilities that the
+    # function gives for them, (answers at once,).
     inputs: FloatArray
+    given: FloatArray
+    wrong: FloatArray  # (1,): what the function has given last that was no probability; 0 if nothing was
 
 
 def response_parameters(cut: int, divisor: int, columns: int = 0, order: object = ()) -> ResponseParameters:
     """Make the parameters of a response."""
     chosen = np.array(order, dtype=np.int64).reshape(-1)
-    # One value at least: the function's answer is written there.
-    return ResponseParameters(cut, divisor, columns, 0, chosen, np.zeros(max(1, len(chosen)) + 1))
+    inputs = np.zeros((len(INPUTS), 1))
+    return ResponseParameters(cut, divisor, columns, 0, chosen, inputs, np.zeros(1), np.zeros(1))
 
 
 def memory_columns(response: ResponseParameters, averaging: AveragingParameters) -> int:
@@ -145,6 +156,17 @@ def _note_demand(
 
 
 @formula
+def ask_own(response: ResponseParameters, memory: FloatArray, count: int) -> None:
+    """Let the user's function give probabilities for answers whose inputs are laid out.
+
+    `memory` is that of the agents that answer, one after the other; those of them are asked whose place in
+    `given` holds `ASKED`.
+    """
+    inputs, given, wrong = response.inputs.ctypes.data, response.given.ctypes.data, response.wrong.ctypes.data
+    call_own(response.address, (count, response.inputs.shape[1], inputs, memory.ctypes.data, given, wrong))
+
+
+@formula
 def probability_of(
     response: ResponseParameters,
     averaging: AveragingParameters,
@@ -166,11 +188,10 @@ def probability_of(
             return 0.0
         values = (normalization, slope, average, demand, increase, decrease, age, float(i), float(j))
         for p in range(response.order.shape[0]):
-            response.inputs[p] = values[response.order[p]]
-        own = memory[j, i, OWN_COLUMNS:]
-        call_of_agent(response.address, (i, response.inputs.ctypes.data, own.ctypes.data))
-        returned = response.inputs[0]
-        return float(returned) if returned > 0.0 else 0.0  # not a number is 0, too
+            response.inputs[p, 0] = values[response.order[p]]
+        response.given[0] = ASKED
+        ask_own(response, memory[j, i:], 1)
+        return float(response.given[0])
     divisor = average
     if response.divisor == AT_SIGNALS:
         _note_demand(averaging, memory, j, i, demand)

@@ -109,6 +109,8 @@ class ResponseBuffers(NamedTuple):
     coefficient: FloatArray
     slope: FloatArray
     probability: FloatArray
+    factor: FloatArray
+    kept: FloatArray
 
 
 def response_buffers(n_resources: int, n_agents: int) -> ResponseBuffers:
@@ -122,7 +124,7 @@ def response_buffers(n_resources: int, n_agents: int) -> ResponseBuffers:
         np.zeros(n_resources + 1),
         np.zeros(PIECE, dtype=np.uint64),
         np.zeros(PIECE, dtype=np.int64),
-        *np.zeros((13, PIECE)),
+        *np.zeros((15, PIECE)),
     )
 
 

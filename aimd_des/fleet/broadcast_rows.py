@@ -13,7 +13,6 @@ import numpy.typing as npt
 from aimd_des.channel import CompiledLink
 from aimd_des.dynamics.averaging import CUMULATIVE
 from aimd_des.dynamics.loss_compensation import NOTHING
-from aimd_des.dynamics.responses import AVERAGE, DRAWN
 from aimd_des.engine.system import System
 from aimd_des.fleet.in_flight import IndexArray, IntArray
 from aimd_des.utils.records import record
@@ -51,13 +50,12 @@ class BroadcastRows(NamedTuple):
 
 
 def serves(system: System) -> bool:
-    """Tell whether the agents of a run can answer rows: continuous ones, by the paper's rule."""
+    """Tell whether the agents of a run can answer rows: continuous ones, with the paper's average."""
     parameters, link = system.parameters, system.link
-    papers = parameters.response.cut == DRAWN and parameters.response.divisor == AVERAGE
     plain = parameters.averaging.kind == CUMULATIVE and parameters.compensation.rule == NOTHING
     # A second copy would have to leave its row at once, and make the first leave, too.
     doubled = isinstance(link, CompiledLink) and link.table.duplicates
-    return system.clocks is None and papers and plain and system.problem.costs.separable and not doubled
+    return system.clocks is None and plain and system.problem.costs.separable and not doubled
 
 
 def broadcast_rows(enabled: bool, n_resources: int, n_agents: int) -> BroadcastRows:

@@ -20,6 +20,7 @@ from aimd_des.fleet.accept_kernel import accept
 from aimd_des.fleet.arrays import (
     ALL_ANSWERS,
     NO_ANSWERS,
+    PIECE,
     RESPONSES,
     Answers,
     ClockArrays,
@@ -77,7 +78,7 @@ class CompiledAgents:
         self.members[list(absent)] = False
         # Kept as long as the run: addresses mean nothing without them.
         self._gradient = _compiled_gradient(problem.costs)
-        response, self._response = with_address(system.response, system.parameters.response)
+        response = with_address(system.response, system.parameters.response, PIECE)
         ticking, numbered = system.clocks is not None, system.parameters.compensation.rule == ESTIMATED
         # What calls a function for each derivative has no rows of derivatives.
         rows = broadcast_rows(self._gradient is None and serves(system), m, n)
@@ -203,8 +204,7 @@ class CompiledAgents:
                 settle(self.agents, self.integrals, *queues, time, turn_limit(kind, order, own))
                 if self.agents.reported != NO_ANSWERS and not self.integrals.lines:
                     self._tell(reached)
-        if self._response is not None:
-            check_returned(self.system.response, self.agents.parameters.response)
+        check_returned(self.system.response, self.agents.parameters.response)
         if self._gradient is not None:
             field = said_by(self.system.conditions.costs, "gradient")
             validation.number(field, self.agents.buffers.gradient[-1])

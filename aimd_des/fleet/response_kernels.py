@@ -218,7 +218,7 @@ def _find_probabilities(agents: FleetAgents, chosen: int) -> None:
 
 @deferred
 def _cut(agents: FleetAgents, chosen: int) -> None:
-    """Compute what demands are multiplied by where no draw decides; they take the place of the slopes."""
+    """Compute what demands are multiplied by where no draw decides."""
     buffers, parameters, memory, copies = (
         agents.buffers,
         agents.parameters,
@@ -229,7 +229,7 @@ def _cut(agents: FleetAgents, chosen: int) -> None:
         place = buffers.chosen[row]
         i, j = copies.agent[place], buffers.resource[row]
         found = (buffers.probability[row], copies.uniform[place], buffers.present[row])
-        buffers.slope[row] = cut_factor(
+        buffers.factor[row] = cut_factor(
             parameters.response, parameters.averaging, memory, j, i, *found, parameters.decrease[j, i]
         )
 
@@ -289,7 +289,7 @@ def _answer(agents: FleetAgents, chosen: int) -> None:
     drawn = response.cut == DRAWN
     for row in range(chosen):
         place = buffers.chosen[row]
-        responds = copies.uniform[place] < buffers.probability[row] if drawn else buffers.slope[row] < 1.0
+        responds = copies.uniform[place] < buffers.probability[row] if drawn else buffers.factor[row] < 1.0
         # A tick that holds is a tick without growth; a continuous agent just grows on.
         if responds or ticking:
             i, j = copies.agent[place], buffers.resource[row]
@@ -301,7 +301,7 @@ def _answer(agents: FleetAgents, chosen: int) -> None:
                 keep_parts(averaging, state.parts, j, i, *line, *span)
             kept = present
             if responds:
-                kept *= parameters.decrease[j, i] if drawn else buffers.slope[row]
+                kept *= parameters.decrease[j, i] if drawn else buffers.factor[row]
             state.demand[j, i], state.accumulated[j, i] = kept, buffers.folded[row]
             state.anchor[j, i] = buffers.moment[row]
             state.responses[j, i] += responds

@@ -10,12 +10,18 @@ import numpy as np
 
 from aimd_des.dynamics.averaging import accumulated_at, age_at, time_average
 from aimd_des.dynamics.demand import CONTINUOUS, demand_at
-from aimd_des.dynamics.responses import is_saturated, response_probability
+from aimd_des.dynamics.responses import AVERAGE, DRAWN, is_saturated, response_probability
 from aimd_des.fleet.absent_agents import miss
 from aimd_des.fleet.arrays import ALL_ANSWERS, LAST, NO_ANSWERS, PIECE, FleetAgents, report
 from aimd_des.fleet.broadcast_rows import BroadcastRows
 from aimd_des.fleet.in_flight import CopiesInFlight
 from aimd_des.fleet.radix_heap import bits_of, is_empty, put
+from aimd_des.fleet.row_response_kernels import (
+    cut_otherwise,
+    factor_otherwise,
+    probability_otherwise,
+    weigh_otherwise,
+)
 from aimd_des.problem.costs.kernels import add_terms, horner_at, horner_row
 from aimd_des.utils.jit import deferred, formula
 from aimd_des.utils.rng import uniforms_row
@@ -135,11 +141,17 @@ def _answer_listed(agents: FleetAgents, resource: int, place: int) -> None:
     folded = accumulated_at(state.accumulated[j, i], held, increase, since, CONTINUOUS)
     average = time_average(folded, age_at(moment, state.origin[j, i], CONTINUOUS))
     slope = add_terms(agents.table, j, i, average, horner_at(agents.table.slopes[j], i, average))
-    probability = response_probability(parameters.normalization[j], slope, average)
     present, change = demand_at(held, increase, since, CONTINUOUS), np.nan
-    responds = rows.due_uniform[place] < probability
+    if parameters.response.divisor == AVERAGE:
+        probability = response_probability(parameters.normalization[j], slope, average)
+    else:
+        probability = probability_otherwise(agents, j, i, slope, average, present, moment)
+    factor, responds = parameters.decrease[j, i], rows.due_uniform[place] < probability
+    if parameters.response.cut != DRAWN:
+        factor = factor_otherwise(agents, j, i, probability, present)
+        responds = factor < 1.0
     if responds:
-        kept = present * parameters.decrease[j, i]
+        kept = present * factor
         state.demand[j, i], state.accumulated[j, i], state.anchor[j, i] = kept, folded, moment
         state.responses[j, i] += 1
         state.saturated[j, i] += is_saturated(parameters.response, probability, parameters.decrease[j, i])
@@ -217,9 +229,12 @@ def _weigh_piece(agents: FleetAgents, resource: int, first: int, last: int, boun
         for k in range(count):
             if arrival[k] <= bound:
                 slope[k] = add_terms(agents.table, j, first + k, average[k], slope[k])
-    gamma = agents.parameters.normalization[j]
-    for k in range(count):
-        probability[k] = response_probability(gamma, slope[k], average[k])
+    if agents.parameters.response.divisor == AVERAGE:
+        gamma = agents.parameters.normalization[j]
+        for k in range(count):
+            probability[k] = response_probability(gamma, slope[k], average[k])
+    else:
+        weigh_otherwise(agents, j, first, last, bound)
 
 
 @formula
@@ -233,14 +248,24 @@ def _answer_piece(agents: FleetAgents, resource: int, first: int, last: int, bou
         state.anchor[j][first:last],
     )
     responses, decrease = state.responses[j][first:last], agents.parameters.decrease[j][first:last]
-    responds, saturated = buffers.resource[:count], 0
+    kept, responds, saturated = buffers.kept[:count], buffers.resource[:count], 0
+    if agents.parameters.response.cut == DRAWN:
+        for k in range(count):
+            kept[k] = buffers.present[k] * decrease[k]
+        for k in range(count):
+            answers = (arrival[k] <= bound) & (uniform[k] < buffers.probability[k])
+            responds[k] = answers
+            saturated += answers & (buffers.probability[k] > 1.0)
+    else:
+        cut_otherwise(agents, j, first, last, bound)
+        for k in range(count):
+            kept[k] = buffers.present[k] * buffers.factor[k]
+        for k in range(count):
+            responds[k] = buffers.factor[k] < 1.0
+            saturated += buffers.probability[k] > 1.0
     for k in range(count):
-        answers = (arrival[k] <= bound) & (uniform[k] < buffers.probability[k])
-        responds[k] = answers
-        saturated += answers & (buffers.probability[k] > 1.0)
-    for k in range(count):
-        kept, before = buffers.present[k] * decrease[k], held[k]
-        held[k] = kept if responds[k] != 0 else before
+        new, before = kept[k], held[k]
+        held[k] = new if responds[k] != 0 else before
     for k in range(count):
         folded, before = buffers.folded[k], accumulated[k]
         accumulated[k] = folded if responds[k] != 0 else before
@@ -259,14 +284,14 @@ def _answer_piece(agents: FleetAgents, resource: int, first: int, last: int, bou
 def _report_piece(agents: FleetAgents, resource: int, first: int, last: int, bound: float) -> None:
     """Note the answers of some agents for those who want to know of them."""
     j, rows, buffers, answers = resource, agents.rows, agents.buffers, agents.answers
-    arrival, decrease = rows.arrival[j][first:last], agents.parameters.decrease[j][first:last]
+    arrival = rows.arrival[j][first:last]
     # As `report` has it, without a branch: written in any case, and counted if somebody wants to know of it.
     # There is a row for that, since lists have a place that is never filled.
     row = answers.held[0]
     for k in range(last - first):
         answers.key[row], answers.rank[row] = bits_of(arrival[k]), rows.rank[j] + first + k
         answers.agent[row], answers.resource[row] = first + k, j
-        answers.change[row] = buffers.present[k] * decrease[k] - buffers.present[k]
+        answers.change[row] = buffers.kept[k] - buffers.present[k]
         if agents.reported == ALL_ANSWERS:
             answers.change[row] = answers.change[row] if buffers.resource[k] != 0 else np.nan
             row += np.int64(arrival[k] <= bound)

@@ -86,7 +86,7 @@ def run_synchronous(
         raise InputError.of("recording.events", True, "False: the synchronous algorithm has no events")
     n, m = problem.n_agents, problem.n_resources
     table, parameters = cost_table(problem.costs), _parameters(problem, averaging, response)
-    answering, called = with_address(response, parameters.response)
+    answering = with_address(response, parameters.response)
     parameters = parameters._replace(response=answering)
     state = start(m, parameters.increase.shape[1], DISCRETE, parameters)
     control = StepControl(
@@ -110,8 +110,7 @@ def run_synchronous(
             take_steps(state, parameters, table, first, last, lag, key, control, records, buffers)
     else:
         take_custom_steps(problem.costs, state, parameters, steps, lag, key, control, records, buffers)
-    if called is not None:
-        check_returned(response, answering)
+    check_returned(response, answering)
     signals, observations, account = _outcome(problem, steps, state, control, records)
     # The looks at K / 2 or later, as the load that they are held against is that of the second half.
     looks = Opportunities(float(steps - (steps + 1) // 2), 1.0)

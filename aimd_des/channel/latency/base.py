@@ -13,10 +13,10 @@ from aimd_des.channel.latency.kernels import (
     latency_table,
     quantile_row,
 )
-from aimd_des.channel.latency.own_quantile import MOST_PARAMETERS, address_of
-from aimd_des.channel.parameters import fit
+from aimd_des.channel.latency.own_quantile import address_of
+from aimd_des.channel.parameters import fit, rows_for
 from aimd_des.channel.random_draws import Draws
-from aimd_des.utils import returned_values, validation
+from aimd_des.utils import returned_values
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Key, Purpose
 from aimd_des.utils.validation import FloatArray
@@ -91,7 +91,8 @@ def quantile_table(quantile: Callable[..., float], n_agents: int, *parameters: n
     quantile : callable
         ``quantile(u, *parameters) -> float``, decorated with ``numba.njit``: the latency, at least 0 and in
         units of time, for a uniform number on [0, 1) and the parameters of one agent. `exp` and `log` of
-        `aimd_des.lowlevel` can be called in it.
+        `aimd_des.lowlevel` can be called in it. It is compiled into a loop over the agents, in which a
+        division by zero gives inf or not a number, as in arrays.
     n_agents : int
         n, or the number of arcs of a network.
     *parameters : float or array_like, shape (n,)
@@ -107,12 +108,7 @@ def quantile_table(quantile: Callable[..., float], n_agents: int, *parameters: n
     InputError
         If there are too many parameters, one has another shape, or the function cannot be compiled.
     """
-    if len(parameters) > MOST_PARAMETERS:
-        field = f"parameters of {getattr(quantile, '__name__', 'the quantile')}"
-        raise InputError.of(field, len(parameters), f"at most {MOST_PARAMETERS}")
-    rows = [validation.per_agent(f"parameter {place}", given) for place, given in enumerate(parameters)]
-    for place, row in enumerate(rows):
-        validation.fits(f"parameter {place}", row, n_agents)
+    rows = rows_for(quantile, n_agents, parameters)
     address = address_of(quantile, len(rows))
     return latency_table(Distribution.OWN, n_agents, *rows, quantile=address)
 
