@@ -5,6 +5,7 @@ These names are promised like those of `aimd_des` itself. Nothing else inside th
 
 from aimd_des.channel import Broadcast, Channel, Copies, DrawnLink, Draws, Link
 from aimd_des.channel.latency.base import quantile_table
+from aimd_des.channel.loss.starting import lost_table
 from aimd_des.dynamics.responses import response_probability
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, SampledTable, SampledUnit
 from aimd_des.engine.delivery import Agent, ProcessGenerator, Signal
@@ -46,6 +47,7 @@ __all__ = [
     "log",
     "log1p",
     "logs",
+    "lost_table",
     "part",
     "quantile_table",
     "response_probability",

@@ -26,6 +26,7 @@ from aimd_des import (
 )
 from aimd_des.control_units import EarlyDetection
 from aimd_des.interventions import Absence, CapacityProfile, UnusualActivity
+from aimd_des.lowlevel import exp, log, lost_table, quantile_table
 from benchmarks.harness import (
     Contestant,
     Timing,
@@ -50,6 +51,55 @@ LEGEND = (
     "CPU seconds, compiling not counted.  'over plain' is the time per delivery over that of the plain\n"
     "fleet: losses and capacities differ, and with them the number of deliveries."
 )
+
+
+@numba.njit
+def _exponential(u: float, mean: float) -> float:
+    """The exponential latency, as a function of the user's."""
+    return mean * (0.0 - log(1.0 - u))
+
+
+class _OwnLatency(latency.Exponential):
+    """The exponential latency with a compiled function of the user's."""
+
+    def table(self, n_agents: int) -> Any:
+        return quantile_table(_exponential, n_agents, self.mean)
+
+
+@numba.njit
+def _log_logistic(u: float, median: float, shape: float) -> float:
+    """A latency that the framework does not have, of two logarithms and an exponential."""
+    return median * exp((log(u) - log(1.0 - u)) / shape)
+
+
+class _LogLogistic(latency.Exponential):
+    """A log-logistic latency, of the given median in the place of the mean."""
+
+    def table(self, n_agents: int) -> Any:
+        return quantile_table(_log_logistic, n_agents, self.mean, 4.0)
+
+
+@numba.njit
+def _lost(u: float, time: float, probability: float) -> bool:  # noqa: ARG001
+    """Independent losses, as a function of the user's."""
+    return u < probability
+
+
+class _OwnLoss(loss.Bernoulli):
+    """Independent losses with a compiled function of the user's."""
+
+    def table(self, n_agents: int) -> Any:
+        return lost_table(_lost, n_agents, self.probability)
+
+
+def _own_channel() -> dict[str, Any]:
+    """The channel of the plain fleet with models of the user's own, one at a time."""
+    late, lossy = latency.Exponential(0.5), loss.Bernoulli(0.1)
+    return {
+        "a latency of one's own": {"channel": BroadcastChannel(_OwnLatency(0.5), lossy)},
+        "a log-logistic one": {"channel": BroadcastChannel(_LogLogistic(0.5), lossy)},
+        "a loss of one's own": {"channel": BroadcastChannel(late, _OwnLoss(0.1))},
+    }
 
 
 @numba.njit
@@ -88,6 +138,7 @@ def _ways(problem: Problem, until: float) -> dict[str, dict[str, Any]]:
         "event normalised": {"response": responses.EventNormalised()},
         "derandomised": {"response": responses.Derandomised("events")},
         "a response of one's own": {"response": responses.CustomResponse(_papers)},
+        **_own_channel(),
         "known loss": {"compensation": compensation.KnownLoss(0.1)},
         "estimated loss": {"compensation": compensation.EstimatedLoss()},
         "adaptive hold-off": {"control_unit": Crossing(0.25, longest_hold_off=1.25)},

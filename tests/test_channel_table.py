@@ -1,5 +1,6 @@
 """The compiled channel is held against the same models drawn one by one from Python, to the last bit."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,8 +21,9 @@ from aimd_des import (
     topology,
 )
 from aimd_des.channel import Broadcast, CompiledLink, Draws, Link
+from aimd_des.channel.latency import base as latency_base
 from aimd_des.channel.transmit_kernel import transmit
-from aimd_des.lowlevel import exp, exps, log, logs, quantile_table
+from aimd_des.lowlevel import exp, exps, log, logs, lost_table, quantile_table
 from aimd_des.utils import rng
 from aimd_des.utils.rng import Purpose
 from aimd_des.utils.validation import FloatArray
@@ -57,6 +59,44 @@ class Weibull:
         return quantile_table(self.quantile, n_agents, self.scale, self.power)
 
 
+@numba.njit
+def sticky(u: float, time: float, chance: float, decay: float, memory: FloatArray) -> bool:
+    """A loss of a user's: the more probable the sooner after the last one."""
+    bad = u < chance + (1.0 - chance) * memory[0] * decay / (1.0 + time - memory[1])
+    memory[0], memory[1] = 1.0 if bad else 0.0, time
+    return bool(bad)
+
+
+@dataclass(frozen=True, eq=False)
+class Sticky:
+    """A loss of a user's that is written down twice, with a memory of each link."""
+
+    chance: Any = 0.2
+    decay: float = 0.5
+    function: Any = sticky
+    memory: int = 2
+
+    def start(self, n_agents: int) -> "StickyOfRun":
+        return StickyOfRun(self, np.zeros((2, n_agents)))
+
+    def table(self, n_agents: int) -> Any:
+        return lost_table(self.function, n_agents, self.chance, self.decay, memory=self.memory)
+
+
+@dataclass(frozen=True, eq=False)
+class StickyOfRun:
+    model: Sticky
+    memory: FloatArray
+
+    def draw(self, draws: Draws) -> Any:
+        bad, since = self.memory
+        chance = self.model.chance + (1.0 - self.model.chance) * bad * self.model.decay / (
+            1.0 + draws.time - since
+        )
+        self.memory[:] = draws.uniforms(Purpose.LOSS) < chance, np.full(draws.n_agents, draws.time)
+        return self.memory[0] > 0.0
+
+
 LATENCIES: dict[str, Any] = {
     "constant": latency.Constant(0.5),
     "uniform": latency.Uniform(EACH, 2.0),
@@ -78,6 +118,9 @@ LOSSES: dict[str, Any] = {
     "bursts of each": loss.GilbertElliott(EACH, EACH + 0.1),
     "trace": loss.Trace([1, 0, 0], repeat=True),
     "trace of each": loss.Trace(RECORD, repeat=True),
+    "own": Sticky(),
+    "own of each": Sticky(EACH),
+    "own among others": loss.Combined(0.1, Sticky(), Sticky(EACH, 0.9), loss.GilbertElliott(0.1, 2.0)),
     "combined": loss.Combined(
         0.1, loss.GilbertElliott(EACH, 2.0), loss.CommonMode(0.1), loss.Trace(RECORD, repeat=True), EACH
     ),
@@ -188,6 +231,23 @@ def test_a_fleet_and_processes_hear_an_own_latency_alike() -> None:
     assert_same_run(*runs)
 
 
+def test_a_fleet_and_processes_hear_an_own_loss_alike() -> None:
+    arcs = topology.tree(topology.star(7, latency=0.1, loss=0.1), loss=Sticky, latency=Weibull)
+    for channel in (BroadcastChannel(0.4, Sticky(), duplication=0.1), arcs):
+        recording = Recording(events=True)
+        parts: dict[str, Any] = {"dynamics": "continuous", "channel": channel, "seed": 3}
+        problem = random_problem(5, 7, 2)
+        runs = [
+            Simulation(problem, agents=agents, recording=recording, **parts).run(60.0)
+            for agents in (AgentProcess, Fleet)
+        ]
+        assert runs[0].account.lost.sum() > 10
+        assert_same_run(*runs)
+        # What is remembered begins anew with every run.
+        again = Simulation(problem, agents=Fleet, recording=recording, **parts).run(60.0)
+        assert again.digest == runs[0].digest
+
+
 @numba.njit
 def _negative(u: float, scale: float, power: float) -> float:
     return scale * (u - 0.5) * power
@@ -224,6 +284,100 @@ def test_a_compiled_latency_that_cannot_serve_is_named(model: Weibull, said: str
 def test_a_table_has_three_parameters_at_most() -> None:
     with pytest.raises(InputError, match=r"^parameters of weibull = 4: must be at most 3$"):
         quantile_table(weibull, N, 1.0, 1.0, 1.0, 1.0)
+
+
+@numba.njit
+def _a_chance(u: float, time: float, chance: float, decay: float, memory: FloatArray) -> float:
+    return chance
+
+
+@numba.njit
+def _never(u: float, time: float, chance: float, decay: float, memory: FloatArray) -> bool:
+    return u < 0.0
+
+
+@numba.njit
+def _late(u: float, time: float, chance: float, decay: float, memory: FloatArray) -> bool:
+    if time > 20.0:
+        raise ValueError
+    return sticky(u, time, chance, decay, memory)  # type: ignore[no-any-return]
+
+
+class Attached(Sticky):
+    """Starts with what reads the run, and has a table all the same."""
+
+    def start(self, n_agents: int) -> Any:
+        started = super().start(n_agents)
+        object.__setattr__(started, "attach", lambda system: None)
+        return started
+
+    def table(self, n_agents: int) -> Any:
+        return super().table(n_agents)
+
+
+@pytest.mark.parametrize(
+    ("model", "said"),
+    [
+        (
+            Sticky(function=_a_chance),
+            r"^what _a_chance\(u, time, first, second, memory\) returns = 'float64'",
+        ),
+        (
+            Sticky(function=_never),
+            r"^Sticky.table\(\)\[\d\] at time \d.*: must be True as the draw\(\) of what start",
+        ),
+        (Sticky(function=abs), r"^lost abs = .*: must be a function decorated with numba.njit$"),
+        (Sticky(function=weibull), r"^weibull\(u, time, .*, memory\) of numbers cannot be compiled \("),
+        (Sticky(memory=-1), r"^memory = -1: must be"),
+        (Sticky([0.1, 0.2]), r"^shape of parameter 0 = \(2,\): must be \(7,\)"),
+        (Attached(), r"^Attached.table\(\) is for losses that do not read the run"),
+    ],
+)
+def test_a_compiled_loss_that_cannot_serve_is_named(model: Sticky, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        opened(loss=model)
+
+
+class Sure(Sticky):
+    """Starts in its own way, so that the table it has inherited is none of its own."""
+
+    def start(self, n_agents: int) -> Any:
+        return loss.Bernoulli(1.0).start(n_agents)
+
+
+def test_a_class_that_starts_in_its_own_way_is_asked_itself() -> None:
+    copies = opened(loss=Sure()).transmit(Broadcast(0, 0, 0.0), 0.0)
+    assert np.isinf(copies.arrival).all()
+
+
+def test_what_a_compiled_loss_raises_ends_the_run() -> None:
+    link = opened(loss=Sticky(function=_late))
+    link.transmit(Broadcast(0, 0, 20.0), 20.0)
+    with pytest.raises(SimulationError, match=r"^time 21.0, resource 0: the compiled function of a loss"):
+        link.transmit(Broadcast(0, 1, 21.0), 21.0)
+
+
+@numba.njit
+def _seldom(u: float, scale: float, power: float) -> float:
+    return scale * power if u < 0.9 else math.nan
+
+
+class Unchecked(Weibull):
+    """Wrong for few uniform numbers, at none of which it is asked when it is opened."""
+
+    def draw(self, draws: Draws) -> FloatArray:
+        return np.full(draws.n_agents, self.scale * self.power)
+
+    def table(self, n_agents: int) -> Any:
+        return super().table(n_agents)
+
+
+def test_what_a_compiled_latency_gives_is_checked_at_every_broadcast(monkeypatch: Any) -> None:
+    monkeypatch.setattr(latency_base, "_checked", lambda latency, table, draws: table)
+    link = opened(latency=Unchecked(1.0, 0.5, _seldom))
+    # The larger the uniform number, the later: some of 60 broadcasts to seven agents have one above 0.9.
+    with pytest.raises(InputError, match=r"resource 0: compiled latency of one's own\[\d\] = nan: must be"):
+        assert_same(link, opened(latency=OwnLatency(Unchecked(1.0, 0.5))))
 
 
 def test_all_channels_are_of_one_compiled_type() -> None:

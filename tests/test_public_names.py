@@ -64,7 +64,7 @@ FACES = {
     "lowlevel": """
         Agent Broadcast Channel ControlUnit Copies CrossingTable DrawnLink Draws EventKind FloatArray Link
         OrderedEnvironment ProcessGenerator Purpose Run SampledTable SampledUnit Signal System agent_indices
-        exp expm1 exps generator key log log1p logs part quantile_table response_probability
+        exp expm1 exps generator key log log1p logs lost_table part quantile_table response_probability
         standard_normal uniforms
     """,
     "metrics": """

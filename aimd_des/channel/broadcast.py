@@ -11,11 +11,12 @@ from aimd_des.channel.latency import Constant, Latency
 from aimd_des.channel.latency.base import compiled_latency, draw_latency
 from aimd_des.channel.latency.kernels import LatencyTable
 from aimd_des.channel.loss import Bernoulli, Loss, LossProcess
-from aimd_des.channel.loss.base import draw_loss, start_loss
-from aimd_des.channel.loss.kernels import LossTable, TabledLoss, refuse_loss
+from aimd_des.channel.loss.base import draw_loss
+from aimd_des.channel.loss.kernels import LossTable, TabledLoss
+from aimd_des.channel.loss.starting import start_loss
 from aimd_des.channel.parameters import model_of
 from aimd_des.channel.random_draws import Draws
-from aimd_des.channel.transmit_kernel import ChannelTable, channel_table, put_in_order, transmit
+from aimd_des.channel.transmit_kernel import ChannelTable, channel_table, put_in_order, refuse, transmit
 from aimd_des.utils import returned_values, validation
 from aimd_des.utils.rng import Key, Purpose
 from aimd_des.utils.validation import FloatArray
@@ -201,13 +202,14 @@ class CompiledLink(DrawnLink):
         arrival, second = np.empty((2, len(self.table.duplication)))
         code = transmit(self.table, broadcast.resource, broadcast.number, departure, arrival, second)
         if code:
-            raise refuse_loss(self.table.loss, code, broadcast.resource, departure)
+            raise refuse(self.table, code, broadcast.resource, departure)
         return Copies(arrival, second if self.table.duplicates else None)
 
     def renew(self) -> None:
         """Forget all that has been sent, as if the run began now."""
         self.table.loss.time[:] = np.nan
         self.table.loss.row[:] = 0
+        self.table.loss.memory[:] = 0.0
         self.table.latest[:] = 0.0
 
 

@@ -6,16 +6,20 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.channel.latency.kernels import LatencyTable, latency_row
-from aimd_des.channel.loss.kernels import LossTable, loss_row
+from aimd_des.channel.latency.kernels import LatencyTable, is_improper, latency_row
+from aimd_des.channel.loss.kernels import LossTable, loss_row, refuse_loss
 from aimd_des.channel.network_kernel import NetworkTable, network_table, spread
 from aimd_des.channel.random_draws import LANES_PER_COPY
+from aimd_des.utils.errors import InputError
 from aimd_des.utils.jit import deferred, kernel
 from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, Purpose, uniforms_row
 from aimd_des.utils.validation import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
+
+# Why a broadcast is refused, besides what its losses say.
+_IMPROPER = 4
 
 
 @record
@@ -100,13 +104,15 @@ def transmit(
 ) -> int:
     """Draw loss, latency and duplication of every copy of a broadcast; `put_in_order` comes after it."""
     lost, spare, network = table.lost, table.spare, table.network
-    # A refusal is a code here, and gets its words from `refuse_loss`; the run ends with it.
+    # A refusal is a code here, and gets its words from `refuse`; the run ends with it.
     code = loss_row(table.loss, table.loss_key, resource, number, departure, 0, lost, spare)
     # Latencies of all links, lost copies included: a row is drawn in one go, and draws have addresses, so
     # that two channels which differ in loss alone give the copies that both deliver the same latencies.
     networked = network.head.shape[0] > 0
     drawn = network.latency if networked else arrival
     latency_row(table.latency, table.latency_key, resource, number, 0, drawn, spare)
+    if is_improper(table.latency, drawn, spare):
+        return _IMPROPER
     if networked:
         spread(network, lost, departure, arrival)
         return code
@@ -117,3 +123,12 @@ def transmit(
     if table.duplicates:
         _transmit_seconds(table, resource, number, departure, second)
     return code
+
+
+def refuse(table: ChannelTable, code: int, resource: int, time: float) -> Exception:
+    """Say why a broadcast cannot be sent."""
+    if code != _IMPROPER:
+        return refuse_loss(table.loss, code, resource, time)
+    link = int(np.argmin(table.spare >= 0.0))  # `is_improper` has left there what was drawn
+    field = f"time {time!r}, resource {resource}: compiled latency of one's own[{link}]"
+    return InputError.of(field, float(table.spare[link]), "a number of at least 0")

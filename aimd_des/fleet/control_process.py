@@ -7,8 +7,7 @@ import numpy as np
 import simpy
 
 from aimd_des.channel import BroadcastChannel, CompiledLink
-from aimd_des.channel.loss.kernels import refuse_loss
-from aimd_des.channel.transmit_kernel import ChannelTable
+from aimd_des.channel.transmit_kernel import ChannelTable, refuse
 from aimd_des.dynamics.totals import piece
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, SampledTable
 from aimd_des.engine.control_unit.base import NEVER
@@ -285,7 +284,7 @@ class ControlProcess:
         self.system.env.advance(now, EventKind.SENSE, resources[0])
         if status == REFUSED:
             resource, departure = int(self.channel.resource[sent - 1]), now + self.control.delay
-            raise refuse_loss(self.channel.table.loss, int(self.channel.code[0]), resource, departure)
+            raise refuse(self.channel.table, int(self.channel.code[0]), resource, departure)
         if status == STANDSTILL:
             raise SimulationError(standstill(self.system, resources[0], self.control.shortest))
         if status == IMPROPER:

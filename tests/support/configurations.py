@@ -53,7 +53,18 @@ from aimd_des.interventions import (
     Prices,
     UnusualActivity,
 )
-from aimd_des.lowlevel import SampledTable, SampledUnit
+from aimd_des.lowlevel import (
+    Draws,
+    Purpose,
+    SampledTable,
+    SampledUnit,
+    exp,
+    exps,
+    log,
+    logs,
+    lost_table,
+    quantile_table,
+)
 from aimd_des.problem.costs import Costs, weighted_costs
 from aimd_des.utils.validation import FloatArray
 from tests.conftest import COMPILED, problems, quietly
@@ -94,6 +105,61 @@ def plain_latencies(n: int) -> Strategy:
     )
 
 
+@numba.njit  # type: ignore[untyped-decorator]  # numba has no type information
+def stretched(u: float, scale: float, power: float) -> float:
+    """A Weibull number."""
+    return scale * exp(power * log(0.0 - log(1.0 - u)))
+
+
+@dataclass(frozen=True)
+class Stretched:
+    """A latency of the user's own, in compiled code."""
+
+    scale: float
+    power: float
+
+    def check(self, n_agents: int) -> None: ...
+
+    def draw(self, draws: Draws) -> FloatArray:
+        u = draws.uniforms(Purpose.LATENCY)
+        return np.asarray(self.scale * exps(self.power * logs(0.0 - logs(1.0 - u))))
+
+    def table(self, n_agents: int) -> Any:
+        return quantile_table(stretched, n_agents, self.scale, self.power)
+
+
+@numba.njit  # type: ignore[untyped-decorator]
+def again(u: float, time: float, chance: float, memory: FloatArray) -> bool:
+    """Lost with a probability that is twice as high, at most, after a loss."""
+    memory[0] = 1.0 if u < chance * (1.0 + memory[0]) else 0.0
+    return bool(memory[0] > 0.0)
+
+
+@dataclass(frozen=True)
+class Again:
+    """A loss of the user's own, with memory, in compiled code."""
+
+    chance: float
+
+    def start(self, n_agents: int) -> "AgainOfRun":
+        return AgainOfRun(self.chance, np.zeros(n_agents))
+
+    def table(self, n_agents: int) -> Any:
+        return lost_table(again, n_agents, self.chance, memory=1)
+
+
+@dataclass(frozen=True, eq=False)
+class AgainOfRun:
+    """Its losses in one run."""
+
+    chance: float
+    bad: FloatArray
+
+    def draw(self, draws: Draws) -> Any:
+        self.bad[:] = draws.uniforms(Purpose.LOSS) < self.chance * (1.0 + self.bad)
+        return self.bad > 0.0
+
+
 def latencies(n: int) -> Strategy:
     """Latencies of all kinds."""
     return one_kind(
@@ -102,6 +168,7 @@ def latencies(n: int) -> Strategy:
         st.builds(latency.LogNormal, positive, times),
         st.builds(latency.Pareto, st.floats(0.3, 4.0), positive),
         st.builds(latency.Empirical, st.lists(times, min_size=1, max_size=5)),
+        st.builds(Stretched, times, positive),
     )
 
 
@@ -120,6 +187,7 @@ def losses(n: int) -> Strategy:
         plain_losses(n),
         st.builds(loss.CommonMode, probabilities),
         st.builds(lambda rows: loss.Trace(rows, repeat=True), rows),
+        st.builds(Again, probabilities),
     )
     return one_kind(single, single, st.builds(loss.Combined, single, single))
 

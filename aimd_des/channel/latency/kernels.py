@@ -157,6 +157,18 @@ def _gamma_row(
         out[i] = table.third[i] + table.second[i] * value
 
 
+@formula
+def is_improper(table: LatencyTable, drawn: FloatArray, found: FloatArray) -> bool:
+    """Tell whether a function of the user's has given what is no latency; `found` has what it gave then."""
+    wrong = False
+    if table.distribution == _OWN:
+        for i in range(drawn.shape[0]):
+            wrong |= not drawn[i] >= 0.0  # not a number is none, too
+        for i in range(drawn.shape[0] if wrong else 0):
+            found[i] = drawn[i]
+    return wrong
+
+
 @kernel
 def latency_row(
     table: LatencyTable, key: Key, resource: int, number: int, lane: int, out: FloatArray, spare: FloatArray

@@ -28,15 +28,6 @@ class Loss(Protocol):
         ...
 
 
-def start_loss(loss: Loss, n_links: int) -> LossProcess:
-    """Begin a run with a model of loss that may be the user's own."""
-    said = returned_values.said_by(loss, "start")
-    with returned_values.calling(said):
-        process = loss.start(n_links)
-    returned_values.having(said, process, ["draw"])
-    return process
-
-
 def draw_loss(loss: LossProcess, draws: Draws, of: str = "agent") -> BoolArray:
     """Ask a model of loss that may be the user's own."""
     said = returned_values.said_by(loss, "draw")

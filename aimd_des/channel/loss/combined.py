@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.channel.loss.base import BoolArray, Loss, LossProcess, draw_loss, start_loss
+from aimd_des.channel.loss.base import BoolArray, Loss, LossProcess, draw_loss
 from aimd_des.channel.loss.independent import Bernoulli
 from aimd_des.channel.loss.kernels import TabledLoss, join
+from aimd_des.channel.loss.starting import start_loss
 from aimd_des.channel.loss.trace import Trace
 from aimd_des.channel.parameters import model_of, scalar_or_row
 from aimd_des.channel.random_draws import Draws

@@ -8,9 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.channel.loss.base import BoolArray
+from aimd_des.channel.loss.own_loss import call_lost
 from aimd_des.channel.random_draws import LANES_PER_PART, Draws
 from aimd_des.utils.errors import SimulationError
-from aimd_des.utils.jit import deferred, routine
+from aimd_des.utils.jit import deferred, formula, routine
 from aimd_des.utils.portable_math import exp
 from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, Purpose, uniform_at, uniforms_row
@@ -27,12 +28,13 @@ class Cause(IntEnum):
     COMMON = 2
     BURSTS = 3
     RECORD = 4
+    OWN = 5
 
 
-_NOTHING, _CHANCE, _COMMON, _BURSTS, _RECORD = (int(cause) for cause in Cause)
+_NOTHING, _CHANCE, _COMMON, _BURSTS, _RECORD, _OWN = (int(cause) for cause in Cause)
 
 # What keeps a broadcast from being sent at all.
-_SENT, _RECORD_ENDED, _BACK_IN_TIME = 0, 1, 2
+_SENT, _RECORD_ENDED, _BACK_IN_TIME, _RAISED = 0, 1, 2, 3
 
 
 @record
@@ -40,9 +42,16 @@ class LossTable(NamedTuple):
     """One or several causes of loss, for compiled code, with their memory; a copy is lost to any of them."""
 
     cause: IntArray  # (p,): of `Cause`
-    # (p, n): probability of loss, and the rate at which links forget.
+    # (p, n): probability of loss, and the rate at which links forget; of a cause of the user's own, the first
+    # and the second parameter of its function, and the third.
     probability: FloatArray
     rate: FloatArray
+    third: FloatArray
+    address: IntArray  # (p,): of the user's own function, compiled for rows; 0 for other causes
+    memory: FloatArray  # (c,): what these functions keep, link by link, one cause after another
+    # (p,): where that of a cause begins, and how many numbers it keeps for each link.
+    memory_begin: IntArray
+    columns: IntArray
     bad: BoolArray  # (p, n): state of the links at the last broadcast
     time: FloatArray  # (p,): when that was; not a number before the first
     record: BoolArray  # (r,): the rows of all records, one after another
@@ -61,6 +70,9 @@ def loss_table(
     rate: npt.ArrayLike = 0.0,
     record: BoolArray | None = None,
     repeat: bool = False,
+    third: npt.ArrayLike = 0.0,
+    address: int = 0,
+    columns: int = 0,
 ) -> LossTable:
     """Lay out a model for compiled code, at the start of a run."""
     rows = np.zeros((0, 1), dtype=np.bool_) if record is None else record.reshape(len(record), -1)
@@ -68,6 +80,11 @@ def loss_table(
         cause=np.array([cause], dtype=np.int64),
         probability=np.array(np.broadcast_to(probability, (1, n_agents)), dtype=np.float64),
         rate=np.array(np.broadcast_to(rate, (1, n_agents)), dtype=np.float64),
+        third=np.array(np.broadcast_to(third, (1, n_agents)), dtype=np.float64),
+        address=np.array([address], dtype=np.int64),
+        memory=np.zeros(n_agents * columns),
+        memory_begin=np.zeros(1, dtype=np.int64),
+        columns=np.array([columns], dtype=np.int64),
         bad=np.zeros((1, n_agents), dtype=np.bool_),
         time=np.array([np.nan]),
         record=rows.ravel().copy(),
@@ -83,8 +100,8 @@ def join(tables: Sequence[LossTable]) -> LossTable:
     """Put several causes into one table."""
     columns = zip(*tables, strict=True)
     joined = LossTable(*(np.concatenate(column) for column in columns))
-    sizes = joined.rows * joined.width
-    return joined._replace(begin=np.cumsum(sizes) - sizes)
+    sizes, kept = joined.rows * joined.width, joined.columns * joined.bad.shape[1]
+    return joined._replace(begin=np.cumsum(sizes) - sizes, memory_begin=np.cumsum(kept) - kept)
 
 
 @deferred
@@ -101,6 +118,37 @@ def _bursts(table: LossTable, part: int, uniform: FloatArray, time: float) -> No
     table.time[part] = time
 
 
+@deferred
+def _ask_own(table: LossTable, part: int, time: float, lost: BoolArray, spare: FloatArray) -> bool:
+    """Ask the user's function for each link, whose uniform number is in `spare`; tell whether it answers."""
+    memory = table.memory[table.memory_begin[part] :]
+    first, second, third = table.probability[part], table.rate[part], table.third[part]
+    rows = spare.ctypes.data, first.ctypes.data, second.ctypes.data, third.ctypes.data, memory.ctypes.data
+    call_lost(table.address[part], (lost.shape[0], time, *rows, lost.ctypes.data))
+    return not np.isnan(spare[0])
+
+
+@formula
+def _read_record(table: LossTable, part: int, lost: BoolArray) -> bool:
+    """Read the next row of a record; tell whether there is one."""
+    rows, width = table.rows[part], table.width[part]
+    if table.row[part] >= rows and not table.repeat[part]:
+        return False
+    begin = table.begin[part] + (table.row[part] % rows) * width
+    for i in range(lost.shape[0]):
+        lost[i] |= table.record[begin + (i if width > 1 else 0)]
+    table.row[part] += 1
+    return True
+
+
+@formula
+def _draw_bursts(table: LossTable, part: int, spare: FloatArray, time: float, lost: BoolArray) -> None:
+    """Lose the copies on links that are in a burst at the time of the broadcast."""
+    _bursts(table, part, spare, time)
+    for i in range(lost.shape[0]):
+        lost[i] |= table.bad[part, i]
+
+
 @routine
 def loss_row(
     table: LossTable,
@@ -114,12 +162,11 @@ def loss_row(
 ) -> int:
     """Draw the losses of one broadcast; every part is asked, for what it remembers must be kept up."""
     lost[:] = False
-    n = lost.shape[0]
     for part in range(table.cause.shape[0]):
         cause, own = table.cause[part], lane + part * LANES_PER_PART
         if cause == _CHANCE:
             uniforms_row(key, resource, number, own, spare)
-            for i in range(n):
+            for i in range(lost.shape[0]):
                 lost[i] |= spare[i] < table.probability[part, i]
         elif cause == _COMMON:
             # The first agent's number decides for all: it is there however many agents there are.
@@ -129,23 +176,22 @@ def loss_row(
             if time < table.time[part]:
                 return _BACK_IN_TIME
             uniforms_row(key, resource, number, own, spare)
-            _bursts(table, part, spare, time)
-            for i in range(n):
-                lost[i] |= table.bad[part, i]
+            _draw_bursts(table, part, spare, time, lost)
         elif cause == _RECORD:
-            rows, width = table.rows[part], table.width[part]
-            if table.row[part] >= rows and not table.repeat[part]:
+            if not _read_record(table, part, lost):
                 return _RECORD_ENDED
-            begin = table.begin[part] + (table.row[part] % rows) * width
-            for i in range(n):
-                lost[i] |= table.record[begin + (i if width > 1 else 0)]
-            table.row[part] += 1
+        elif cause == _OWN:
+            uniforms_row(key, resource, number, own, spare)
+            if not _ask_own(table, part, time, lost, spare):
+                return _RAISED
     return _SENT
 
 
 def refuse_loss(table: LossTable, code: int, resource: int, time: float) -> SimulationError:
     """Say why a broadcast cannot be sent."""
     where = f"time {time!r}, resource {resource}"
+    if code == _RAISED:
+        return SimulationError(f"{where}: the compiled function of a loss of one's own raises an exception")
     if code == _RECORD_ENDED:
         # Parts before the one that has ended have read a row for this broadcast, perhaps their last.
         record = table.cause == _RECORD
