@@ -64,6 +64,7 @@ def write_run(
     *,
     figures: bool = True,
     formats: Sequence[str] = ("png",),
+    also: Callable[[Path], None] | None = None,
 ) -> None:
     """Write everything about a run: the numbers first, whole or not at all, and then the figures.
 
@@ -79,6 +80,8 @@ def write_run(
         Whether to draw.
     formats : sequence of str
         Of the figures: "png", "pdf" and "svg".
+    also : callable, optional
+        Writes other files into the folder that it is given, before their checksums are taken.
 
     Raises
     ------
@@ -111,6 +114,8 @@ def write_run(
             "versions": library_versions(),
         }
         (folder / PROVENANCE).write_text(json.dumps(provenance, indent=2) + "\n", encoding="utf-8")
+        if also is not None:
+            also(folder)
         sums = checksums_of(folder, [path.name for path in folder.iterdir()])
         write_checksums(folder, sums)
     if figures:
@@ -281,6 +286,26 @@ class StoredRun:
             path, cause = self.folder / f"{name}.parquet", " ".join(str(damage).split())
             raise InputError(f"{path}: is damaged ({cause}); {_REMEDY}") from None
         return frame.set_axis(columns_now(frame.columns), axis="columns")
+
+    def text(self, name: str) -> str:
+        """Read a file of text.
+
+        Parameters
+        ----------
+        name : str
+            Such as "summary.csv".
+
+        Returns
+        -------
+        str
+            What it holds.
+
+        Raises
+        ------
+        InputError
+            If it is not there, or not as the run wrote it.
+        """
+        return _text(self.folder, name, self.checksums)
 
     def source(self) -> str:
         """Read the scenario.
