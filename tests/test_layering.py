@@ -39,6 +39,7 @@ ORDER = [
     "study",
     "report",
     "live",
+    "emulate",
     "cli",
     "__main__",
 ]

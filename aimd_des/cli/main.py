@@ -18,6 +18,7 @@ _COMMANDS = (
     "run",
     "watch",
     "live",
+    "emulate",
     "sweep",
     "validate",
     "show",

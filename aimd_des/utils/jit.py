@@ -72,6 +72,7 @@ ABOVE_KERNELS = frozenset(
         "averaging",
         "cli",
         "compensation",
+        "emulate",
         "latency",
         "live",
         "loss",
