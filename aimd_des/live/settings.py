@@ -210,7 +210,8 @@ def _change(field: str, data: object) -> dict[str, Any]:
     if "set" in change:
         return made | {"set": _values(f"{field}.set", change["set"], _NOW)}
     kind = validation.choice(f"{field}.do", change.get("do"), list(_DONE))
-    return made | {"do": kind, **{name: change[name] for name in ("of", "for", "to") if name in change}}
+    details: dict[str, Any] = {name: change[name] for name in ("of", "for", "to") if name in change}
+    return made | {"do": kind} | details
 
 
 def scenario_of(base: Scenario, state: State) -> Scenario:
