@@ -13,6 +13,7 @@ from aimd_des.engine.environment import EventKind, OrderedEnvironment
 from aimd_des.engine.run_in_progress import Run
 from aimd_des.engine.system import System
 from aimd_des.problem.lookup import agent_indices
+from aimd_des.synchronous import SynchronousRun, start_synchronous
 from aimd_des.utils.parts import part
 from aimd_des.utils.portable_math import exp, expm1, exps, log, log1p, logs, standard_normal
 from aimd_des.utils.rng import Purpose, generator, key, uniforms
@@ -37,6 +38,7 @@ __all__ = [
     "SampledTable",
     "SampledUnit",
     "Signal",
+    "SynchronousRun",
     "System",
     "agent_indices",
     "exp",
@@ -52,6 +54,7 @@ __all__ = [
     "quantile_table",
     "response_probability",
     "standard_normal",
+    "start_synchronous",
     "uniforms",
 ]
 

@@ -20,6 +20,9 @@ import pandas as pd
 
 import aimd_des
 import models
+from aimd_des import Simulation
+from aimd_des.lowlevel import Channel, ControlUnit, Run
+from aimd_des.responses import Response
 from aimd_des.theory import Convergence
 from aimd_des.utils.docstrings import described_like
 from tests.test_public_names import FACES, TOP
@@ -33,6 +36,17 @@ MODULES = sorted(
         if not info.name.endswith("__main__")
     }
 )
+
+#: What annotations name that is imported where types are checked alone.
+LATER = {
+    "pd": pd,
+    "Convergence": Convergence,
+    "Channel": Channel,
+    "ControlUnit": ControlUnit,
+    "Response": Response,
+    "Run": Run,
+    "Simulation": Simulation,
+}
 
 
 API = Path(__file__).resolve().parents[1] / "docs" / "api"
@@ -108,9 +122,7 @@ def function_gaps(
         name, wanted, documented(text, "Parameters", "Other Parameters") | (wanted & (inherited or set()))
     )
     # Modules that are slow to import are there for type checkers alone.
-    returned = get_type_hints(function, localns={"pd": pd, "Convergence": Convergence}).get(
-        "return", type(None)
-    )
+    returned = get_type_hints(function, localns=LATER).get("return", type(None))
     if returned is not type(None) and not {"Returns", "Yields"} & set(sections(text)):
         yield f"{name}: no Returns"
 

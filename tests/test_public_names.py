@@ -50,10 +50,10 @@ FACES = {
         TermCosts TrackingCosts UtilityCosts weighted_costs
     """,
     "interventions": """
-        Absence CapacityProfile CapacityRamp CapacityStep ChangeChannel ChangeHoldOff ChangeThreshold Crash
-        Failover Intervention Join Partition Prices UnusualActivity check_absences check_end cut_off fail
-        join leave reconnect recover set_capacity set_channel set_costs set_decrease set_hold_off
-        set_increase set_normalization set_threshold weigh
+        Absence CapacityProfile CapacityRamp CapacityStep ChangeChannel ChangeHoldOff
+        ChangeThreshold Crash Failover Intervention Join Partition Planned Prices UnusualActivity
+        check_absences check_end cut_off fail join leave reconnect recover set_capacity set_channel
+        set_costs set_decrease set_hold_off set_increase set_normalization set_threshold weigh
     """,
     "latency": """
         Constant Empirical Exponential Latency LogNormal Pareto ShiftedGamma Uniform
@@ -63,9 +63,9 @@ FACES = {
     """,
     "lowlevel": """
         Agent Broadcast Channel ControlUnit Copies CrossingTable DrawnLink Draws EventKind FloatArray Link
-        OrderedEnvironment ProcessGenerator Purpose Run SampledTable SampledUnit Signal System agent_indices
-        exp expm1 exps generator key log log1p logs lost_table part quantile_table response_probability
-        standard_normal uniforms
+        OrderedEnvironment ProcessGenerator Purpose Run SampledTable SampledUnit Signal
+        SynchronousRun System agent_indices exp expm1 exps generator key log log1p logs lost_table
+        part quantile_table response_probability standard_normal start_synchronous uniforms
     """,
     "metrics": """
         consensus_spread cost_ratio relative_error utilisation

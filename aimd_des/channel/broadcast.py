@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from aimd_des.channel.loss import Bernoulli, Loss, LossProcess
 from aimd_des.channel.loss.base import draw_loss
 from aimd_des.channel.loss.kernels import LossTable, TabledLoss
 from aimd_des.channel.loss.starting import start_loss
+from aimd_des.channel.memory import memory_of, remember
 from aimd_des.channel.parameters import model_of
 from aimd_des.channel.random_draws import Draws
 from aimd_des.channel.transmit_kernel import ChannelTable, channel_table, put_in_order, refuse, transmit
@@ -66,7 +67,12 @@ class Copies(NamedTuple):
 
 
 class Link(Protocol):
-    """A channel in one run; it may remember what was before."""
+    """A channel in one run; it may remember what was before.
+
+    One whose runs can be forked and saved has two methods besides: ``state()`` returns what it remembers, a
+    dict of numbers, strings, lists and arrays, and ``resume(state)`` takes that in at the start of another
+    run, without writing to it.
+    """
 
     def transmit(self, broadcast: Broadcast, departure: float) -> Copies:
         """Say what becomes of a broadcast that leaves the control unit at `departure`."""
@@ -205,6 +211,15 @@ class CompiledLink(DrawnLink):
             raise refuse(self.table, code, broadcast.resource, departure)
         return Copies(arrival, second if self.table.duplicates else None)
 
+    def state(self) -> dict[str, Any]:
+        """Return what it remembers."""
+        return {"loss": TabledLoss(self.table.loss).state(), "latest": self.table.latest}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        TabledLoss(self.table.loss).resume(state["loss"])
+        self.table.latest[:] = state["latest"]
+
     def renew(self) -> None:
         """Forget all that has been sent, as if the run began now."""
         self.table.loss.time[:] = np.nan
@@ -227,6 +242,16 @@ class _OpenChannel(DrawnLink):
     def attach(self, system: object) -> None:
         """Give the run in progress to a loss that reads it."""
         returned_values.attach(self.loss, system)
+
+    def state(self) -> dict[str, Any]:
+        """Return what it remembers."""
+        return {"loss": memory_of(self.loss), "latest": self.latest}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        remember(self.loss, state["loss"])
+        if self.latest is not None:
+            self.latest[:] = state["latest"]
 
     def draw(self, broadcast: Broadcast, departure: float) -> Copies:
         """Draw loss, latency and duplication of every copy."""

@@ -1,7 +1,8 @@
 """The conditions of a run that interventions change, and who wants to know when they do."""
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -9,7 +10,7 @@ import numpy.typing as npt
 from aimd_des.problem.costs import Costs
 from aimd_des.problem.problem import Problem
 from aimd_des.results.run_data import Piece
-from aimd_des.utils.locked_arrays import locked
+from aimd_des.utils.locked_arrays import locked, put
 from aimd_des.utils.validation import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
@@ -38,6 +39,10 @@ class Conditions:
     failures: int = 0  # by how many faults the control unit is down
     # The weights of each who weighs, shape (n,), in the order in which they began.
     weighing: dict[Hashable, FloatArray] = field(default_factory=dict)
+    # All costs that have been in force but those of the problem, what has drawn them (the name of an
+    # intervention and the number of the draw; nothing: they are the problem's; "": a function of the user's
+    # own), and the weights on them.
+    recipes: list[tuple[Costs, tuple[str, int] | str | None, FloatArray | None]] = field(default_factory=list)
     # Called with (time, resource) when the threshold may be reached sooner than it looked.
     on_tightening: list[Callable[[float, int], None]] = field(default_factory=list)
     # Called with the time when a control unit takes over.
@@ -74,6 +79,35 @@ class Conditions:
             weights=locked(np.ones(n)),
             pieces=[Piece(0.0, problem.capacity, locked(~nobody), problem.costs)],
         )
+
+    def state(self) -> dict[str, Any]:
+        """Return what holds; pieces and costs are never changed in place, and can be shared."""
+        return {
+            "arrays": self._arrays(),
+            "base_costs": self.base_costs,
+            "costs": self.costs,
+            "weights": self.weights,
+            "pieces": tuple(self.pieces),
+            "failures": self.failures,
+            "weighing": tuple(self.weighing.items()),
+            "recipes": tuple(self.recipes),
+        }
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        for array, kept in zip(self._arrays(), state["arrays"], strict=True):
+            put(array, slice(None), kept)
+        repriced = state["costs"] is not self.costs
+        self.base_costs, self.costs, self.weights = state["base_costs"], state["costs"], state["weights"]
+        self.pieces[:] = state["pieces"]
+        self.failures, self.recipes[:] = state["failures"], state["recipes"]
+        self.weighing = {by: weights.copy() for by, weights in state["weighing"]}
+        if repriced:
+            for tell in self.on_costs:
+                tell(self.costs)
+
+    def _arrays(self) -> tuple[npt.NDArray[Any], ...]:
+        return self.away, self.cut, self.cuts, self.failed, self.threshold, self.increase, self.growth
 
 
 def growth_of(increase: FloatArray) -> FloatArray:

@@ -1,5 +1,8 @@
 """Total demand where every agent ticks at times of its own: a tick costs log n, not n."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -49,6 +52,15 @@ class DemandSums:
         self._moment = np.zeros(n)  # how many ticks of each agent are over
         self._changed: list[int] = []
         system.on_break.append(self._changed.append)
+
+    def state(self) -> dict[str, Any]:
+        """Return the sums, and what they lack."""
+        return {"sums": self._sums, "moment": self._moment, "changed": tuple(self._changed)}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        self._sums[:], self._moment[:] = state["sums"], state["moment"]
+        self._changed[:] = state["changed"]  # in place: whoever breaks a line appends to this very list
 
     def ticks(self, agent: int, tick: int) -> None:
         """Take note that an agent ticks at this instant; what it holds then is read at a later one."""

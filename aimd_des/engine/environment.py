@@ -14,12 +14,12 @@ This is the only module that touches what SimPy keeps private.
 """
 
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Collection, Generator, Mapping
 from enum import IntEnum
 from heapq import heappop, heappush
 from itertools import count
 from operator import attrgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 import simpy
 
@@ -33,6 +33,8 @@ FIRST_ORDER = 1 << 40
 
 # Events between two reports to whoever watches the run: enough for a progress bar, too few to be felt.
 _WATCH_EVERY = 1 << 12
+
+_INSTEAD = "declare interventions, and let the run come to them"
 
 # Before every event: what `reached` is where nothing has happened that counts.
 _NOTHING = (-math.inf, 0, 0)
@@ -58,10 +60,32 @@ class _Due(simpy.Event):
         self._value = None
         self.order = order
         self.turn = turn
+        self.owned = False  # whether somebody keeps it as data, and puts it back where a run is gone on with
 
     def __lt__(self, other: "_Due") -> bool:
         # The queue compares events only where time, kind and order are equal, which SimPy's own never are.
         return self.turn < other.turn
+
+
+class Place(NamedTuple):
+    """Where an event stands in the queue: what it is compared by."""
+
+    time: float
+    kind: int
+    order: int
+    turn: int
+
+
+#: Makes the generator of a process; asked whether it goes on from where it has waited, or begins.
+Maker = Callable[[bool], Generator[simpy.Event, Any, Any]]
+
+
+class _Begun(NamedTuple):
+    """A process that can be entered again, since its owner knows where it is."""
+
+    process: simpy.Process
+    make: Maker
+    place: int | None  # of an intervention
 
 
 class OrderedEnvironment(simpy.Environment):
@@ -81,6 +105,9 @@ class OrderedEnvironment(simpy.Environment):
         # Several events may be given the same order: those keep the turn in which they were scheduled.
         self._turns = count()
         self._places: dict[simpy.Process | None, int] = {}
+        self._begun: dict[str, _Begun] = {}
+        # The place that the next event takes which is scheduled: of a process that is entered again.
+        self._kept: Place | None = None
         self._acted_at, self._acted = -math.inf, 0
         self.tracking = False
         self._reached: tuple[Any, ...] = _NOTHING
@@ -160,15 +187,113 @@ class OrderedEnvironment(simpy.Environment):
         self._eid = count(first + how_many)
         return first
 
-    def intervene(self, process: Generator[simpy.Event, Any, Any]) -> None:
-        """Start a process that intervenes: at one instant after those that were started so before it.
+    def begin(self, name: str, make: Maker, place: int | None = None) -> None:
+        """Start a process that can be entered again in another run.
 
         Parameters
         ----------
-        process : generator
-            Its events of the kind INTERVENE have that place, whenever they are scheduled.
+        name : str
+            Its name there and here.
+        make : callable
+            Called with False gives the generator of a process that begins, with True one that goes on: from
+            where its owner says, and up to where it waits at once.
+        place : int, optional
+            Of an intervention that is listed: at one instant, its events of the kind INTERVENE come after
+            those of lower places, whenever they are scheduled.
         """
-        self._places[self.process(process)] = len(self._places)
+        process = self.process(make(False))
+        if place is not None:
+            self._places[process] = place
+        self._begun[name] = _Begun(process, make, place)
+
+    def place_of(self, event: simpy.Event | None) -> Place | None:
+        """Tell where an event stands in the queue; None where it has happened."""
+        for time, kind, order, queued in self._queue:
+            if queued is event:
+                return Place(time, int(kind), order, getattr(queued, "turn", 0))
+        return None
+
+    def own(self, time: float, kind: EventKind, order: int | None = None) -> simpy.Event:
+        """Schedule an event, as `at` does, whose place its owner keeps, and puts back in another run."""
+        event = self.at(time, kind, order)
+        assert isinstance(event, _Due)  # noqa: S101 - `at` makes no others
+        event.owned = True
+        return event
+
+    def put_back(self, place: Place) -> simpy.Event:
+        """Schedule an event where one stands in the run that is gone on with."""
+        event = _Due(self, place.order, place.turn)
+        event.owned = True
+        heappush(self._queue, (place.time, place.kind, place.order, event))  # type: ignore[misc]
+        return event
+
+    @property
+    def beginning(self) -> int:
+        """How many processes have still to begin: as long as there is one, nothing else has happened."""
+        return sum(kind == simpy.events.URGENT for _, kind, _, _ in self._queue)
+
+    def state(self) -> dict[str, Any]:
+        """Return where time stands, what is due and which processes wait for it."""
+        processes = {
+            name: self.place_of(begun.process.target)
+            for name, begun in self._begun.items()
+            if begun.process.is_alive
+        }
+        awaited = {id(begun.process.target) for begun in self._begun.values()}
+        for time, _, _, event in self._queue:
+            if event.callbacks and id(event) not in awaited and not getattr(event, "owned", False):
+                reason = "free of events that somebody has scheduled from outside, which cannot be copied"
+                raise InputError.of("run", f"one with an event at {time!r} in store", reason, _INSTEAD)
+        # What nobody waits for happens all the same: a step is one event.
+        idle = [self.place_of(event) for *_, event in self._queue if not event.callbacks]
+        order, turn = next(self._eid), next(self._turns)
+        self._eid, self._turns = count(order), count(turn)
+        return {
+            "now": self._now,
+            "beginning": self.beginning,
+            "order": order,
+            "turn": turn,
+            "acted": (self._acted_at, self._acted),
+            "reached": self.reached,
+            "processes": processes,
+            "idle": idle,
+        }
+
+    def resume(self, state: Mapping[str, Any], anew: Collection[str] = ()) -> None:
+        """Go on from what `state` has returned, once every other part has done so.
+
+        Parameters
+        ----------
+        state : mapping
+            What it has returned.
+        anew : collection of str
+            Names of processes that begin now; those that neither go on nor begin are over.
+        """
+        known, self._begun, self._places = self._begun, {}, {}
+        self._queue.clear()
+        self._now, (self._acted_at, self._acted) = state["now"], state["acted"]
+        self._reached = tuple(state["reached"])
+        for place in state["idle"]:
+            self.put_back(Place(*place))
+        for name, place in state["processes"].items():
+            self._kept = None if place is None else Place(*place)
+            self._enter(name, known[name], again=True)
+        # Entering has used numbers up, which have been given to others in the meantime.
+        self._eid, self._turns = count(state["order"]), count(state["turn"])
+        for name in anew:
+            self._enter(name, known[name], again=False)
+
+    def _enter(self, name: str, begun: _Begun, *, again: bool) -> None:
+        """Let a process run to where it waits, within no event."""
+        process = self.process(begun.make(again))
+        self._begun[name] = begun._replace(process=process)
+        if begun.place is not None:
+            self._places[process] = begun.place
+        # SimPy has scheduled an event in which it begins, ahead of all that is due.
+        *_, first = heappop(self._queue)
+        callbacks, first.callbacks = first.callbacks, None  # type: ignore[assignment]
+        for callback in callbacks:
+            callback(first)
 
     def at(self, time: float, kind: EventKind, order: int | None = None) -> simpy.Event:
         """Schedule an event at an absolute time, for a process to yield.
@@ -195,6 +320,9 @@ class OrderedEnvironment(simpy.Environment):
         """
         if not self._now <= time < math.inf:
             raise InputError.of("time", time, f"finite and not before the present, {self._now!r}")
+        if self._kept is not None:
+            place, self._kept = self._kept, None
+            return self.put_back(place)
         # A list of interventions is an order that its author can see; when each has scheduled what, is not.
         if kind is EventKind.INTERVENE and order is None:
             order = self._places.get(self.active_process)

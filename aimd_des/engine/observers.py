@@ -7,6 +7,7 @@ intervals of time.
 """
 
 from array import array
+from collections.abc import Mapping
 from heapq import heapify, heapreplace
 from typing import Any
 
@@ -17,6 +18,7 @@ from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.demand_sums import DemandSums
 from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
+from aimd_des.results.kept_rows import Kept
 from aimd_des.results.metrics import Overshoot, Stretch, fold_overshoot, load_of, overshoot_of
 from aimd_des.results.recording import Recording
 from aimd_des.results.run_data import Observations
@@ -37,6 +39,8 @@ class ConstantPieces:
         since the problem last changed.
     measured : ndarray, shape (1,)
         Up to when.
+    tick : ndarray, shape (1,)
+        Of a clock that all have, the index of the next tick.
     following : bool
         Whether it follows the ticks itself; set to False before the run by whoever does so instead.
     stretches : list of Stretch
@@ -47,7 +51,7 @@ class ConstantPieces:
         m = system.problem.n_resources
         self.system = system
         self.peak, self.above, self.excess, self.used = np.zeros((4, m))
-        self.measured = np.zeros(1)
+        self.measured, self.tick = np.zeros(1), np.zeros(1, dtype=np.int64)
         self.stretches: list[Stretch] = []
         self._begun = 0.0
         system.on_intervention.append(self._changed)
@@ -55,25 +59,55 @@ class ConstantPieces:
         self.following = True
         clocks = system.clocks
         self._sums = None if clocks is None or clocks.common else DemandSums(system)
-        system.env.process(self._follow_ticks())
+        self._ticks: list[tuple[float, int, int]] = []
+        system.parts["overshoot"] = self
+        system.env.begin("ticks", self._follow_ticks)
 
-    def _follow_ticks(self) -> ProcessGenerator:
+    def _follow_ticks(self, again: bool) -> ProcessGenerator:
         """Look just before every agent's every tick, in the order of time."""
         clocks, env = self.system.clocks, self.system.env
         assert clocks is not None  # noqa: S101 - discrete agents have clocks
-        # Where all tick together, the ticks of one agent are those of all.
-        agents = range(1 if clocks.common else self.system.problem.n_agents)
-        ticks = [(clocks.time(agent, 0), agent, 0) for agent in agents]
-        heapify(ticks)
+        if not self._ticks:
+            # Where all tick together, the ticks of one agent are those of all.
+            agents = range(1 if clocks.common else self.system.problem.n_agents)
+            self._ticks = [(clocks.time(agent, 0), agent, 0) for agent in agents]
+            heapify(self._ticks)
         while self.following:
-            time, agent, tick = ticks[0]
+            time, agent, tick = self._ticks[0]
             # Of several agents that tick at one instant, the first closes the interval for all.
-            if time > env.now or self.measured[0] < time:
+            if again or time > env.now or self.measured[0] < time:
+                again = False
                 yield env.at(time, EventKind.OBSERVE)
                 self._close()
             if self._sums is not None:
                 self._sums.ticks(agent, tick)
-            heapreplace(ticks, (clocks.time(agent, tick + 1), agent, tick + 1))
+            heapreplace(self._ticks, (clocks.time(agent, tick + 1), agent, tick + 1))
+            self.tick[0] = tick + 1
+
+    def state(self) -> dict[str, Any]:
+        """Return what has been measured."""
+        return {
+            "measures": (self.peak, self.above, self.excess, self.used, self.measured),
+            "begun": self._begun,
+            "stretches": tuple(self.stretches),
+            "tick": int(self.tick[0]),
+            "ticks": () if self._sums is None else tuple(self._ticks),
+            "sums": None if self._sums is None else self._sums.state(),
+        }
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        own = (self.peak, self.above, self.excess, self.used, self.measured)
+        for row, kept in zip(own, state["measures"], strict=True):
+            row[:] = kept
+        self._begun, self.stretches = state["begun"], list(state["stretches"])
+        clocks, tick = self.system.clocks, state["tick"]
+        assert clocks is not None  # noqa: S101 - discrete agents have clocks
+        self.tick[0] = tick
+        self._ticks = [(clocks.time(0, tick), 0, tick)]
+        if self._sums is not None:
+            self._ticks = [tuple(each) for each in state["ticks"]]
+            self._sums.resume(state["sums"])
 
     def _changed(self, time: float, resource: int, change: float) -> None:
         """Close an interval that is cut short from outside; ticks have closed theirs before anybody acts."""
@@ -189,6 +223,18 @@ class LinearPieces:
         system.on_response.append(self.changed)
         system.on_intervention.append(self.changed)
         system.conditions.on_piece.append(self.close_stretch)
+        system.parts["overshoot"] = self
+
+    def state(self) -> dict[str, Any]:
+        """Return what has been measured."""
+        # Folding earlier gives the same numbers: it goes from change to change.
+        self.flush()
+        return {"running": self.running, "begun": self._begun, "stretches": tuple(self.stretches)}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        self.running[:] = state["running"]
+        self._begun, self.stretches = state["begun"], list(state["stretches"])
 
     def changed(self, time: float, resource: int, change: float) -> None:
         """Take note of a change of the total."""
@@ -256,8 +302,12 @@ class Observer:
     ----------
     demand_times : ndarray, shape (q,)
         When totals are kept.
-    total_demand, total_average : ndarray, shape (q, m)
+    times : ndarray, shape (r,)
+        The last of them: those that are kept here, and not in the run that this one goes on with.
+    total_demand, total_average : ndarray, shape (r, m)
         The totals.
+    row : ndarray, shape (1,)
+        How many of them are kept.
     watching : bool
         Whether it keeps them itself; set to False before the run by whoever does so instead.
     """
@@ -267,36 +317,62 @@ class Observer:
         self.system = system
         self.demand_times = recording.times("demand", system.until, whole=False)
         self.allocation_times = recording.times("allocations", system.until, whole=False)
-        self.total_demand = np.zeros((len(self.demand_times), m))
-        self.total_average = np.zeros((len(self.demand_times), m))
-        self.demand = np.zeros((len(self.allocation_times), m, n))
-        self.average = np.zeros((len(self.allocation_times), m, n))
+        # The rows that are left, and those that a run was gone on with: these are shared with it.
+        self.times, self._kept_totals, self._kept_pages = self.demand_times, Kept(), Kept()
+        self.total_demand, self.total_average = np.zeros((2, len(self.times), m))
+        self.demand, self.average = np.zeros((2, len(self.allocation_times), m, n))
+        self.row = np.zeros(1, dtype=np.int64)
+        self._page = 0
         self.watching = True
         self.overshoot: ConstantPieces | LinearPieces | None = None
+        system.parts["observer"] = self
         if recording.overshoot:
             self.overshoot = LinearPieces(system) if system.clocks is None else ConstantPieces(system)
-            system.env.process(self._weigh_half(self.overshoot))
+            system.env.begin("half", self._weigh_half)
         self.half_load = np.zeros(m)
-        system.env.process(self._watch_totals())
-        system.env.process(self._watch_allocations())
+        system.env.begin("totals", self._watch_totals)
+        system.env.begin("allocations", self._watch_allocations)
 
-    def _weigh_half(self, overshoot: ConstantPieces | LinearPieces) -> ProcessGenerator:
+    def _weigh_half(self, again: bool) -> ProcessGenerator:
         """Keep what the first half of the run has come to."""
         yield self.system.env.at(0.5 * self.system.until, EventKind.OBSERVE)
-        self.half_load = overshoot.load()
+        assert self.overshoot is not None  # noqa: S101 - begun where there is one
+        self.half_load = self.overshoot.load()
 
-    def _watch_totals(self) -> ProcessGenerator:
+    def _watch_totals(self, again: bool) -> ProcessGenerator:
         """Keep the totals; the last look is left to `finish`."""
         # Read when the process begins, which is when the run does.
-        for row, time in enumerate(self.demand_times[:-1].tolist() if self.watching else ()):
-            yield self.system.env.at(time, EventKind.OBSERVE)
-            self._keep_totals(row)
+        times = self.times[:-1].tolist() if self.watching else []
+        while self.row[0] < len(times):
+            yield self.system.env.at(times[self.row[0]], EventKind.OBSERVE)
+            self._keep_totals(int(self.row[0]))
+            self.row[0] += 1
 
-    def _watch_allocations(self) -> ProcessGenerator:
+    def _watch_allocations(self, again: bool) -> ProcessGenerator:
         """Keep demand and average of every agent; the last look is left to `finish`."""
-        for page, time in enumerate(self.allocation_times[:-1].tolist()):
+        first = len(self.allocation_times) - len(self.demand)
+        for time in self.allocation_times[first + self._page : -1].tolist():
             yield self.system.env.at(time, EventKind.OBSERVE)
-            self.demand[page], self.average[page] = self.system.allocations()
+            self.demand[self._page], self.average[self._page] = self.system.allocations()
+            self._page += 1
+
+    def state(self) -> dict[str, Any]:
+        """Return what has been kept; rows that are full are never written again, so they can be shared."""
+        row, page = int(self.row[0]), self._page
+        return {
+            "totals": self._kept_totals.with_more(self.total_demand[:row], self.total_average[:row]),
+            "pages": self._kept_pages.with_more(self.demand[:page], self.average[:page]),
+            "half": self.half_load,
+        }
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        self._kept_totals, self._kept_pages = Kept(*state["totals"]), Kept(*state["pages"])
+        rows, pages = self._kept_totals.count, self._kept_pages.count
+        self.times = self.demand_times[rows:]
+        self.total_demand, self.total_average = self.total_demand[rows:], self.total_average[rows:]
+        self.demand, self.average = self.demand[pages:], self.average[pages:]
+        self.half_load = state["half"]
 
     def _keep_totals(self, row: int) -> None:
         self.system.observe_totals(self.total_demand[row], self.total_average[row])
@@ -304,7 +380,7 @@ class Observer:
     def finish(self) -> Observations:
         """Take the last look, at the end of the run."""
         # Not an event: what is due at the end does not happen, but x(end) is what the run has led to.
-        self._keep_totals(len(self.demand_times) - 1)
+        self._keep_totals(len(self.times) - 1)
         self.demand[-1], self.average[-1] = self.system.allocations()
         # Not 0 where nothing was measured: 0 would be a finding.
         missing = np.full(self.system.problem.n_resources, np.nan)
@@ -319,11 +395,9 @@ class Observer:
                 second_half = (load_of(stretches) - self.half_load) / half
         return Observations(
             self.demand_times,
-            self.total_demand,
-            self.total_average,
+            *self._kept_totals.followed_by(self.total_demand, self.total_average),
             self.allocation_times,
-            self.demand,
-            self.average,
+            *self._kept_pages.followed_by(self.demand, self.average),
             overshoot,
             second_half,
             stretches,

@@ -1,9 +1,11 @@
 """A run in progress: taken as far as one likes, looked at in between, and ended."""
 
 import math
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Literal, cast, get_args
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
+from aimd_des.engine.declared import Intervention
+from aimd_des.engine.fork import branch, check_data, salted
 from aimd_des.engine.system import System
 from aimd_des.results.result import Result
 from aimd_des.utils import validation
@@ -11,6 +13,11 @@ from aimd_des.utils.errors import SimulationError
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from aimd_des.channel import Channel
+    from aimd_des.dynamics.responses import Response
+    from aimd_des.engine.control_unit import ControlUnit
+    from aimd_des.engine.simulation import Simulation
 
 Step = Literal["event", "signal"]
 
@@ -22,8 +29,12 @@ class Run:
 
     Parameters
     ----------
+    simulation : Simulation
+        Of which it is a run.
     system : System
         What happens in the run, as processes of one's own see it.
+    salts : tuple of int
+        Of the forks that have led here and were given draws of their own.
     conclude : callable
         Gathers the result at the end.
 
@@ -41,11 +52,17 @@ class Run:
     100.0
     """
 
-    def __init__(self, system: System, conclude: Callable[[], Result]) -> None:
-        self.system = system
+    def __init__(
+        self,
+        simulation: "Simulation",
+        system: System,
+        salts: tuple[int, ...],
+        conclude: Callable[[], Result],
+    ) -> None:
+        self.simulation, self.system, self.salts = simulation, system, salts
         self._conclude = conclude
         self._result: Result | None = None
-        self._failed = False
+        self._failed = self._going = False
 
     @property
     def until(self) -> float:
@@ -142,6 +159,64 @@ class Run:
             index=pd.Index(self.system.problem.resource_names, name="resource"),
         )
 
+    def fork(
+        self,
+        salt: int | None = None,
+        *,
+        channel: "Channel | None" = None,
+        control_unit: "ControlUnit | None" = None,
+        response: "Response | None" = None,
+        interventions: Sequence["Intervention"] = (),
+    ) -> "Run":
+        """Begin another run where this one stands, which goes on unaffected.
+
+        With nothing given, it ends as this one does, to the last bit.  What has been recorded is shared.
+
+        Parameters
+        ----------
+        salt : int, optional
+            At least 0, for other draws from now on: of responses, losses, latencies, duplicates and looks.
+            Clocks keep theirs, and so do copies that are on their way.  The same draws unless given.
+        channel : Channel, optional
+            Carries what is sent from now on, and begins as in a new run.
+        control_unit : ControlUnit, optional
+            Takes over now, and knows nothing of hold-offs.
+        response : Response, optional
+            How agents answer from now on; what the one before has kept is gone.
+        interventions : sequence of Intervention
+            What changes besides; each from now on, or later.
+
+        Returns
+        -------
+        Run
+            At the same time, with the same end.
+
+        Raises
+        ------
+        InputError
+            If agents are processes, or anything else of the run is; if a part of one's own cannot say what
+            it remembers; or an argument is none that `Simulation` takes, or would act before now.
+        SimulationError
+            If the run has failed, is over, or is being advanced.
+        """
+        self._refuse_going("a run that is forked")
+        check_data(self)
+        given = {"channel": channel, "control_unit": control_unit, "response": response}
+        parts: dict[str, Any] = {name: part for name, part in given.items() if part is not None}
+        if interventions:
+            more = validation.instances("interventions", interventions, Intervention, "an intervention")
+            parts["interventions"] = (*self.simulation.interventions, *more)
+        simulation = self.simulation.with_parts(**parts) if parts else self.simulation
+        return branch(self, simulation, salted(self.salts, salt))
+
+    def _refuse_going(self, what: str) -> None:
+        if self._result is not None:
+            raise SimulationError(f"the run is over at time {self.time!r}: {what} must be in progress")
+        if self._going:
+            raise SimulationError(f"the run is being advanced: {what} must stand still, between two pieces")
+        if self._failed:
+            raise SimulationError(f"the run has failed at time {self.time!r}: start another one")
+
     def result(self) -> Result:
         """Go on to the end, and give what `Simulation.run` gives.
 
@@ -166,6 +241,9 @@ class Run:
         """Let events happen, but none after one of them has failed: others may be missing since then."""
         if self._failed:
             raise SimulationError(f"the run has failed at time {self.time!r}: start another one")
-        self._failed = True
-        self.system.env.run_to(until, watch, one=one)
+        self._failed = self._going = True
+        try:
+            self.system.env.run_to(until, watch, one=one)
+        finally:
+            self._going = False
         self._failed = False

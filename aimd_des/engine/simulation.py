@@ -1,7 +1,8 @@
 """Puts control unit, channel, agents and observers together and runs them: wiring, no rules."""
 
+import inspect
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, Literal, Protocol, cast, get_args
+from typing import TYPE_CHECKING, Any, Literal, Protocol, cast, get_args
 
 from aimd_des.channel import BroadcastChannel, Channel
 from aimd_des.dynamics.averaging import Averaging, Cumulative
@@ -10,13 +11,15 @@ from aimd_des.dynamics.demand import CONTINUOUS, DISCRETE
 from aimd_des.dynamics.loss_compensation import Compensation
 from aimd_des.dynamics.responses import Response
 from aimd_des.dynamics.state import agent_parameters
+from aimd_des.engine.agenda import Agenda, Planned, is_planned
 from aimd_des.engine.agent_process import AgentProcess
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, Sampled, table_of
 from aimd_des.engine.declared import Intervention, check_absences, check_end, check_hold_offs
 from aimd_des.engine.delivery import Agent, ProcessGenerator
+from aimd_des.engine.environment import Maker as ProcessMaker
 from aimd_des.engine.observers import Observer
 from aimd_des.engine.run_in_progress import Run
-from aimd_des.engine.system import System
+from aimd_des.engine.system import System, keys_of
 from aimd_des.problem.problem import Problem
 from aimd_des.results.event_log import EventLog
 from aimd_des.results.recording import Recording
@@ -24,6 +27,7 @@ from aimd_des.results.result import Result
 from aimd_des.results.run_data import Account
 from aimd_des.utils import returned_values, validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.rng import Key, Purpose
 
 if TYPE_CHECKING:
     from aimd_des.theory import Convergence
@@ -37,8 +41,8 @@ class Population(Protocol):
 
     def populate(
         self, system: System, absent: Collection[int], control_unit: ControlUnit, observer: Observer
-    ) -> ProcessGenerator:
-        """Bring the agents into a run; return the process of the control unit, which they may speed up."""
+    ) -> ProcessMaker:
+        """Bring the agents into a run; say how the process of the control unit is made."""
         ...
 
 
@@ -245,21 +249,33 @@ class Simulation:
         InputError
             As for `run`.
         """
-        until = validation.number("until", until, low=0.0, low_open=True)
+        return self.begin(validation.number("until", until, low=0.0, low_open=True))
+
+    def begin(
+        self, until: float, salts: tuple[int, ...] = (), keys: Mapping[Purpose, Key] | None = None
+    ) -> Run:
+        """Begin a run as `start` does, with the draws of a fork; their keys are derived unless given."""
         # Everything that changes is made here, so that one simulation can be run any number of times.
         check_end(self.interventions, until)
         log = EventLog() if self.recording.events else None
         whole = (self.problem, self.channel, self.clocks, self.seed, until, log)
-        system = System(*whole, self.averaging, self.compensation, self.response)
+        rule = (self.averaging, self.compensation, self.response)
+        system = System(*whole, *rule, keys=keys_of(self.seed, salts) if keys is None else keys)
         # The observer first: agents that are compiled take over a part of its work before anything begins.
         observer = Observer(system, self.recording)
         self._populate(system, observer)
         returned_values.attach(system.link, system)
-        for intervention in self.interventions:
-            _start(system.env.intervene, intervention, "process", intervention.process(system))
+        for place, intervention in enumerate(self.interventions):
+            name, make = _agenda(system, place, intervention)
+            system.env.begin(name, make, place)
         for process in self.processes:
-            _start(system.env.process, process, "", process(system))
-        return Run(system, lambda: self._result(system, observer))
+            system.env.process(_checked(process, "", process(system)))
+        return Run(self, system, salts, lambda: self._result(system, observer))
+
+    def with_parts(self, **parts: Any) -> "Simulation":
+        """Make the same simulation but for some of its arguments."""
+        names = inspect.signature(type(self)).parameters
+        return type(self)(**{**{name: getattr(self, name) for name in names}, **parts})
 
     def _result(self, system: System, observer: Observer) -> Result:
         """Gather what has happened, at the end."""
@@ -321,24 +337,34 @@ class Simulation:
         control_unit, populate = self.control_unit, getattr(self.agents, "populate", None)
         # Asked for by its method: this module need not know who is compiled, nor how.
         if populate is None:
-            process, make_all = control_unit.process(system), cast(Maker, self.agents)
+            make_all = cast(Maker, self.agents)
             makers = {index: self.special.get(index, make_all) for index in range(self.problem.n_agents)}
+            process = _checked(control_unit, "process", control_unit.process(system))
+            system.env.process(process)
         else:
-            process, makers = populate(system, self.special, control_unit, observer), self.special
-        _start(system.env.process, control_unit, "process", process)
+            make_process, makers = populate(system, self.special, control_unit, observer), self.special
+            system.env.begin("control", lambda again: _checked(control_unit, "process", make_process(again)))
         for index, make in makers.items():
             agent = make(index, system)
             returned_values.having(returned_values.said_by(make), agent, ["receive", "process"])
             system.agents[index] = agent
-            _start(system.env.process, agent, "process", agent.process())
+            system.env.process(_checked(agent, "process", agent.process()))
 
 
-def _start(
-    start: Callable[[ProcessGenerator], object], part: object, method: str, process: ProcessGenerator
-) -> None:
-    """Let a process of a part live, which may be the user's own."""
+def _agenda(system: System, place: int, intervention: Intervention) -> tuple[str, ProcessMaker]:
+    """Name the process of an intervention, and say how it is made."""
+    name = f"interventions[{place}]"
+    if is_planned(intervention):
+        agenda = Agenda(system, cast(Planned, intervention), name)
+        system.parts[name] = agenda
+        return name, lambda again: _checked(intervention, "changes", agenda.process(again))
+    return name, lambda _: _checked(intervention, "process", intervention.process(system))
+
+
+def _checked(part: object, method: str, process: ProcessGenerator) -> ProcessGenerator:
+    """Refuse what is no process of a part, which may be the user's own."""
     said = returned_values.said_by(part, method)
     returned_values.generator(said, process)
     # Ours are resumed millions of times, and spared the step in between.
     is_own = not getattr(part, "__module__", "").startswith("aimd_des.")
-    start(returned_values.named(said, process) if is_own else process)
+    return returned_values.named(said, process) if is_own else process

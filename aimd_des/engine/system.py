@@ -1,17 +1,18 @@
 """One run in progress: what the control unit, the channel, the agents and observers share."""
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
 from aimd_des.channel import Channel, Link
+from aimd_des.channel.memory import memory_of, remember
 from aimd_des.dynamics.averaging import Averaging, age_at, folded_at, keep_parts
 from aimd_des.dynamics.clocks import Clocks
 from aimd_des.dynamics.demand import CONTINUOUS, DISCRETE
 from aimd_des.dynamics.loss_compensation import Compensation
 from aimd_des.dynamics.responses import Response
-from aimd_des.dynamics.state import agent_parameters, start
+from aimd_des.dynamics.state import AgentParameters, State, agent_parameters, start
 from aimd_des.engine.conditions import Conditions
 from aimd_des.engine.delivery import Agent, Carrier, Collective, ResponseDraws, Signal
 from aimd_des.engine.environment import OrderedEnvironment
@@ -22,10 +23,66 @@ from aimd_des.problem.problem import Problem
 from aimd_des.results.event_log import Entry, EventLog
 from aimd_des.utils import returned_values, rng, validation
 from aimd_des.utils.errors import InputError
-from aimd_des.utils.rng import Purpose
+from aimd_des.utils.locked_arrays import carry_over, put
+from aimd_des.utils.rng import Key, Purpose
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+class Part(Protocol):
+    """What keeps something of a run."""
+
+    def state(self) -> dict[str, Any]:
+        """Return what it keeps: arrays, numbers, strings, and collections of them."""
+        ...
+
+    def resume(self, state: Any) -> None:
+        """Go on from what `state` has returned in another run; nothing of it may be written to."""
+        ...
+
+
+class _Agents(NamedTuple):
+    """The state of all agents, and the parameters of their rule that interventions can change."""
+
+    held: State
+    parameters: AgentParameters
+
+    def state(self) -> dict[str, Any]:
+        """Return both."""
+        return {"held": self.held[:-1], "memory": self.held.memory, "parameters": self.parameters[:5]}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        names = self.held._fields
+        for name, array, kept in zip(names, self.held, (*state["held"], state["memory"]), strict=True):
+            if name in ("anchor", "pause"):
+                array[...] = kept
+            # What another response has kept is of no use to one that is new, and begins with nothing.
+            elif kept is not None:
+                carry_over(kept, array)
+        for rows, kept in zip(self.parameters[:5], state["parameters"], strict=True):
+            put(rows, slice(None), kept)
+
+
+class _Link(NamedTuple):
+    """The channel of a run, which may be the user's own."""
+
+    link: Link
+
+    def state(self) -> dict[str, Any]:
+        """Return what it remembers."""
+        return memory_of(self.link)
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        remember(self.link, state)
+
+
+def keys_of(seed: int, salts: tuple[int, ...] = ()) -> dict[Purpose, Key]:
+    """Derive what the draws of a run are made with, a key for each purpose."""
+    # Clocks keep their draws: how many ticks are over must not change when a run is forked.
+    return {purpose: rng.key(seed, purpose, () if purpose is Purpose.CLOCK else salts) for purpose in Purpose}
 
 
 class System(Readings):
@@ -51,6 +108,8 @@ class System(Readings):
         What they do about losses; nothing unless given.
     response : Response, optional
         How they answer signals; by the paper's rule unless given.
+    keys : mapping of Purpose to Key, optional
+        What draws are made with; as the seed has it unless given.
 
     Attributes
     ----------
@@ -69,6 +128,8 @@ class System(Readings):
         demand has been set from outside.
     on_break : list of callable
         Called with (agent) when its demand goes on as a new line for another reason than its own answer.
+    parts : dict of str to Part
+        What keeps something of this run, by a name; a run that is forked goes on from what they return.
     """
 
     def __init__(
@@ -82,10 +143,11 @@ class System(Readings):
         averaging: Averaging | None = None,
         compensation: Compensation | None = None,
         response: Response | None = None,
+        keys: Mapping[Purpose, Key] | None = None,
     ) -> None:
         n, m = problem.n_agents, problem.n_resources
         # A key for each purpose: what one of them draws moves no number of another.
-        self.keys = {purpose: rng.key(seed, purpose) for purpose in Purpose}
+        self.keys = keys_of(seed) if keys is None else keys
         self.link = self._opened(channel, n)
         tick_weight = CONTINUOUS if clocks is None else DISCRETE
         # Arrays of this run: interventions write them, so nothing of the problem's may be among them.
@@ -112,6 +174,14 @@ class System(Readings):
         self.transmitter = Transmitter(self.env, self.link, m, self.conditions, until, carrier, log)
         draws = ResponseDraws(self.keys[Purpose.RESPONSE], n)
         self.response_draws: Callable[[Signal], list[float]] = draws.__getitem__
+        self.parts: dict[str, Part] = {
+            "agents": _Agents(self.state, self.parameters),
+            "conditions": self.conditions,
+            "transmitter": self.transmitter,
+            "link": _Link(self.link),
+        }
+        if log is not None:
+            self.parts["log"] = log
 
     def _opened(self, channel: Channel, n_agents: int) -> Link:
         """Let a channel begin, which may be the user's own."""

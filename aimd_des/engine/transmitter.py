@@ -2,8 +2,8 @@
 
 import math
 from array import array
-from collections.abc import Callable, Sequence
-from typing import overload
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -12,10 +12,11 @@ import simpy
 from aimd_des.channel import Broadcast, Copies, DrawnLink, Link
 from aimd_des.engine.conditions import Conditions
 from aimd_des.engine.delivery import Carrier, Collective, Signal
-from aimd_des.engine.environment import EventKind, OrderedEnvironment
+from aimd_des.engine.environment import EventKind, OrderedEnvironment, Place
 from aimd_des.results.event_log import Entry, EventLog
 from aimd_des.results.run_data import Signals
 from aimd_des.utils import returned_values
+from aimd_des.utils.locked_arrays import carry_over
 from aimd_des.utils.validation import FloatArray
 
 IntArray = npt.NDArray[np.int64]
@@ -27,6 +28,8 @@ class SentSignals(Sequence[Broadcast]):
     def __init__(self) -> None:
         # Grows by appending, at 24 bytes for a signal: a run may send millions.
         self._time, self._resource, self._number = array("d"), array("q"), array("q")
+        # Those before them, of a run that has been forked: shared with what came of it.
+        self._earlier: tuple[Signals, ...] = ()
 
     def append(self, broadcast: Broadcast) -> None:
         """Add one."""
@@ -41,7 +44,7 @@ class SentSignals(Sequence[Broadcast]):
         self._number.frombytes(number.tobytes())
 
     def __len__(self) -> int:
-        return len(self._time)
+        return sum(len(piece.time) for piece in self._earlier) + len(self._time)
 
     @overload
     def __getitem__(self, index: int) -> Broadcast: ...
@@ -52,11 +55,45 @@ class SentSignals(Sequence[Broadcast]):
     def __getitem__(self, index: int | slice) -> Broadcast | list[Broadcast]:
         if isinstance(index, slice):
             return [self[place] for place in range(*index.indices(len(self)))]
-        return Broadcast(self._resource[index], self._number[index], self._time[index])
+        place = range(len(self))[index]  # of one that counts from the end; refuses what is beyond
+        for piece in self._earlier:
+            if place < len(piece.time):
+                time, resource, number = piece.time[place], piece.resource[place], piece.number[place]
+                return Broadcast(int(resource), int(number), float(time))
+            place -= len(piece.time)
+        return Broadcast(self._resource[place], self._number[place], self._time[place])
+
+    def _own(self) -> Signals:
+        return Signals(np.array(self._time), np.array(self._resource), np.array(self._number))
 
     def signals(self) -> Signals:
         """Return all of them as arrays."""
-        return Signals(np.array(self._time), np.array(self._resource), np.array(self._number))
+        pieces = (*self._earlier, self._own())
+        if len(pieces) == 1:
+            return pieces[0]
+        columns = ([getattr(piece, name) for piece in pieces] for name in ("time", "resource", "number"))
+        return Signals(*map(np.concatenate, columns))
+
+    def put_aside(self) -> tuple[Signals, ...]:
+        """Return those so far in pieces to which nobody adds any more."""
+        if self._time:
+            self._earlier = (*self._earlier, self._own())
+            self._time, self._resource, self._number = array("d"), array("q"), array("q")
+        return self._earlier
+
+    def go_on_from(self, pieces: Iterable[Signals]) -> None:
+        """Begin with what `put_aside` has returned."""
+        self._earlier = tuple(pieces)
+
+
+class _Late(NamedTuple):
+    """A signal that leaves after its sensing delay."""
+
+    event: simpy.Event
+    signal: Broadcast
+    copies: Copies
+    orders: list[int]
+    link: Link  # which has drawn the copies
 
 
 class Transmitter:
@@ -95,6 +132,7 @@ class Transmitter:
         self.delivered, self.lost, self.duplicated = np.zeros((3, n_resources, self.n_agents), dtype=np.int64)
         self.collective: Collective | None = None
         self.on_leave: list[Callable[[Signal, FloatArray], None]] = []
+        self._late: dict[simpy.Event, _Late] = {}
 
     @property
     def in_flight(self) -> IntArray:
@@ -124,12 +162,38 @@ class Transmitter:
         if not late:
             self._leave(signal, copies, orders, link)
         elif departure < self.until:
-
-            def leave_late(_: simpy.Event) -> None:
-                self._leave_late(signal, copies, orders, link)
-
             # A delivery with a turn before those of its copies: after interventions that cut, ahead of looks.
-            self.env.at(departure, EventKind.DELIVER, turn).callbacks.append(leave_late)
+            self._delay(self.env.own(departure, EventKind.DELIVER, turn), signal, copies, orders, link)
+
+    def _delay(
+        self, event: simpy.Event, signal: Broadcast, copies: Copies, orders: list[int], link: Link
+    ) -> None:
+        """Let a signal leave at an event, over the channel that has drawn its copies."""
+        self._late[event] = _Late(event, signal, copies, orders, link)
+        event.callbacks.append(self._leave_late)
+
+    def state(self) -> dict[str, Any]:
+        """Return what has been sent, the account of it, and what has still to leave."""
+        late = [(self.env.place_of(event), *rest) for event, *rest, _ in self._late.values()]
+        return {
+            "sent": self.sent.put_aside(),
+            "account": (self.numbers, self.delivered, self.lost, self.duplicated),
+            "late": late,
+        }
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned; events are put back once time stands where it did."""
+        self.sent.go_on_from(state["sent"])
+        own = (self.numbers, self.delivered, self.lost, self.duplicated)
+        for array_, kept in zip(own, state["account"], strict=True):
+            carry_over(kept, array_)
+
+    def resume_events(self, state: Mapping[str, Any]) -> None:
+        """Put back the events at which signals leave."""
+        for place, signal, copies, orders in state["late"]:
+            # Copied, since they are put in order where they are.
+            own = Copies(*(None if times is None else times.copy() for times in copies))  # type: ignore[arg-type]
+            self._delay(self.env.put_back(Place(*place)), Broadcast(*signal), own, list(orders), self.link)
 
     def _drawn(self, link: Link, signal: Broadcast, departure: float) -> Copies:
         """Ask the channel, and refuse what it cannot mean."""
@@ -159,8 +223,9 @@ class Transmitter:
             entries[:, 3] = agents
             self.log.extend(entries)
 
-    def _leave_late(self, signal: Broadcast, drawn: Copies, orders: list[int], link: Link) -> None:
+    def _leave_late(self, event: simpy.Event) -> None:
         """Let a signal leave after its sensing delay, as far as nothing is in the way now."""
+        _, signal, drawn, orders, link = self._late.pop(event)
         # Nobody may have looked at this instant; what is due must be answered before more is sent.
         if self.collective is not None:
             self.collective.settle()

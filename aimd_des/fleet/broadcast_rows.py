@@ -5,7 +5,8 @@ i's at place i, and the look answers all that are due in passes over the rows.  
 are then listed one by one, with all that is left of earlier broadcasts, and the rows are free again.
 """
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -87,3 +88,29 @@ def broadcast_rows(enabled: bool, n_resources: int, n_agents: int) -> BroadcastR
 def copies_in_rows(rows: BroadcastRows) -> int:
     """Tell how many copies there can be, at most, in rows and lists."""
     return rows.arrival.size + rows.listed_agent.size
+
+
+_OF_RESOURCES = ("serving", "rank", "first", "listed", "first_listed")
+_LISTS = ("listed_agent", "listed_arrival", "listed_uniform", "listed_rank")
+
+
+def rows_state(rows: BroadcastRows) -> dict[str, Any]:
+    """Return what is in rows and lists; nothing is copied."""
+    longest = int(rows.listed.max())
+    return {
+        "enabled": rows.enabled,
+        "resources": {name: getattr(rows, name) for name in _OF_RESOURCES},
+        # Of a row that is free nothing is ever read.
+        "rows": [(int(j), rows.arrival[j], rows.uniform[j]) for j in np.flatnonzero(rows.first < np.inf)],
+        "lists": {name: getattr(rows, name)[:, :longest] for name in _LISTS},
+    }
+
+
+def resume_rows(rows: BroadcastRows, state: Mapping[str, Any]) -> None:
+    """Fill rows and lists with what `rows_state` has returned."""
+    for name, kept in state["resources"].items():
+        getattr(rows, name)[:] = kept
+    for j, arrival, uniform in state["rows"]:
+        rows.arrival[j], rows.uniform[j] = arrival, uniform
+    for name, kept in state["lists"].items():
+        getattr(rows, name)[:, : kept.shape[1]] = kept

@@ -1,7 +1,7 @@
 """All standard agents of a run as arrays, advanced by compiled code between the events of SimPy."""
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -26,11 +26,12 @@ from aimd_des.fleet.arrays import (
     ClockArrays,
     CopyAccount,
     FleetAgents,
+    IntArray,
     response_buffers,
 )
-from aimd_des.fleet.broadcast_rows import broadcast_rows, copies_in_rows, serves
+from aimd_des.fleet.broadcast_rows import broadcast_rows, copies_in_rows, resume_rows, rows_state, serves
 from aimd_des.fleet.event_entries import EventEntries, turn_limit
-from aimd_des.fleet.in_flight import empty_copies, enlarge, room
+from aimd_des.fleet.in_flight import copies_state, empty_copies, enlarge, resumed_copies, room
 from aimd_des.fleet.observer_kernels import FleetOvershoot
 from aimd_des.fleet.response_kernels import settle
 from aimd_des.fleet.row_kernels import spill
@@ -118,6 +119,49 @@ class CompiledAgents:
         system.conditions.on_costs.append(self._reprice)
         system.conditions.on_channel.append(self._leave_rows)
         self._entries = EventEntries(m, ticking=ticking)
+        system.parts["fleet"] = self
+
+    def state(self) -> dict[str, Any]:
+        """Return what is on its way, and what somebody has still to be told of; nothing is copied."""
+        answers = self.agents.answers
+        held = int(answers.held[0])
+        told = (answers.key, answers.rank, answers.agent, answers.resource, answers.change)
+        return {
+            "copies": copies_state(self.agents.copies),
+            "rows": rows_state(self.agents.rows),
+            "answers": [column[:held] for column in told],
+            "settled": self._settled,
+            "position": self._position,
+            "entries": self._entries.state(),
+        }
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        agents, kept = self.agents, state["rows"]
+        ticking, numbered = agents.copies.moment.size > 0, agents.copies.number.size > 0
+        copies, rows = resumed_copies(agents.copies, state["copies"], ticking, numbered), agents.rows
+        if kept["enabled"] and rows.enabled:
+            resume_rows(rows, kept)
+        elif kept["enabled"]:
+            # Another channel or response, with which there are no rows: copies go to the queues.
+            spare = broadcast_rows(True, *agents.state.demand.shape)
+            resume_rows(spare, kept)
+            for resource in range(len(spare.serving)):
+                spill(copies, spare, resource)
+        else:
+            rows = rows._replace(enabled=False)
+        self.agents = agents._replace(copies=copies, rows=rows, room=room(copies) - copies_in_rows(rows))
+        self.listen()
+        self._take_answers(state["answers"])
+        self._settled, self._position = tuple(state["settled"]), tuple(state["position"])
+        self._entries.resume(state["entries"])
+
+    def _take_answers(self, told: Sequence[IntArray | FloatArray]) -> None:
+        answers = self.agents.answers
+        own = (answers.key, answers.rank, answers.agent, answers.resource, answers.change)
+        for column, rows in zip(own, told, strict=True):
+            column[: len(rows)] = rows
+        answers.held[0] = len(told[0])
 
     def _integrals(self, overshoot: ConstantPieces | LinearPieces | None) -> FleetOvershoot:
         """Let compiled code work on what the observer has."""
@@ -136,7 +180,7 @@ class CompiledAgents:
             excess=steps.excess if steps else np.zeros(m),
             used=steps.used if steps else np.zeros(m),
             measured=steps.measured if steps else np.zeros(1),
-            tick=np.zeros(1, dtype=np.int64),
+            tick=steps.tick if steps else np.zeros(1, dtype=np.int64),
             order=np.zeros(0, dtype=np.int64),
             spare=np.zeros(0, dtype=np.int64),
         )

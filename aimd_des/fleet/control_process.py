@@ -1,20 +1,23 @@
 """The SimPy process that lets a fleet's control unit look in compiled code until something else is due."""
 
 import math
+from collections.abc import Mapping
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 import simpy
 
 from aimd_des.channel import BroadcastChannel, CompiledLink
 from aimd_des.channel.transmit_kernel import ChannelTable, refuse
+from aimd_des.dynamics.clocks import Clock
 from aimd_des.dynamics.totals import piece
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, SampledTable
 from aimd_des.engine.control_unit.base import NEVER
 from aimd_des.engine.control_unit.crossing import Unanswered, standstill, within
 from aimd_des.engine.control_unit.sampled import asked
 from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import EventKind, Mailbox
+from aimd_des.engine.environment import EventKind, Mailbox, Place
 from aimd_des.engine.observers import ConstantPieces, Observer
 from aimd_des.engine.system import System
 from aimd_des.fleet.arrays import NO_ANSWERS
@@ -25,6 +28,7 @@ from aimd_des.fleet.control_state import (
     IMPROPER,
     LOOK,
     NO_ROOM,
+    OF_A_UNIT,
     REACHED,
     REFUSED,
     ROW,
@@ -73,33 +77,65 @@ class ControlProcess:
             fleet.overshoot.following = False
             fleet.integrals = fleet.integrals._replace(steps=True)
         observer.watching = False
-        # Without the last time, the end of the run: `Observer.finish` looks there, after the last event.
-        self.observed = ObservedTotals(
-            observer.demand_times[:-1].copy(),
-            observer.total_demand,
-            observer.total_average,
-            np.zeros(1, dtype=np.int64),
-            piece(system.problem.n_resources),
-        )
+        self.observer = observer
+        self.observed = self._observed()
         # How far compiled code goes at a time: whatever it is, the same happens.
         self._stride = system.until / _REPORTS
         self._mailbox = Mailbox(system.env)
-        self._setting = 0
+        self._alarm: simpy.Event | None = None
+        system.parts["control"] = self
         system.conditions.on_tightening.append(self._tightened)
         system.conditions.on_recovery.append(self._recovered)
         system.conditions.on_channel.append(self._rewire)
         if self.control.crossing:
             system.conditions.on_hold_off.append(self._retimed)
 
-    def process(self) -> ProcessGenerator:
+    def process(self, again: bool) -> ProcessGenerator:
         """Look for as long as the run lasts."""
+        if not again:
+            # A unit that takes the place of another one in a run that is forked knows nothing of before.
+            control, now = self.control, float(self.system.env.now)
+            control.look[0] = Clock(control.period, control.phase).next_tick(now)
+            control.look_time[:] = now
+            self._set_alarm()
         while True:
             # Only this event lets time pass for SimPy; compiled looks lie between it and the next event.
-            self._set_alarm()
             yield self._mailbox
             # What compiled code has stopped for is done within the same event, and the looks go on.
             while self._steer() != REACHED:
                 pass
+            self._set_alarm()
+
+    def state(self) -> dict[str, Any]:
+        """Return what the unit knows, and its alarm."""
+        kept = {name: getattr(self.control, name) for name in OF_A_UNIT}
+        return {"kept": kept, "stride": self._stride, "alarm": self.system.env.place_of(self._alarm)}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned; the alarm is set once time stands where it did."""
+        for name, kept in state["kept"].items():
+            getattr(self.control, name)[:] = kept
+        self._stride = state["stride"]
+
+    def resume_observer(self) -> None:
+        """Take the rows over that the observer has left."""
+        self.observed = self._observed()
+
+    def resume_events(self, state: Mapping[str, Any]) -> None:
+        """Set the alarm as it was."""
+        if state["alarm"] is not None:
+            self._alarm = self.system.env.put_back(Place(*state["alarm"]))
+            self._alarm.callbacks.append(self._ring)
+
+    def _observed(self) -> ObservedTotals:
+        # Without the last time, the end of the run: `Observer.finish` looks there, after the last event.
+        return ObservedTotals(
+            self.observer.times[:-1].copy(),
+            self.observer.total_demand,
+            self.observer.total_average,
+            self.observer.row,
+            piece(self.system.problem.n_resources),
+        )
 
     def _control(self, common: bool) -> FleetControl:
         system, table = self.system, self.table
@@ -187,18 +223,17 @@ class ControlProcess:
         return min(due)
 
     def _set_alarm(self) -> None:
-        # An event of SimPy cannot be taken back: an earlier alarm still rings, and finds that it is outdated.
-        self._setting += 1
-        setting = self._setting
-
-        def ring(_: simpy.Event) -> None:
-            if setting == self._setting:
-                self._mailbox.hand(None)
-
+        # An event of SimPy cannot be taken back: an earlier alarm still rings, and nobody hears it.
+        if self._alarm is not None and self._alarm.callbacks:
+            self._alarm.callbacks.clear()
         # Nobody may be here to grow, and nothing be left to observe: then somebody else has to set it.
-        due = self._next()
+        due, self._alarm = self._next(), None
         if due[0] < math.inf:
-            self.system.env.at(*due).callbacks.append(ring)
+            self._alarm = self.system.env.own(*due)
+            self._alarm.callbacks.append(self._ring)
+
+    def _ring(self, _: simpy.Event) -> None:
+        self._mailbox.hand(None)
 
     def _tightened(self, time: float, resource: int) -> None:
         """Look again at once where something has changed from outside, which no bound has foreseen."""

@@ -74,6 +74,25 @@ class FleetControl(NamedTuple):
     answers: int  # above how many answers in memory somebody has to be told of them
 
 
+#: What a control unit knows of its own: all that neither is given nor belongs to the conditions.
+OF_A_UNIT = (
+    "look",
+    "look_time",
+    "awaits_crossing",
+    "instant",
+    "unanswered",
+    "since",
+    "hold_off",
+    "holding",
+    "repeated",
+    "due",
+    "total",
+    "now",
+    "moment",
+    "turns",
+)
+
+
 @record
 class Limits(NamedTuple):
     """How far the looks may go."""

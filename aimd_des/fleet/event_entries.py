@@ -2,6 +2,8 @@
 
 from array import array
 from bisect import bisect
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +34,21 @@ class EventEntries:
         self._time, self._about = np.empty(0), np.empty((5, 0), dtype=np.int64)
         # Order numbers of the copies of agent 0, ascending, and of which broadcasts they are.
         self._first, self._number = array("q"), array("q")
+
+    def state(self) -> dict[str, Any]:
+        """Return the copies that have not landed, and of which broadcasts there may be answers."""
+        # Arrays that are never written to; the others grow, and are copied.
+        return {
+            "time": self._time,
+            "about": self._about,
+            "first": np.array(self._first),
+            "number": np.array(self._number),
+        }
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        self._time, self._about = state["time"], state["about"]
+        self._first, self._number = (array("q", state[name].tobytes()) for name in ("first", "number"))
 
     def send(self, signal: Signal, arrival: FloatArray, arrives: BoolArray, first_order: int) -> None:
         """Take note of copies of a broadcast; those that arrive will land."""

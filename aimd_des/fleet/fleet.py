@@ -2,8 +2,9 @@
 
 from collections.abc import Collection
 
-from aimd_des.engine.control_unit import ControlUnit
-from aimd_des.engine.delivery import ProcessGenerator
+from aimd_des.engine.control_unit import ControlUnit, SampledUnit
+from aimd_des.engine.control_unit.sampled import Looks
+from aimd_des.engine.environment import Maker
 from aimd_des.engine.observers import Observer
 from aimd_des.engine.system import System
 from aimd_des.fleet.compiled_agents import CompiledAgents
@@ -20,11 +21,15 @@ class Fleet:
     @staticmethod
     def populate(
         system: System, absent: Collection[int], control_unit: ControlUnit, observer: Observer
-    ) -> ProcessGenerator:
+    ) -> Maker:
         """Bring the agents into a run."""
         agents = CompiledAgents(system, absent, observer.overshoot)
         system.join(agents)
         table = compiled_table(control_unit)
-        if table is None:
-            return control_unit.process(system)
-        return ControlProcess(agents, control_unit, table, observer).process()
+        if table is not None:
+            return ControlProcess(agents, control_unit, table, observer).process
+        if isinstance(control_unit, SampledUnit) and type(control_unit).process is SampledUnit.process:
+            looks = Looks(control_unit, system)
+            system.parts["control"] = looks
+            return looks.process
+        return lambda again: control_unit.process(system)

@@ -1,6 +1,7 @@
 """The memory of copies on their way: chains of blocks from one pool, which grows with what is in flight."""
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -115,3 +116,35 @@ def enlarge(copies: CopiesInFlight, space: int) -> CopiesInFlight:
     for name in ("head", "tail", "base", "in_flight"):
         getattr(larger, name)[...] = getattr(copies, name)
     return larger
+
+
+# What there is of each copy, and what tells where copies are.
+_OF_COPIES = ("key", "moment", "arrival", "number", "agent", "resource", "rank", "uniform")
+_OF_BLOCKS = ("following", "filled", "head", "tail", "base", "free", "in_flight")
+
+
+def copies_state(copies: CopiesInFlight) -> dict[str, Any]:
+    """Return all copies, as far as blocks are in use; nothing is copied."""
+    following, last = copies.following.tolist(), -1
+    for head in copies.head[copies.head >= 0].tolist():
+        block = head
+        while block >= 0:
+            last, block = max(last, block), following[block]
+    used = (last + 1) * BLOCK
+    return {
+        "copies": {name: getattr(copies, name)[:used] for name in _OF_COPIES},
+        "blocks": {name: getattr(copies, name) for name in _OF_BLOCKS},
+    }
+
+
+def resumed_copies(
+    copies: CopiesInFlight, state: Mapping[str, Any], ticking: bool, numbered: bool
+) -> CopiesInFlight:
+    """Put copies where `copies_state` has found them, in space that is made if there was more of it."""
+    blocks, queues = state["blocks"], len(state["blocks"]["base"])
+    if len(blocks["following"]) != len(copies.following):
+        space = (len(blocks["following"]) - _blocks_for(0, queues)) * BLOCK
+        copies = empty_copies(space, queues, ticking, numbered)
+    for name, kept in (*blocks.items(), *state["copies"].items()):
+        getattr(copies, name)[: len(kept)] = kept
+    return copies

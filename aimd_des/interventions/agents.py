@@ -1,16 +1,16 @@
 """Agents that come, go, crash and come back, and that need more for a while; prices that change."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
 
-from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import EventKind
+from aimd_des.engine.agenda import Change, Memory, Planned
 from aimd_des.engine.system import System
 from aimd_des.interventions.actions import join, leave
 from aimd_des.interventions.bookkeeping import BeginsAt
-from aimd_des.interventions.prices import checked_costs, set_costs, weigh
+from aimd_des.interventions.prices import checked_costs, redraw, weigh
 from aimd_des.problem.costs import Costs
 from aimd_des.problem.lookup import Agents, agent_indices
 from aimd_des.problem.problem import Problem
@@ -53,7 +53,7 @@ class _OfAgents:
 
 @built_in("intervention", "join")
 @dataclass(frozen=True)
-class Join(_OfAgents):
+class Join(_OfAgents, Planned):
     """Agents are not there at first and join the run at some time.
 
     Parameters
@@ -75,15 +75,9 @@ class Join(_OfAgents):
         """From when to when the agents are away."""
         return 0.0, self.at
 
-    def process(self, system: System) -> ProcessGenerator:
+    def changes(self, system: System, memory: Memory) -> Iterator[Change]:
         """Keep the agents away until then."""
-        agents = agent_indices(system.problem, self.agents)
-        yield system.env.at(0.0, EventKind.INTERVENE)
-        for agent in agents:
-            leave(system, agent)
-        yield system.env.at(self.at, EventKind.INTERVENE)
-        for agent in agents:
-            join(system, agent, anew=True)
+        return _away(system, self.agents, 0.0, self.at, anew=True)
 
 
 @built_in("intervention", "absence")
@@ -113,9 +107,9 @@ class Absence(BeginsAt, _OfAgents):
         """From when to when the agents are away."""
         return self.at, math.inf if self.until is None else self.until
 
-    def process(self, system: System) -> ProcessGenerator:
+    def changes(self, system: System, memory: Memory) -> Iterator[Change]:
         """Let the agents go, and come back."""
-        yield from _away(system, self.agents, self.at, self.until, anew=False)
+        return _away(system, self.agents, self.at, self.until, anew=False)
 
 
 @built_in("intervention", "crash")
@@ -145,20 +139,25 @@ class Crash(BeginsAt, _OfAgents):
         """From when to when the agents are away."""
         return self.at, math.inf if self.until is None else self.until
 
-    def process(self, system: System) -> ProcessGenerator:
+    def changes(self, system: System, memory: Memory) -> Iterator[Change]:
         """Let the agents crash, and come back."""
-        yield from _away(system, self.agents, self.at, self.until, anew=True)
+        return _away(system, self.agents, self.at, self.until, anew=True)
 
 
-def _away(system: System, agents: Agents, at: float, until: float | None, *, anew: bool) -> ProcessGenerator:
+def _away(system: System, agents: Agents, at: float, until: float | None, *, anew: bool) -> Iterator[Change]:
     indices = agent_indices(system.problem, agents)
-    yield system.env.at(at, EventKind.INTERVENE)
-    for agent in indices:
-        leave(system, agent)
-    if until is not None:
-        yield system.env.at(until, EventKind.INTERVENE)
+
+    def go() -> None:
+        for agent in indices:
+            leave(system, agent)
+
+    def come_back() -> None:
         for agent in indices:
             join(system, agent, anew=anew)
+
+    yield at, go
+    if until is not None:
+        yield until, come_back
 
 
 @built_in("intervention", "unusual_activity")
@@ -189,18 +188,16 @@ class UnusualActivity(BeginsAt, _OfAgents):
         clean = validation.number("UnusualActivity.weight", self.weight, low=0.0, low_open=True)
         object.__setattr__(self, "weight", clean)
 
-    def process(self, system: System) -> ProcessGenerator:
+    def changes(self, system: System, memory: Memory) -> Iterator[Change]:
         """Scale the costs, and put them back."""
-        own = object()
-        yield system.env.at(self.at, EventKind.INTERVENE)
-        weigh(system, self.agents, self.weight, by=own)
+        own = memory["name"]
+        yield self.at, lambda: weigh(system, self.agents, self.weight, by=own)
         if self.until is not None:
-            yield system.env.at(self.until, EventKind.INTERVENE)
-            weigh(system, self.agents, 1.0, by=own)
+            yield self.until, lambda: weigh(system, self.agents, 1.0, by=own)
 
 
 @dataclass(frozen=True, eq=False)
-class Prices:
+class Prices(Planned):
     """The private costs of all agents are drawn anew at given intervals.
 
     Parameters
@@ -231,8 +228,11 @@ class Prices:
         """Refuse what does not fit a problem."""
         checked_costs(problem, self.draw(1))
 
-    def process(self, system: System) -> ProcessGenerator:
+    def changes(self, system: System, memory: Memory) -> Iterator[Change]:
         """Change the costs again and again."""
+
+        def renew(k: int) -> None:
+            redraw(system, self.draw(k), (str(memory["name"]), k))
+
         for k in count(1):
-            yield system.env.at(k * self.every, EventKind.INTERVENE)
-            set_costs(system, self.draw(k))
+            yield k * self.every, partial(renew, k)

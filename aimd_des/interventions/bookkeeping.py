@@ -1,12 +1,13 @@
 """The books that every change keeps: the log, and the problems that are in force one after another."""
 
+from aimd_des.engine.agenda import Planned
 from aimd_des.engine.system import System
 from aimd_des.results.event_log import Entry
 from aimd_des.results.run_data import Piece
 from aimd_des.utils.locked_arrays import locked
 
 
-class BeginsAt:
+class BeginsAt(Planned):
     """What an intervention that begins at a time tells the run about it."""
 
     at: float

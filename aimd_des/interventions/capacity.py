@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
 from pathlib import Path
 
 import numpy as np
 
 from aimd_des.channel.csv_columns import read_columns
-from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import EventKind
+from aimd_des.engine.agenda import Change, Memory, Planned
 from aimd_des.engine.system import System
 from aimd_des.interventions.bookkeeping import BeginsAt
 from aimd_des.interventions.parameters import set_capacity
@@ -49,15 +49,15 @@ class CapacityStep(BeginsAt):
         """Refuse what does not fit a problem."""
         resource_index(problem, self.resource)
 
-    def process(self, system: System) -> ProcessGenerator:
+    def changes(self, system: System, memory: Memory) -> Iterator[Change]:
         """Change the capacity when it is time."""
-        yield system.env.at(self.at, EventKind.INTERVENE)
-        set_capacity(system, resource_index(system.problem, self.resource), self.capacity)
+        j = resource_index(system.problem, self.resource)
+        yield self.at, lambda: set_capacity(system, j, self.capacity)
 
 
 @built_in("intervention", "capacity_ramp")
 @dataclass(frozen=True)
-class CapacityRamp:
+class CapacityRamp(Planned):
     """A capacity changes steadily, in equal small steps, from what it is to another one.
 
     Parameters
@@ -95,21 +95,24 @@ class CapacityRamp:
         """Refuse what does not fit a problem."""
         resource_index(problem, self.resource)
 
-    def process(self, system: System) -> ProcessGenerator:
+    def changes(self, system: System, memory: Memory) -> Iterator[Change]:
         """Change the capacity step by step."""
         j = resource_index(system.problem, self.resource)
-        yield system.env.at(self.start, EventKind.INTERVENE)
-        before = float(system.parameters.capacity[j])
+
+        def climb(share: float) -> None:
+            before = memory["before"]
+            set_capacity(system, j, before + share * (self.capacity - before))
+
+        yield self.start, lambda: memory.update(before=float(system.parameters.capacity[j]))
         for step in range(1, self.steps + 1):
             share = step / self.steps
             time = self.end if step == self.steps else self.start + share * (self.end - self.start)
-            yield system.env.at(time, EventKind.INTERVENE)
-            set_capacity(system, j, before + share * (self.capacity - before))
+            yield time, partial(climb, share)
 
 
 @built_in("intervention", "capacity_profile")
 @dataclass(frozen=True, eq=False)
-class CapacityProfile:
+class CapacityProfile(Planned):
     """A capacity follows a table of times and values, once or again and again.
 
     Parameters
@@ -197,14 +200,13 @@ class CapacityProfile:
         """Refuse what does not fit a problem."""
         resource_index(problem, self.resource)
 
-    def process(self, system: System) -> ProcessGenerator:
+    def changes(self, system: System, memory: Memory) -> Iterator[Change]:
         """Follow the profile."""
         j = resource_index(system.problem, self.resource)
-        for time, capacity in self._changes():
-            yield system.env.at(time, EventKind.INTERVENE)
-            set_capacity(system, j, capacity)
+        for time, capacity in self._rows():
+            yield time, partial(set_capacity, system, j, capacity)
 
-    def _changes(self) -> Iterator[tuple[float, float]]:
+    def _rows(self) -> Iterator[tuple[float, float]]:
         rows = list(zip(self.times.tolist(), self.capacities.tolist(), strict=True))
         if self.period is None:
             yield from rows

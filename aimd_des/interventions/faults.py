@@ -1,9 +1,9 @@
 """Faults of what is between the agents: the control unit goes down, the channel is partitioned."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import EventKind
+from aimd_des.engine.agenda import Change, Memory
 from aimd_des.engine.system import System
 from aimd_des.interventions.actions import cut_off, fail, reconnect, recover
 from aimd_des.interventions.bookkeeping import BeginsAt
@@ -47,12 +47,10 @@ class Failover(BeginsAt):
     def check(self, problem: Problem) -> None:
         """Accept any problem."""
 
-    def process(self, system: System) -> ProcessGenerator:
+    def changes(self, system: System, memory: Memory) -> Iterator[Change]:
         """Let the control unit fail, and be replaced."""
-        yield system.env.at(self.at, EventKind.INTERVENE)
-        fail(system)
-        yield system.env.at(self.at + self.duration, EventKind.INTERVENE)
-        recover(system)
+        yield self.at, lambda: fail(system)
+        yield self.at + self.duration, lambda: recover(system)
 
 
 @built_in("intervention", "partition")
@@ -87,10 +85,8 @@ class Partition(BeginsAt):
     def _indices(self, problem: Problem) -> list[int]:
         return list(range(problem.n_agents)) if self.agents is None else agent_indices(problem, self.agents)
 
-    def process(self, system: System) -> ProcessGenerator:
+    def changes(self, system: System, memory: Memory) -> Iterator[Change]:
         """Cut agents off, and reconnect them."""
         agents = self._indices(system.problem)
-        yield system.env.at(self.at, EventKind.INTERVENE)
-        cut_off(system, agents)
-        yield system.env.at(self.at + self.duration, EventKind.INTERVENE)
-        reconnect(system, agents)
+        yield self.at, lambda: cut_off(system, agents)
+        yield self.at + self.duration, lambda: reconnect(system, agents)

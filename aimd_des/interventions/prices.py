@@ -32,8 +32,15 @@ def set_costs(system: System, costs: Costs) -> None:
         If the costs couple resources where those before do not, or the other way round, or are of another
         shape, or not convex and increasing.
     """
+    redraw(system, costs, "")
+
+
+def redraw(system: System, costs: Costs, by: tuple[str, int] | str) -> None:
+    """Change the private costs, and note what has drawn them."""
     checked_costs(system.problem, costs)
-    system.conditions.base_costs = costs
+    conditions = system.conditions
+    conditions.base_costs = costs
+    conditions.recipes.append((costs, by, None))
     _reprice(system)
 
 
@@ -89,7 +96,12 @@ def _reprice(system: System) -> None:
     end_piece(system)
     plain = bool((conditions.weights == 1.0).all())
     base = conditions.base_costs
-    conditions.costs = base if plain else weighted_costs(base, conditions.weights)
+    if plain:
+        conditions.costs = base
+    else:
+        conditions.costs = weighted_costs(base, conditions.weights)
+        drawn = next((by for costs, by, _ in conditions.recipes if costs is base), None)
+        conditions.recipes.append((conditions.costs, drawn, conditions.weights))
     for tell in conditions.on_costs:
         tell(conditions.costs)
     note(system, Entry.COSTS)

@@ -1,7 +1,7 @@
 """The event log: every broadcast, copy and answer of a run, in the order in which they happened."""
 
 from array import array
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
@@ -74,15 +74,38 @@ class EventLog:
         # One typed array, entry after entry: 48 bytes each, and no object that the garbage collector visits.
         # Whole numbers are exact up to 2^53.
         self._numbers = array("d", numbers)
+        # Entries before these, shape (q, 6), of a run that has been forked: shared with what came of it.
+        self._earlier: tuple[FloatArray, ...] = ()
         self.add: Callable[[LogEntry], None] = self._numbers.extend
         self._before: Callable[[], None] = lambda: None
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A copy has the entries alone: whoever leads the log belongs to a run, which cannot be copied.
-        return EventLog, (self._numbers,)
+        return EventLog, (array("d", self._rows(0).tobytes()),)
 
     def __len__(self) -> int:
-        return len(self._numbers) // _FIELDS
+        return sum(map(len, self._earlier)) + len(self._numbers) // _FIELDS
+
+    def _rows(self, since: int) -> FloatArray:
+        """Return the entries, shape (q, 6), from one of them on."""
+        pieces = []
+        for piece in self._earlier:
+            pieces.append(piece[since:])
+            since = max(since - len(piece), 0)
+        # A copy: the array cannot grow while somebody looks at its memory.
+        pieces.append(np.array(self._numbers[_FIELDS * since :]).reshape(-1, _FIELDS))
+        return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
+
+    def state(self) -> dict[str, Any]:
+        """Return the entries so far; they are put aside, and nobody writes there any more."""
+        if self._numbers:
+            self._earlier = (*self._earlier, np.array(self._numbers).reshape(-1, _FIELDS))
+            del self._numbers[:]
+        return {"entries": self._earlier}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        self._earlier = tuple(state["entries"])
 
     def lead(self, before: Callable[[], None]) -> None:
         """Have something done before an entry is added, and before entries are read."""
@@ -100,8 +123,7 @@ class EventLog:
     def columns(self, since: int = 0) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray]:
         """Return the entries as arrays, from one of them on."""
         self._before()
-        # A copy: the array cannot grow while somebody looks at its memory.
-        rows = np.asarray(self._numbers[_FIELDS * since :]).reshape(-1, _FIELDS)
+        rows = self._rows(since)
         return rows[:, 0], rows[:, 1:5].astype(np.int64), rows[:, 5]
 
     def frame(

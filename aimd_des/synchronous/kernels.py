@@ -299,6 +299,7 @@ def take_custom_steps(
     costs: Costs,
     state: State,
     parameters: AgentParameters,
+    first: int,
     steps: int,
     lag: int,
     key: Key,
@@ -306,11 +307,12 @@ def take_custom_steps(
     records: RecordBuffers,
     buffers: StepBuffers,
 ) -> None:
-    """Take all steps with derivatives from the gradient of the costs, which kernels cannot call."""
+    """Take some steps with derivatives from the gradient of the costs, which kernels cannot call."""
     none, n = no_table(), records.demand.shape[2]
-    for step in range(steps):
+    for step in range(first, steps):
         if look_together(state, parameters, step, lag, control, records, buffers):
             # One call for all agents and resources: a function of Python costs more than what it computes.
             buffers.gradient[:, :n] = costs.gradient(buffers.average[:, :n].T).T
             answer_together(state, parameters, none, step, key, control, buffers)
-    close_books(state, parameters, steps, control, records, buffers)
+    if steps == control.broadcast.shape[0]:
+        close_books(state, parameters, steps, control, records, buffers)

@@ -1,11 +1,12 @@
 """Named random streams, and draws that have an address instead of a turn.
 
 Every stream descends from one seed: ``SeedSequence(seed, spawn_key=(purpose,))`` gives a Philox
-key.  The uniform number of agent i for broadcast b of resource j is word i mod 4 of block
-(i div 4 + 1, lane, j, b) of Philox-4x64-10 (Salmon, Moraes, Dror and Shaw, "Parallel random numbers:
-as easy as 1, 2, 3", SC 2011).  It is the same number in whatever order things are processed and
-however many other agents there are; ``numpy.random.Philox`` produces the very same bits.  The lane
-is 0 but where one broadcast needs several numbers for an agent (a second copy, a rejected draw).
+key; in a fork with draws of its own, the spawn key has its salts besides.  The uniform number of agent i for
+broadcast b of resource j is word i mod 4 of block (i div 4 + 1, lane, j, b) of Philox-4x64-10 (Salmon,
+Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011).  It is the same number in
+whatever order things are processed and however many other agents there are; ``numpy.random.Philox`` produces
+the very same bits.  The lane is 0 but where one broadcast needs several numbers for an agent (a second copy,
+a rejected draw).
 """
 
 from enum import IntEnum
@@ -49,7 +50,7 @@ class Purpose(IntEnum):
     SENSING = 6
 
 
-def key(seed: int, purpose: Purpose) -> Key:
+def key(seed: int, purpose: Purpose, salts: tuple[int, ...] = ()) -> Key:
     """Derive the Philox key of one purpose.
 
     Parameters
@@ -58,6 +59,8 @@ def key(seed: int, purpose: Purpose) -> Key:
         The run's seed, at least 0.
     purpose : Purpose
         What the stream is for.
+    salts : tuple of int
+        Of the forks that have led to the run and were given other draws, from the first on.
 
     Returns
     -------
@@ -70,7 +73,8 @@ def key(seed: int, purpose: Purpose) -> Key:
         If the seed is no integer of at least 0.
     """
     clean = validation.integer("seed", seed, low=0)
-    first, second = np.random.SeedSequence(clean, spawn_key=(int(purpose),)).generate_state(2, np.uint64)
+    address = (int(purpose), *salts)
+    first, second = np.random.SeedSequence(clean, spawn_key=address).generate_state(2, np.uint64)
     return first, second
 
 

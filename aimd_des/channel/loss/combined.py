@@ -1,5 +1,6 @@
 """Several causes of loss at once."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +12,7 @@ from aimd_des.channel.loss.independent import Bernoulli
 from aimd_des.channel.loss.kernels import TabledLoss, join
 from aimd_des.channel.loss.starting import start_loss
 from aimd_des.channel.loss.trace import Trace
+from aimd_des.channel.memory import memory_of, remember
 from aimd_des.channel.parameters import model_of, scalar_or_row
 from aimd_des.channel.random_draws import Draws
 from aimd_des.utils import returned_values
@@ -84,6 +86,15 @@ class _Parts:
         """Give the run in progress to the models that read it."""
         for process in self._processes:
             returned_values.attach(process, system)
+
+    def state(self) -> dict[str, Any]:
+        """Return what all of them remember."""
+        return {"parts": [memory_of(process) for process in self._processes]}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        for process, kept in zip(self._processes, state["parts"], strict=True):
+            remember(process, kept)
 
     def draw(self, draws: Draws) -> BoolArray:
         """Ask every model, also for copies that another one has lost: what it remembers must be kept up."""

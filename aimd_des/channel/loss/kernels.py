@@ -1,8 +1,8 @@
 """The losses of one broadcast as compiled code draws them, and what it remembers from one to the next."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -213,6 +213,17 @@ class TabledLoss:
 
     def __init__(self, table: LossTable) -> None:
         self.table = table
+
+    def state(self) -> dict[str, Any]:
+        """Return what it remembers."""
+        table = self.table
+        return {"bad": table.bad, "time": table.time, "row": table.row, "memory": table.memory}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        table = self.table
+        table.bad[:], table.time[:], table.row[:] = state["bad"], state["time"], state["row"]
+        table.memory[:] = state["memory"]
 
     def draw(self, draws: Draws) -> BoolArray:
         """Return whether each agent's copy is lost."""

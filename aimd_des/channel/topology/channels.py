@@ -12,6 +12,7 @@ from aimd_des.channel.latency.base import draw_latency
 from aimd_des.channel.loss import Bernoulli, Combined, CommonMode, Loss, LossProcess, Trace
 from aimd_des.channel.loss.base import draw_loss
 from aimd_des.channel.loss.starting import start_loss
+from aimd_des.channel.memory import memory_of, remember
 from aimd_des.channel.network_kernel import NetworkTable, spread
 from aimd_des.channel.random_draws import Draws
 from aimd_des.channel.topology.attributes import Graph
@@ -225,6 +226,14 @@ class _OpenNetwork:
     def attach(self, system: object) -> None:
         """Give the run in progress to a loss that reads it."""
         returned_values.attach(self.loss, system)
+
+    def state(self) -> dict[str, Any]:
+        """Return what it remembers."""
+        return {"loss": memory_of(self.loss)}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        remember(self.loss, state["loss"])
 
     def transmit(self, broadcast: Broadcast, departure: float) -> Copies:
         """Draw loss and latency of every arc, and say when copies arrive."""

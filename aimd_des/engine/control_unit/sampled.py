@@ -1,8 +1,8 @@
 """Control units that look at times of their own clock, and signal at each look with a probability."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import count
+from typing import Any
 
 from aimd_des.dynamics.clocks import Clock
 from aimd_des.engine.control_unit.base import SampledTable, table_of
@@ -72,16 +72,40 @@ class SampledUnit:
 
     def process(self, system: System) -> ProcessGenerator:
         """Look, and broadcast with the probability that total demand gives."""
-        table = table_of(self)
+        return Looks(self, system).process()
+
+
+class Looks:
+    """The looks of a control unit in one run."""
+
+    def __init__(self, control_unit: SampledUnit, system: System) -> None:
+        table = table_of(control_unit)
         assert isinstance(table, SampledTable)  # noqa: S101 - the run has checked it
-        field = returned_values.said_by(self, "table")
-        clock = Clock(table.period, table.phase)
-        for look in count():
+        self.system, self.table = system, table
+        self.field = returned_values.said_by(control_unit, "table")
+        self.look = 0
+
+    def process(self, again: bool = False) -> ProcessGenerator:
+        """Look for as long as the run lasts."""
+        system, table, clock = self.system, self.table, Clock(self.table.period, self.table.phase)
+        if not again:
+            self.look = clock.next_tick(system.env.now)
+        while True:
+            look = self.look
             yield system.env.at(clock.time(look), EventKind.SENSE)
+            self.look = look + 1
             if not system.conditions.failed[0]:
                 # All resources are decided on before anything is sent, which could be answered at once.
-                for resource in list(_due(system, table, look, field)):
+                for resource in list(_due(system, table, look, self.field)):
                     system.broadcast(resource, table.sensing_delay)
+
+    def state(self) -> dict[str, Any]:
+        """Return which look is next."""
+        return {"look": self.look}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` has returned."""
+        self.look = state["look"]
 
 
 def _due(system: System, table: SampledTable, look: int, field: str) -> Iterator[int]:

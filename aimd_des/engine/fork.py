@@ -1,0 +1,183 @@
+"""A run that goes on where another one stands: what every part of that keeps is loaded into it."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from aimd_des.engine.agenda import Agenda, is_planned
+from aimd_des.engine.observers import ConstantPieces, Observer
+from aimd_des.utils import validation
+from aimd_des.utils.errors import InputError
+
+if TYPE_CHECKING:
+    from aimd_des.engine.run_in_progress import Run
+    from aimd_des.engine.simulation import Simulation
+
+_GENERATOR = "which keep where they are in generators of Python, and these cannot be copied"
+
+
+def check_data(run: "Run") -> None:
+    """Refuse a run in which something is kept that is no data.
+
+    Parameters
+    ----------
+    run : Run
+        To be forked or saved.
+
+    Raises
+    ------
+    InputError
+        Naming the part, and the reason.
+    """
+    simulation = run.simulation
+    if not hasattr(simulation.agents, "populate"):
+        name = getattr(simulation.agents, "__name__", simulation.agents)
+        raise InputError.of(
+            "agents", name, f"Fleet: agents are processes otherwise, {_GENERATOR}", "the events are the same"
+        )
+    if simulation.special:
+        raise InputError.of("special", sorted(simulation.special), f"empty: they are processes, {_GENERATOR}")
+    if simulation.processes:
+        remedy, given = "derive an intervention from interventions.Planned", simulation.processes
+        raise InputError.of("processes", given, f"empty: they are processes, {_GENERATOR}", remedy)
+    for place, intervention in enumerate(simulation.interventions):
+        if not is_planned(intervention):
+            remedy = "derive it from interventions.Planned, and give changes() in place of process()"
+            allowed = f"a list of changes, and no process of its own, {_GENERATOR}"
+            raise InputError.of(f"interventions[{place}]", intervention, allowed, remedy)
+    if "control" not in run.system.parts:
+        allowed = f"a Crossing, or derived from SampledUnit: others are processes, {_GENERATOR}"
+        remedy = "give it table() in place of process()"
+        raise InputError.of("control_unit", simulation.control_unit, allowed, remedy)
+
+
+def branch(run: "Run", simulation: "Simulation", salts: tuple[int, ...]) -> "Run":
+    """Begin a run of a simulation where another run stands.
+
+    Parameters
+    ----------
+    run : Run
+        Of a simulation that differs in channel, control unit, response and interventions at most.
+    simulation : Simulation
+        Whose run it shall be from now on.
+    salts : tuple of int
+        Of the draws from now on.
+
+    Returns
+    -------
+    Run
+        At the same time; the other one goes on unaffected.
+
+    Raises
+    ------
+    InputError
+        If a part is no data, or an intervention would act before now.
+    """
+    before = run.simulation
+    fresh = simulation.begin(run.until, salts, run.system.keys if salts == run.salts else None)
+    state = state_of(run)
+    changed = {
+        "control": simulation.control_unit is not before.control_unit,
+        "link": simulation.channel is not before.channel,
+    }
+    if simulation.response is not before.response:
+        state["agents"]["memory"] = None
+    new = {name for name, is_new in changed.items() if is_new}
+    new.update(_new_interventions(run, fresh))
+    for name in new:
+        state.pop(name, None)
+        state["environment"]["processes"].pop(name, None)
+    load(fresh, state, new - {"link"} | _handed_over(run, fresh, state))
+    return fresh
+
+
+def state_of(run: "Run") -> dict[str, Any]:
+    """Return all that a run has come to, by the names of its parts; nothing of it may be written to."""
+    parts, env = run.system.parts, run.system.env
+    return {**{name: part.state() for name, part in parts.items()}, "environment": env.state()}
+
+
+def load(fresh: "Run", state: dict[str, Any], anew: set[str]) -> None:
+    """Let a run that has begun, and in which nothing has happened, stand where another one does.
+
+    Parameters
+    ----------
+    fresh : Run
+        Of the same problem and end.
+    state : dict
+        Of the other one; parts that it lacks stay as they are.
+    anew : set of str
+        Processes that begin now.
+    """
+    system, parts = fresh.system, fresh.system.parts
+    if state["environment"]["beginning"]:
+        # Nothing has happened but that some processes have begun, as they do in any run.
+        while system.env.beginning > state["environment"]["beginning"] and not anew:
+            fresh.step()
+        return
+    for name, part in parts.items():
+        if name in state:
+            part.resume(state[name])
+    control: Any = parts.get("control")
+    if hasattr(control, "resume_observer"):
+        control.resume_observer()
+    system.env.resume(state["environment"], sorted(anew))
+    system.transmitter.resume_events(state["transmitter"])
+    if "control" in state and hasattr(control, "resume_events"):
+        control.resume_events(state["control"])
+
+
+def _new_interventions(run: "Run", fresh: "Run") -> Iterator[str]:
+    """Yield the names of interventions that the run has not had; refuse what would act before now."""
+    before, now = run.simulation.interventions, run.time
+    for place, intervention in enumerate(fresh.simulation.interventions):
+        if place < len(before) and intervention is before[place]:
+            continue
+        name = f"interventions[{place}]"
+        agenda = run.system.parts.get(name)
+        if isinstance(agenda, Agenda) and agenda.done:
+            allowed = f"as it was: it has acted before the present, {now!r}"
+            raise InputError.of(name, intervention, allowed)
+        check_begin(name, intervention, fresh, now)
+        yield name
+    if len(fresh.simulation.interventions) < len(before):
+        raise InputError.of("interventions", fresh.simulation.interventions, "no fewer than before")
+
+
+def check_begin(name: str, intervention: Any, run: "Run", now: float) -> None:
+    """Refuse an intervention that would act before a time."""
+    begins = getattr(intervention, "begins", now)
+    if is_planned(intervention):
+        first = next(iter(intervention.changes(run.system, {"name": name})), None)
+        begins = now if first is None else first[0]
+    if begins < now:
+        allowed = f"one that acts at {now!r} or later: all before that has happened"
+        raise InputError.of(name, intervention, allowed, f"it would act at {begins!r}")
+
+
+def _handed_over(run: "Run", fresh: "Run", state: dict[str, Any]) -> set[str]:
+    """Let rows and ticks be followed by whom it is up to now; return the processes that begin for it."""
+    begun = set()
+    processes = state["environment"]["processes"]
+    for name, follows in (("totals", _keeps_totals), ("ticks", _follows_ticks)):
+        was, is_now = follows(run), follows(fresh)
+        if was and not is_now:
+            processes.pop(name, None)
+        elif is_now and not was:
+            begun.add(name)
+    return begun
+
+
+def _keeps_totals(run: "Run") -> bool:
+    observer = run.system.parts["observer"]
+    assert isinstance(observer, Observer)  # noqa: S101 - every run has one
+    return observer.watching
+
+
+def _follows_ticks(run: "Run") -> bool:
+    overshoot = run.system.parts.get("overshoot")
+    return isinstance(overshoot, ConstantPieces) and overshoot.following
+
+
+def salted(salts: tuple[int, ...], salt: int | None) -> tuple[int, ...]:
+    """Return the salts of a fork."""
+    return salts if salt is None else (*salts, validation.integer("salt", salt, low=0))
