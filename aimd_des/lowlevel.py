@@ -10,6 +10,7 @@ from aimd_des.dynamics.responses import response_probability
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, SampledTable, SampledUnit
 from aimd_des.engine.delivery import Agent, ProcessGenerator, Signal
 from aimd_des.engine.environment import EventKind, OrderedEnvironment
+from aimd_des.engine.run_file import resume
 from aimd_des.engine.run_in_progress import Run
 from aimd_des.engine.system import System
 from aimd_des.problem.lookup import agent_indices
@@ -53,6 +54,7 @@ __all__ = [
     "part",
     "quantile_table",
     "response_probability",
+    "resume",
     "standard_normal",
     "start_synchronous",
     "uniforms",

@@ -65,7 +65,7 @@ FACES = {
         Agent Broadcast Channel ControlUnit Copies CrossingTable DrawnLink Draws EventKind FloatArray Link
         OrderedEnvironment ProcessGenerator Purpose Run SampledTable SampledUnit Signal
         SynchronousRun System agent_indices exp expm1 exps generator key log log1p logs lost_table
-        part quantile_table response_probability standard_normal start_synchronous uniforms
+        part quantile_table response_probability resume standard_normal start_synchronous uniforms
     """,
     "metrics": """
         consensus_spread cost_ratio relative_error utilisation

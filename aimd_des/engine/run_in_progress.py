@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 from aimd_des.engine.declared import Intervention
 from aimd_des.engine.fork import branch, check_data, salted
+from aimd_des.engine.run_file import save_run
 from aimd_des.engine.system import System
 from aimd_des.results.result import Result
 from aimd_des.utils import validation
@@ -208,6 +210,24 @@ class Run:
             parts["interventions"] = (*self.simulation.interventions, *more)
         simulation = self.simulation.with_parts(**parts) if parts else self.simulation
         return branch(self, simulation, salted(self.salts, salt))
+
+    def save(self, path: "str | Path") -> None:
+        """Write to a file where the run stands: `lowlevel.resume` goes on from there, and so does the run.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; one that is there is replaced as a whole.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written, and as `fork` does.
+        SimulationError
+            As `fork` does.
+        """
+        self._refuse_going("a run that is saved")
+        save_run(self, Path(path))
 
     def _refuse_going(self, what: str) -> None:
         if self._result is not None:
