@@ -1,5 +1,6 @@
 """`aimd-des run`: one scenario, and a folder with what came out."""
 
+import math
 import warnings
 from pathlib import Path
 
@@ -39,6 +40,12 @@ def _formats(_context: click.Context, _option: click.Parameter, given: str) -> t
     help="Folder for the results, new or empty.  [default: results/NAME of the file]",
 )
 @click.option("--overwrite", is_flag=True, help="Replace a folder that an earlier run wrote.")
+@click.option(
+    "--checkpoint",
+    type=click.FloatRange(0.0, min_open=True),
+    help="Every so many seconds, write to OUT.checkpoint where the run stands; for fleets.",
+)
+@click.option("--resume", is_flag=True, help="Go on from OUT.checkpoint, if there is one.")
 @click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures, too.")
 @click.option(
     "--format",
@@ -56,6 +63,8 @@ def command(
     settings: tuple[str, ...],
     out: Path | None,
     overwrite: bool,
+    checkpoint: float | None,
+    resume: bool,
     figures: bool,
     formats: tuple[str, ...],
 ) -> None:
@@ -66,16 +75,21 @@ def command(
     and optimum.parquet (what they are held against), convergence.parquet (misallocation over time, and what
     theory expects of it), figures, run.json (digest, seed, versions), and SHA256SUMS (a checksum of
     each file).  The same scenario and seed give the same digest.
+
+    A run with --checkpoint that was ended goes on with --resume, to the same bytes: the same command with
+    both may be repeated until it is through.
     """
     from aimd_des.cli.progress import RunProgress
     from aimd_des.cli.run_tables import print_measures
     from aimd_des.results.overload import overload_words
     from aimd_des.scenario import load_scenario
+    from aimd_des.scenario.checkpoints import begin, finish
     from aimd_des.scenario.run_folder import load_run, write_run
     from aimd_des.utils.errors import OverloadWarning
     from aimd_des.utils.folders import check_folder
 
     folder = Path("results") / scenario.stem if out is None else out
+    kept = folder.with_name(f"{folder.name}.checkpoint")
     with refusing():
         check_command(scenario, study=False)
         loaded = load_scenario(scenario, **changes(settings, seed=seed, agents=agents))
@@ -83,9 +97,17 @@ def command(
         place = check_folder(folder, overwrite=overwrite)
     with refusing(scenario), RunProgress(loaded.until) as progress, warnings.catch_warnings():
         warnings.simplefilter("ignore", OverloadWarning)  # said below, in one line
-        result = loaded.run(progress.update)
+        if checkpoint is None and not resume:
+            result = loaded.run(progress.update)
+        else:
+            begun = begin(loaded, kept, resumed=resume)
+            if begun.time > 0.0:
+                say(f"Goes on at time {begun.time:g} from {kept}", err=True)
+            result = finish(begun, kept, math.inf if checkpoint is None else checkpoint, progress.update)
     with writing(folder), refusing():
         write_run(place, loaded, result, figures=figures, formats=formats)
+        if resume or checkpoint is not None:
+            kept.unlink(missing_ok=True)
     with refusing():
         stored = load_run(folder)
         print_measures("Summary", stored)

@@ -1,0 +1,138 @@
+"""`aimd-des run --checkpoint --resume`: whatever ends a run, the same command goes on, to the same bytes."""
+
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from aimd_des.scenario import checkpoints, load_scenario
+from aimd_des.utils.errors import SimulationError
+from tests.command_line import everything, invoke, refusal, run, write
+from tests.conftest import quietly
+
+pytestmark = pytest.mark.usefixtures("own_folder")
+
+FLEET = ("--agents", "fleet")
+KEPT = Path("out.checkpoint")
+
+
+def sums(folder: str) -> str:
+    """The checksums of all files of a folder."""
+    return Path(folder, "SHA256SUMS").read_text(encoding="utf-8")
+
+
+def checkpoint_at(until: float, at: float, **changes: object) -> None:
+    """Leave the checkpoint of a run that was ended on its way."""
+    scenario = load_scenario(write(), agents="fleet", until=until, **changes)
+    begun = scenario.simulation().start(until)
+    begun.advance(at)
+    begun.save(KEPT)
+
+
+def test_checkpoints_change_nothing_and_are_gone_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    write()
+    assert run("five.toml", *FLEET, "--out", "whole").exit_code == 0
+    saved = []
+    monkeypatch.setattr(checkpoints.Run, "save", lambda run, path: saved.append((run.time, path.name)))
+    outcome = run("five.toml", *FLEET, "--out", "out", "--checkpoint", "1e-9")
+    assert outcome.exit_code == 0, outcome.output
+    assert sums("out") == sums("whole")
+    times = [time for time, _ in saved]
+    assert len(times) > 3
+    assert times == sorted(set(times))
+    assert {name for _, name in saved} == {"out.checkpoint"}
+
+
+def test_a_run_goes_on_from_its_checkpoint() -> None:
+    write()
+    assert run("five.toml", *FLEET, "--out", "whole").exit_code == 0
+    checkpoint_at(60, 41.0)
+    outcome = run("five.toml", *FLEET, "--out", "out", "--resume")
+    assert outcome.exit_code == 0, outcome.output
+    assert outcome.stderr.count("Goes on at time 41 from out.checkpoint") == 1
+    assert sums("out") == sums("whole")
+    assert not KEPT.exists()
+
+
+def test_without_a_checkpoint_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    outcome = run(str(write()), *FLEET, "--out", "out", "--resume")
+    assert outcome.exit_code == 0, outcome.output
+    assert "Goes on" not in outcome.stderr
+    # What is there from another attempt is of no interest to one that does not ask for it.
+    checkpoint_at(60, 41.0)
+    monkeypatch.setattr(checkpoints, "resume", lambda *_: pytest.fail("asked for"))
+    assert run("five.toml", *FLEET, "--out", "new", "--checkpoint", "60").exit_code == 0
+
+
+def test_what_cannot_be_gone_on_with_is_refused() -> None:
+    write()
+    command = ("run", "five.toml", "--no-figures", "--out", "out")
+    assert "agents = 'process': must be 'fleet' with checkpoints" in refusal(*command, "--checkpoint", "5")
+    synchronous = ("--set", "dynamics=synchronous", "--checkpoint", "5")
+    assert "dynamics = 'synchronous': must be 'discrete' or" in refusal(*command, *synchronous)
+    checkpoint_at(60, 41.0)
+    again = (*command, *FLEET, "--resume")
+    assert "simulation = 'Simulation': must be that of which out.checkpoint" in refusal(*again, "--seed", "5")
+    assert "until = 70.0: must be 60.0, as of the run in out.checkpoint" in refusal(
+        *again, "--set", "until=70"
+    )
+    damaged = bytearray(KEPT.read_bytes())
+    damaged[1000] ^= 1
+    KEPT.write_bytes(damaged)
+    assert "out.checkpoint: is damaged (it does not have its checksum)" in refusal(*again)
+
+
+def test_a_run_that_fails_leaves_its_checkpoint(monkeypatch: pytest.MonkeyPatch) -> None:
+    write()
+    checkpoint_at(60, 41.0)
+    before = everything()
+
+    def fail(*_: object) -> None:
+        raise SimulationError("by the test")
+
+    monkeypatch.setattr(checkpoints.Run, "advance", fail)
+    assert run("five.toml", *FLEET, "--out", "out", "--resume").exit_code == 1
+    assert everything() == before
+
+
+KILLS = 3
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL")
+def test_killed_at_random_moments_it_goes_on_to_the_same_bytes() -> None:
+    write()
+    until = ("--set", "until=4000000", "--set", "recording.demand=1000.0")
+    options = ("five.toml", *FLEET, *until, "--no-figures")
+    whole = quietly(invoke, "run", *options, "--out", "whole")
+    assert whole.exit_code == 0, whole.output
+    command = [
+        sys.executable,
+        "-m",
+        "aimd_des",
+        "run",
+        *options,
+        "--out",
+        "out",
+        "--checkpoint",
+        "0.05",
+        "--resume",
+    ]
+    draw, killed, seen = random.Random(1), 0, 0
+    while killed < KILLS:
+        process = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        # At any moment after it has written something new, and so perhaps while it writes.
+        while process.poll() is None and (not KEPT.exists() or KEPT.stat().st_mtime_ns == seen):
+            time.sleep(0.005)
+        time.sleep(draw.uniform(0.0, 0.3))
+        assert process.poll() is None, "the run was through before it could be killed"
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        killed, seen = killed + 1, KEPT.stat().st_mtime_ns
+    assert subprocess.run(command, check=False, capture_output=True).returncode == 0
+    assert sums("out") == sums("whole")
+    assert not KEPT.exists()
