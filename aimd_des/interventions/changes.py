@@ -1,9 +1,11 @@
 """The control unit and the channel, changed while a run goes on: hold-off, threshold, latency and losses."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
 from aimd_des.channel import Channel
+from aimd_des.engine.agenda import Change, Memory
 from aimd_des.engine.control_unit import Crossing
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import EventKind
@@ -148,11 +150,14 @@ class ChangeThreshold(BeginsAt):
             return list(range(problem.n_resources))
         return [resource_index(problem, self.resource)]
 
-    def process(self, system: System) -> ProcessGenerator:
-        """Change the threshold."""
-        yield system.env.at(self.at, EventKind.INTERVENE)
-        for j in self._indices(system.problem):
-            set_threshold(system, j, self.threshold)
+    def changes(self, system: System, memory: Memory) -> Iterator[Change]:
+        """Change the threshold when it is time."""
+
+        def change() -> None:
+            for j in self._indices(system.problem):
+                set_threshold(system, j, self.threshold)
+
+        yield self.at, change
 
 
 @built_in("intervention", "channel")

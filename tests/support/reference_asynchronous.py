@@ -252,6 +252,7 @@ class _Run:
         self.costs: Any = setting.problem.costs
         self.factors: list[list[float]] = [[] for _ in self.agents]
         # Control unit and channel.
+        self.threshold = setting.problem.threshold.tolist()
         self.number, self.failed, self.cut = [0] * self.m, 0, [0] * self.n
         self.hold_off = [setting.unit[1]] * self.m
         self.held_until, self.fallen = [-1.0] * self.m, [0.0] * self.m
@@ -418,7 +419,7 @@ class _Run:
 
     def limit(self, j: int) -> float:
         """The total demand at which signals are due."""
-        return float(self.problem.threshold[j] * self.capacity[j])
+        return float(self.threshold[j] * self.capacity[j])
 
     def look(self, look: int) -> None:
         """Look on the clock, and again."""
@@ -535,6 +536,10 @@ class _Run:
 
     def begin_step(self, place: int, j: int, at: float, capacity: float) -> None:
         self.change(place, at, partial(setitem, self.capacity, j, capacity))
+
+    def begin_threshold(self, place: int, at: float, threshold: float, resource: int | None) -> None:
+        for j in self.resources if resource is None else [resource]:
+            self.change(place, at, partial(setitem, self.threshold, j, threshold))
 
     def begin_ramp(self, place: int, j: int, start: float, end: float, capacity: float, steps: int) -> None:
         def begin() -> None:
