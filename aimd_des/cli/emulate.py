@@ -22,7 +22,7 @@ _EPILOG = """\b
 Examples:
   aimd-des emulate mine.toml --unit 0.25 --processes 4 --out results/real
   aimd-des emulate --replay results/real
-  aimd-des emulate mine.toml --listen 10.0.0.1:47000 --processes 4 --out results/real
+  aimd-des emulate mine.toml --listen 10.0.0.1:47000 --out results/real
   aimd-des emulate mine.toml --join 10.0.0.1:47000 --processes 2
 """
 
