@@ -4,6 +4,7 @@ import pandas as pd
 import pytest
 
 from aimd_des.cli.scenario_diff import differences, flat
+from aimd_des.results.measures import measure_words
 from aimd_des.utils.formatting import measured
 from tests.command_line import digest, refusal, run, said, words, write
 from tests.conftest import INLINE
@@ -37,7 +38,13 @@ def test_the_keys_that_differ_are_named_and_measures_are_side_by_side() -> None:
     for name in first:
         for resource in ("memory", "disk"):
             one, other = first[name].to_dict()[resource], second[name].to_dict()[resource]
-            expected = [*name.split("_"), resource, measured(one), measured(other), measured(other - one)]
+            expected = [
+                *measure_words(name).split(),
+                resource,
+                measured(one),
+                measured(other),
+                measured(other - one),
+            ]
             assert expected in rows
 
 
