@@ -22,7 +22,6 @@ PENDING = frozenset(
         "docs/emulation.md",
         "docs/extending.md",
         "docs/figures.md",
-        "docs/live.md",
         "docs/performance.md",
         "docs/report.md",
         "docs/scenario_files.md",
