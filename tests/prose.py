@@ -21,7 +21,6 @@ PENDING = frozenset(
         "docs/disturbances.md",
         "docs/emulation.md",
         "docs/extending.md",
-        "docs/figures.md",
         "docs/performance.md",
         "docs/scenario_files.md",
         "docs/scenarios.md",
