@@ -19,7 +19,6 @@ PENDING = frozenset(
         "docs/convergence.md",
         "docs/delay_and_loss.md",
         "docs/disturbances.md",
-        "docs/emulation.md",
         "docs/extending.md",
         "docs/performance.md",
         "docs/scenario_files.md",
