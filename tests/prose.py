@@ -17,7 +17,6 @@ PENDING = frozenset(
     {
         "docs/command_line.md",
         "docs/convergence.md",
-        "docs/disturbances.md",
         "docs/extending.md",
         "docs/performance.md",
         "docs/scenario_files.md",
