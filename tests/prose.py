@@ -19,7 +19,6 @@ PENDING = frozenset(
         "docs/convergence.md",
         "docs/extending.md",
         "docs/performance.md",
-        "docs/scenario_files.md",
         "docs/scenarios.md",
         "docs/theory.md",
         "docs/theory_table.md",
