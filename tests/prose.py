@@ -17,7 +17,6 @@ PENDING = frozenset(
     {
         "docs/command_line.md",
         "docs/convergence.md",
-        "docs/extending.md",
         "docs/performance.md",
         "docs/scenarios.md",
         "docs/theory.md",
