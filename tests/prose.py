@@ -18,7 +18,6 @@ PENDING = frozenset(
         "docs/convergence.md",
         "docs/performance.md",
         "docs/scenarios.md",
-        "docs/theory.md",
         "docs/theory_table.md",
     }
 )
