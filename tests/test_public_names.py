@@ -88,9 +88,9 @@ FACES = {
         scenario_schema validate_scenario with_settings write_run
     """,
     "study": """
-        Axis BatchMeans Interval Precision Study StudyResults Tally batch_means compare difference
-        jackknife load_study mean_and_error mean_interval mser paired_difference read_study replicate
-        replications_needed run_study steady_utilisation summarise
+        Axis BatchMeans Interval Precision RareEvent Study StudyResults Tally batch_means compare difference
+        jackknife load_study mean_and_error mean_interval mser paired_difference rare_event read_study
+        replicate replications_needed run_study steady_utilisation summarise
     """,
     "theory": """
         BurstRunaway Churn Congestion Convergence Expected Flow LimitCycle Needed Prediction Recovery

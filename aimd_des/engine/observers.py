@@ -53,7 +53,7 @@ class ConstantPieces:
         self.peak, self.above, self.excess, self.used = np.zeros((4, m))
         self.measured, self.tick = np.zeros(1), np.zeros(1, dtype=np.int64)
         self.stretches: list[Stretch] = []
-        self._begun = 0.0
+        self._begun, self._forgotten = 0.0, 0
         system.on_intervention.append(self._changed)
         system.conditions.on_piece.append(self.close_stretch)
         self.following = True
@@ -93,6 +93,7 @@ class ConstantPieces:
             "tick": int(self.tick[0]),
             "ticks": () if self._sums is None else tuple(self._ticks),
             "sums": None if self._sums is None else self._sums.state(),
+            "forgotten": self._forgotten,
         }
 
     def resume(self, state: Mapping[str, Any]) -> None:
@@ -101,6 +102,7 @@ class ConstantPieces:
         for row, kept in zip(own, state["measures"], strict=True):
             row[:] = kept
         self._begun, self.stretches = state["begun"], list(state["stretches"])
+        self._forgotten = state["forgotten"]
         clocks, tick = self.system.clocks, state["tick"]
         assert clocks is not None  # noqa: S101 - discrete agents have clocks
         self.tick[0] = tick
@@ -134,6 +136,18 @@ class ConstantPieces:
         used = self.used + self._totals() * since if since > 0.0 else self.used
         return np.asarray(used / self.system.parameters.capacity + _load_before(self.stretches))
 
+    def peak_load(self) -> FloatArray:
+        """Return the largest total over the capacity in force up to now, since peaks were last forgotten."""
+        peak = self.peak
+        if self.system.env.now > self.measured[0]:
+            peak = np.maximum(peak, self._totals())
+        return _peak_load(peak / self.system.parameters.capacity, self.stretches[self._forgotten :])
+
+    def forget_peaks(self) -> None:
+        """Look for peaks from now on only: what the result says of them is no longer so."""
+        self._close()
+        self.peak[:], self._forgotten = 0.0, len(self.stretches)
+
     def close_stretch(self) -> None:
         """End what was measured with the present capacities: they change, or the run is over."""
         now = float(self.system.env.now)
@@ -146,6 +160,11 @@ class ConstantPieces:
             for row in measures:
                 row[:] = 0.0
             self._begun = now
+
+
+def _peak_load(load: FloatArray, stretches: list[Stretch]) -> FloatArray:
+    """Return the largest of a load and those of what was measured before."""
+    return np.asarray(np.maximum.reduce([load, *(stretch.peak / stretch.capacity for stretch in stretches)]))
 
 
 def _load_before(stretches: list[Stretch]) -> FloatArray | float:
@@ -217,7 +236,7 @@ class LinearPieces:
         self.slope = system.conditions.growth  # the array of the conditions: interventions write it
         self.running = np.zeros((m, 6))
         self.stretches: list[Stretch] = []
-        self._begun = 0.0
+        self._begun, self._forgotten = 0.0, 0
         self.times = [array("d") for _ in range(m)]
         self.changes = [array("d") for _ in range(m)]
         system.on_response.append(self.changed)
@@ -229,12 +248,18 @@ class LinearPieces:
         """Return what has been measured."""
         # Folding earlier gives the same numbers: it goes from change to change.
         self.flush()
-        return {"running": self.running, "begun": self._begun, "stretches": tuple(self.stretches)}
+        return {
+            "running": self.running,
+            "begun": self._begun,
+            "stretches": tuple(self.stretches),
+            "forgotten": self._forgotten,
+        }
 
     def resume(self, state: Mapping[str, Any]) -> None:
         """Go on from what `state` has returned."""
         self.running[:] = state["running"]
         self._begun, self.stretches = state["begun"], list(state["stretches"])
+        self._forgotten = state["forgotten"]
 
     def changed(self, time: float, resource: int, change: float) -> None:
         """Take note of a change of the total."""
@@ -278,6 +303,20 @@ class LinearPieces:
         since = self.system.env.now - self.running[:, 0]
         used = self.running[:, 5] + (self.running[:, 1] + 0.5 * self.slope * since) * since
         return np.asarray(used / self.system.parameters.capacity + _load_before(self.stretches))
+
+    def peak_load(self) -> FloatArray:
+        """Return the largest total over the capacity in force up to now, since peaks were last forgotten."""
+        self.system.settle()
+        self.flush()
+        now = self.running[:, 1] + self.slope * (self.system.env.now - self.running[:, 0])
+        peak = np.maximum(self.running[:, 2], now)
+        return _peak_load(peak / self.system.parameters.capacity, self.stretches[self._forgotten :])
+
+    def forget_peaks(self) -> None:
+        """Look for peaks from now on only: what the result says of them is no longer so."""
+        self.system.settle()
+        self.flush()
+        self.running[:, 2], self._forgotten = 0.0, len(self.stretches)
 
     def close_stretch(self) -> None:
         """End what was measured with the present capacities: they change, or the run is over."""

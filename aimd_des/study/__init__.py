@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from aimd_des.study.axis import Axis
     from aimd_des.study.file import read_study
+    from aimd_des.study.rare_events import RareEvent, rare_event
     from aimd_des.study.replications import jackknife, mean_and_error, replicate
     from aimd_des.study.results import StudyResults, load_study
     from aimd_des.study.run import Tally, run_study
@@ -22,6 +23,7 @@ _HOME = {
     "BatchMeans": "statistics.steady_state",
     "Interval": "statistics.intervals",
     "Precision": "study",
+    "RareEvent": "rare_events",
     "Study": "study",
     "StudyResults": "results",
     "Tally": "run",
@@ -34,6 +36,7 @@ _HOME = {
     "mean_interval": "statistics.intervals",
     "mser": "statistics.steady_state",
     "paired_difference": "statistics.intervals",
+    "rare_event": "rare_events",
     "read_study": "file",
     "replicate": "replications",
     "replications_needed": "statistics.stopping",
@@ -47,6 +50,7 @@ __all__ = [
     "BatchMeans",
     "Interval",
     "Precision",
+    "RareEvent",
     "Study",
     "StudyResults",
     "Tally",
@@ -59,6 +63,7 @@ __all__ = [
     "mean_interval",
     "mser",
     "paired_difference",
+    "rare_event",
     "read_study",
     "replicate",
     "replications_needed",
