@@ -207,21 +207,58 @@ class OrderedEnvironment(simpy.Environment):
         self._begun[name] = _Begun(process, make, place)
 
     def place_of(self, event: simpy.Event | None) -> Place | None:
-        """Tell where an event stands in the queue; None where it has happened."""
+        """Tell where an event stands in the queue.
+
+        Parameters
+        ----------
+        event : Event, optional
+            What has been scheduled; None stands nowhere.
+
+        Returns
+        -------
+        Place or None
+            None where it has happened.
+        """
         for time, kind, order, queued in self._queue:
             if queued is event:
                 return Place(time, int(kind), order, getattr(queued, "turn", 0))
         return None
 
     def own(self, time: float, kind: EventKind, order: int | None = None) -> simpy.Event:
-        """Schedule an event, as `at` does, whose place its owner keeps, and puts back in another run."""
+        """Schedule an event, as `at` does, whose place its owner keeps, and puts back in another run.
+
+        Parameters
+        ----------
+        time : float
+            When; not before now.
+        kind : EventKind
+            What it is.
+        order : int, optional
+            Decides among events of the same time and kind.
+
+        Returns
+        -------
+        simpy.Event
+            Already triggered.
+        """
         event = self.at(time, kind, order)
         assert isinstance(event, _Due)  # noqa: S101 - `at` makes no others
         event.owned = True
         return event
 
     def put_back(self, place: Place) -> simpy.Event:
-        """Schedule an event where one stands in the run that is gone on with."""
+        """Schedule an event where one stands in the run that is gone on with.
+
+        Parameters
+        ----------
+        place : Place
+            As `place_of` has returned it there.
+
+        Returns
+        -------
+        simpy.Event
+            Already triggered, and owned by the caller.
+        """
         event = _Due(self, place.order, place.turn)
         event.owned = True
         heappush(self._queue, (place.time, place.kind, place.order, event))  # type: ignore[misc]

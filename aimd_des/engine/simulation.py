@@ -254,7 +254,22 @@ class Simulation:
     def begin(
         self, until: float, salts: tuple[int, ...] = (), keys: Mapping[Purpose, Key] | None = None
     ) -> Run:
-        """Begin a run as `start` does, with the draws of a fork; their keys are derived unless given."""
+        """Begin a run as `start` does, with the draws of a fork.
+
+        Parameters
+        ----------
+        until : float
+            The end, checked.
+        salts : tuple of int
+            Of the forks that have led to the run.
+        keys : mapping of Purpose to Key, optional
+            What draws are made with; derived from seed and salts unless given.
+
+        Returns
+        -------
+        Run
+            At time 0.
+        """
         # Everything that changes is made here, so that one simulation can be run any number of times.
         check_end(self.interventions, until)
         log = EventLog() if self.recording.events else None
@@ -273,7 +288,18 @@ class Simulation:
         return Run(self, system, salts, lambda: self._result(system, observer))
 
     def with_parts(self, **parts: Any) -> "Simulation":
-        """Make the same simulation but for some of its arguments."""
+        """Make the same simulation but for some of its arguments.
+
+        Parameters
+        ----------
+        **parts
+            Arguments that are others.
+
+        Returns
+        -------
+        Simulation
+            All others are those of this one.
+        """
         names = inspect.signature(type(self)).parameters
         return type(self)(**{**{name: getattr(self, name) for name in names}, **parts})
 

@@ -71,6 +71,23 @@ class SynchronousRun:
 
     It may be advanced in any number of pieces: the result is that of `run_synchronous`, to the last bit.
 
+    Parameters
+    ----------
+    setting : Setting
+        What was asked for.
+    law : Law
+        What agents do.
+    salts : tuple of int
+        Of the forks that have led here and were given draws of their own.
+    key : tuple of two uint64
+        What responses are drawn with.
+    state : State
+        Of all agents, as arrays of this run.
+    control : StepControl
+        The control unit, as arrays of this run.
+    records : RecordBuffers
+        What is still to be recorded.
+
     Examples
     --------
     >>> from aimd_des.lowlevel import start_synchronous
