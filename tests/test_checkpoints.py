@@ -106,7 +106,7 @@ KILLS = 3
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL")
 def test_killed_at_random_moments_it_goes_on_to_the_same_bytes() -> None:
     write()
-    until = ("--set", "until=4000000", "--set", "recording.demand=1000.0")
+    until = ("--set", "until=1500000", "--set", "recording.demand=1000.0")
     options = ("five.toml", *FLEET, *until, "--no-figures")
     whole = quietly(invoke, "run", *options, "--out", "whole")
     assert whole.exit_code == 0, whole.output
@@ -119,7 +119,7 @@ def test_killed_at_random_moments_it_goes_on_to_the_same_bytes() -> None:
         "--out",
         "out",
         "--checkpoint",
-        "0.05",
+        "0.3",
         "--resume",
     ]
     draw, killed, seen = random.Random(1), 0, 0
