@@ -13,6 +13,11 @@ def say(text: str = "", *, err: bool = False, end: bool = True) -> None:
     click.echo(fit(text), err=err, nl=end)
 
 
+def write_out(data: str) -> None:
+    """Write data to the standard output as they are, for other programs."""
+    click.echo(data, nl=False)
+
+
 def let_go_of_output() -> None:
     """Write no more to a standard output that refuses: Python would try again, and complain, when it ends."""
     try:

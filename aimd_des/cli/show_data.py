@@ -7,10 +7,8 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import click
-
 from aimd_des.cli.errors import Refusal, writing
-from aimd_des.cli.printing import say
+from aimd_des.cli.printing import say, write_out
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,13 +25,13 @@ _DPI = 160
 def print_data(table: "pd.DataFrame", form: Literal["csv", "json"]) -> None:
     """Print a table whole, for other programs; what is not a number is empty, or null."""
     if form == "csv":
-        click.echo(table.to_csv(index=False), nl=False)
+        write_out(table.to_csv(index=False))
         return
     rows = [
         {name: None if isinstance(value, float) and isnan(value) else value for name, value in row.items()}
         for row in table.to_dict("records")
     ]
-    click.echo(json.dumps(rows, indent=2, ensure_ascii=False, default=float))
+    write_out(json.dumps(rows, indent=2, ensure_ascii=False, default=float) + "\n")
 
 
 def run_table(run: "StoredRun", measures: Sequence[str]) -> "pd.DataFrame":
