@@ -301,14 +301,15 @@ def serving(scenario: Scenario) -> Iterator[int]:
 
     sockets = bind_sockets(0, "127.0.0.1")
     port = sockets[0].getsockname()[1]
-    loop = asyncio.new_event_loop()
+    loop, servers = asyncio.new_event_loop(), list[HTTPServer]()
 
     def work() -> None:
         asyncio.set_event_loop(loop)
         with ThreadPoolExecutor(2) as pool:
 
             async def begin() -> None:
-                HTTPServer(application(scenario, TOKEN, port, pool)).add_sockets(sockets)
+                servers.append(HTTPServer(application(scenario, TOKEN, port, pool)))
+                servers[0].add_sockets(sockets)
 
             loop.run_until_complete(begin())
             loop.run_forever()
@@ -318,6 +319,8 @@ def serving(scenario: Scenario) -> Iterator[int]:
     try:
         yield port
     finally:
+        for server in servers:
+            loop.call_soon_threadsafe(server.stop)
         loop.call_soon_threadsafe(loop.stop)
         thread.join(10.0)
         loop.close()
