@@ -360,7 +360,8 @@ def conditions(draw: st.DrawFn, problem: Problem, until: float) -> Intervention:
     j, agent = draw(st.integers(0, problem.n_resources - 1)), draw(st.integers(0, problem.n_agents - 1))
     at, long, steps = draw(moments(until)), draw(lengths), draw(st.integers(1, 5))
     capacity = float(draw(st.sampled_from([0.3, 0.6, 1.5]) | st.floats(0.4, 1.5)) * problem.capacity[j])
-    table, period = [0.0, 1.0 + draw(times)], draw(st.sampled_from([None, 4.0, 7.3]))
+    # A period is longer than the table: `times` are 3 at most.
+    table, period = [0.0, 1.0 + draw(times)], draw(st.sampled_from([None, 4.5, 7.3]))
     members = draw(st.sampled_from([None, [0], [agent], list(range(0, problem.n_agents, 2))]))
     kinds = [
         lambda: CapacityStep(j, at, capacity),
