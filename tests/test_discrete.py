@@ -262,7 +262,7 @@ def test_steps_taken_in_blocks_are_the_same_steps(monkeypatch: pytest.MonkeyPatc
     recording = Recording(demand=7.0, allocations=11.0)
     whole = quietly(run_synchronous, problem, steps=1000, seed=4, recording=recording)
     for entries in (1, 10 * 37, 10 * 500):
-        monkeypatch.setattr("aimd_des.synchronous.synchronous._IN_ONE_GO", entries)
+        monkeypatch.setattr("aimd_des.synchronous.run_in_steps._IN_ONE_GO", entries)
         assert_same_run(quietly(run_synchronous, problem, steps=1000, seed=4, recording=recording), whole)
     assert (
         whole.signals.groupby("resource", observed=True)["number"]

@@ -69,7 +69,7 @@ def test_all_that_is_public_has_a_kind() -> None:
         if inspect.isclass(thing) or thing.__module__.endswith("files")
     }
     # Protocols; what is made of other things; and prices, which are drawn by the model.
-    others = "Averaging Combined FloodChannel Intervention Loss LossProcess Prices TreeChannel"
+    others = "Averaging Combined FloodChannel Intervention Loss LossProcess Planned Prices TreeChannel"
     assert missing == {*others.split(), "CustomResponse", "Response"}
 
 
