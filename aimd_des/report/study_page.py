@@ -107,8 +107,13 @@ def _unfinished(results: StudyResults) -> str:
 
 def _anchors(table: pd.DataFrame, names: Sequence[str]) -> dict[tuple[Any, ...], str]:
     """Name each point, for charts that lead to it."""
-    points = table[list(names)].drop_duplicates() if names else table.iloc[:1, :0]
-    return {row: f"point{k}" for k, row in enumerate(points.itertuples(index=False, name=None))}
+    return {point: f"point{k}" for k, point in enumerate(dict.fromkeys(_settings(table, names)))}
+
+
+def _settings(table: pd.DataFrame, names: Sequence[str]) -> list[tuple[Any, ...]]:
+    """Read where on the axes each row is."""
+    # Rows without a column are no rows to pandas 2.2.
+    return list(table[list(names)].itertuples(index=False, name=None)) if names else [()] * len(table)
 
 
 def _shown(
@@ -121,7 +126,7 @@ def _shown(
     resources = list(dict.fromkeys(table["resource"].astype(str)))
     names = [axis.name for axis in results.study.axes]
     anchors = _anchors(table, names)
-    links = [f"#{anchors[row]}" for row in table[names].itertuples(index=False, name=None)]
+    links = [f"#{anchors[point]}" for point in _settings(table, names)]
     where = placed(table, axes).assign(link=links)
     critical = critical_losses(results, axes)
     verdicts = [
