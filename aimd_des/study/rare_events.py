@@ -48,7 +48,8 @@ class RareEvent:
     levels : tuple of float
         At which paths were split, ascending; the last is the event.
     shares : tuple of float
-        Of the trials from the level before, those that reach each, in the mean; empty by RESTART.
+        Of the trials from the level before, those that reach each, in the mean of the repetitions that have
+        come to the last level but one; empty by RESTART.
     work, pilot_work : float
         What was simulated for the estimate, and to choose the levels, in units of time.
     run_length : float
