@@ -77,8 +77,11 @@ $(LINT_READY): $(READY)
 	@$(call INSTALL,dev)
 	@touch $@
 
-# What pip says is shown only when it fails. Most modules are never imported: those that are get their byte code then.
+# uv installs in a fifth of the time, where it is there and reaches the packages; else pip does. What is said is shown
+# only when it fails. Most modules are never imported: those that are get their byte code then.
 define INSTALL
+{ command -v uv >/dev/null && uv pip install --quiet --python $(BIN)/python -c constraints.txt -e '.[$(1)]' \
+    >.venv/install.log 2>&1; } || \
 $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[$(1)]' \
     >.venv/install.log 2>&1 || { cat .venv/install.log >&2; \
     echo "The packages could not be installed (see above)." >&2; exit 1; }
