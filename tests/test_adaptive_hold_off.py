@@ -128,7 +128,7 @@ def test_the_plain_one_does_not_adapt() -> None:
     assert Crossing(0.5, longest_hold_off=4.0).bounds == (0.5, 4.0)
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(
     problems(("polynomial",)),
     st.integers(0, 2**32),

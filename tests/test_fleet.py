@@ -41,13 +41,13 @@ from tests.support.configurations import Configuration, assert_same, both, confi
 # -- any configuration -----------------------------------------------------------------------------------
 
 
-@settings(max_examples=80)
+@settings(max_examples=40)
 @given(configurations())
 def test_a_fleet_does_what_processes_do(configuration: Configuration) -> None:
     assert_same(*configuration.both())
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(
     configurations(
         problem=st.builds(random_problem, st.integers(0, 999), st.integers(70, 200), st.just(2)),
@@ -89,7 +89,7 @@ PAPER: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("way", "until"), [("own clocks", 3e3), ("crossing", 1e4), ("sampled", 3e3)])
+@pytest.mark.parametrize(("way", "until"), [("own clocks", 2e3), ("crossing", 4e3), ("sampled", 2e3)])
 def test_the_papers_system_over_thousands_of_signals(way: str, until: float) -> None:
     assert_same(*both(smart_cameras(seed=0), until, seed=1, **PAPER[way]))
 
@@ -127,7 +127,7 @@ class Deaf:
         yield from ()
 
 
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(configurations(until=st.just(12.0)), st.data())
 def test_processes_and_a_fleet_in_one_simulation(configuration: Configuration, data: st.DataObject) -> None:
     agents = st.integers(0, configuration.problem.n_agents - 1)
@@ -147,7 +147,7 @@ def meddle(system: System) -> ProcessGenerator:
         assert system.average(0, 0) >= 0.0
 
 
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(configurations(until=st.just(12.0)))
 def test_processes_that_meddle(configuration: Configuration) -> None:
     # Bursts of loss take broadcasts in the order of time only, and these are sent without delay.

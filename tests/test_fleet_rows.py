@@ -72,7 +72,7 @@ def without_rows() -> Iterator[None]:
         yield
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(ROWED)
 def test_rows_and_heaps_do_the_same(configuration: Configuration) -> None:
     processes, rows = configuration.both()

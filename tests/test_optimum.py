@@ -413,7 +413,7 @@ def coupled_problems(draw: st.DrawFn) -> Problem:
     )
 
 
-@settings(derandomize=True, deadline=None, max_examples=150)
+@settings(derandomize=True, deadline=None, max_examples=75)
 @given(problem=separable_problems() | coupled_problems(), seed=st.integers(0, 2**32))
 def test_no_feasible_step_lowers_the_cost(problem: Problem, seed: int) -> None:
     optimum = solve_optimum(problem)

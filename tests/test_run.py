@@ -42,7 +42,7 @@ def go(run: Run, piece: float | str | int) -> None:
         run.advance(to=max(run.time, piece * run.until))
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(configurations(), PIECES, st.sampled_from([AgentProcess, Fleet]))
 def test_pieces_make_the_same_run(
     configuration: Configuration, pieces: list[float | str | int], agents: Any

@@ -20,7 +20,7 @@ def again(configuration: Configuration) -> Simulation:
     return Simulation(configuration.problem, **parts)
 
 
-@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(FORKED, WHERE, st.booleans())
 def test_a_run_that_is_gone_on_with_ends_as_the_run(
     tmp_path: Path, configuration: Configuration, where: tuple[float, int], salted: bool

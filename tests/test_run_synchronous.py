@@ -44,7 +44,7 @@ def go(run: SynchronousRun, piece: float | str) -> None:
         run.advance(to=max(run.time, int(piece * run.until)))
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(settings_of_runs(), PIECES, st.integers(0, 5), st.booleans())
 def test_pieces_and_forks_make_the_same_run(
     setting: tuple[Any, dict[str, Any]], pieces: list[float | str], place: int, fork_first: bool

@@ -111,7 +111,7 @@ def test_a_threshold_below_the_capacity_makes_more_loss_usable() -> None:
     """A tenth of loss is told from another: the time above the capacity rises ninefold over two of them."""
     edges = {}
     for threshold in (1.0, 0.95):
-        case = Search("loss", 0.95, 0.01, Setting(0.5, threshold), 3_000.0)
+        case = Search("loss", 0.95, 0.01, Setting(0.5, threshold), 1_500.0)
         found, wanted = search(case, 0, 0), usable_loss(case).above
         assert found.above == pytest.approx(wanted, abs=0.1)
         assert found.misallocation > found.above + 0.1  # losses that are the same for all cost no shares

@@ -488,7 +488,7 @@ WAYS: list[tuple[Any, dict[str, Any]]] = [
 @pytest.mark.slow
 @pytest.mark.parametrize(("dynamics", "given"), WAYS, ids=str)
 def test_safe_thresholds_in_the_event_driven_simulation(dynamics: Any, given: dict[str, Any]) -> None:
-    # The paper's system, one run of 15,000 units as a fleet, its start included. Between seeds the share of
+    # The paper's system, one run of 10,000 units as a fleet, its start included. Between seeds the share of
     # time above the capacity differs by up to 0.0005.
     problem = smart_cameras(seed=0)
     careful = with_thresholds(problem, theory.safe_threshold(problem, dynamics, **given))
@@ -497,7 +497,7 @@ def test_safe_thresholds_in_the_event_driven_simulation(dynamics: Any, given: di
     simulation = Simulation(
         careful, dynamics=dynamics, control_unit=unit, channel=channel, agents=Fleet, seed=0
     )
-    measured = simulation.run(until=15_000).summary()
+    measured = simulation.run(until=10_000).summary()
     assert (measured["overshoot_time"] < EXCEEDANCE).all()
     assert (measured["overshoot_time"] > 0.4 * EXCEEDANCE).all()
     expected = theory.predict(careful, dynamics, **given).utilisation

@@ -124,7 +124,7 @@ def drawn_digraph(channel: Any, link: Any) -> tuple[Any, dict[int, Any]]:
     return graph, {0: 0} | dict(zip(routes.node.tolist(), routes.agents, strict=True))
 
 
-@settings(max_examples=150)
+@settings(max_examples=75)
 @given(graphs(), st.sampled_from(sorted(MODELS)))
 def test_a_flood_takes_the_shortest_path_that_survives(graph: Any, model: str) -> None:
     channel = topology.flood(graph, latency=MODELS[model])
@@ -140,7 +140,7 @@ def test_a_flood_takes_the_shortest_path_that_survives(graph: Any, model: str) -
                 assert data["latency"] == graph.edges[names[u], names[v]]["latency"]
 
 
-@settings(max_examples=150)
+@settings(max_examples=75)
 @given(graphs(), st.sampled_from(sorted(MODELS)))
 def test_a_tree_adds_up_one_path_and_loses_with_any_of_its_arcs(graph: Any, model: str) -> None:
     channel = topology.tree(graph, latency=MODELS[model])
