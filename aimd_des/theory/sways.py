@@ -104,6 +104,18 @@ def follow_averages(setting: Setting, steady: Steady, lag: int) -> Following:
     return Following(kinds.of_agents(mean / steps), kinds.of_agents(noise / steps))
 
 
+def follow_sums(setting: Setting, steady: Steady, lag: int) -> FloatArray:
+    """Follow sums of deviations of demand from its mean, in as many parts as kinds of agents: (r, n, m)."""
+    kinds = _kinds(setting, steady)
+    demand = _runs(setting, steady, lag, kinds).demand[_SETTLING:]
+    sums = np.cumsum(demand - demand.mean(axis=0), axis=0)
+    off = sums - sums.mean(axis=0)
+    square = np.einsum("smrp,smrq->mpq", off, off) / (len(off) * _RUNS)
+    values, vectors = np.linalg.eigh(square)
+    parts = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    return np.asarray(setting.problem.increase * np.einsum("jiq,jqr->rij", kinds.shares, parts))
+
+
 def _kinds(setting: Setting, steady: Steady) -> _Kinds:
     """Choose the kinds of agents that are followed for each resource."""
     loss = setting.loss[:, 0]
