@@ -4,7 +4,7 @@ The sum of an agent's deviations from its mean demand stays bounded, and an aver
 instant the weight w is off by w times this sum.  The weight is a / t with the gain a: no error falls faster.
 
 Where crossings signal at once, all periods T are alike.  Demand falls by h at a signal, and after the part u
-of the period the sum is h T (u (u - 1) / 2 + 1 / 12), with the root mean square h T / sqrt(720).  On the clock
+of the period the sum is h T (u (u - 1) / 2 + 1 / 12), with the root mean square h T / sqrt(720).  On a clock
 periods are whole numbers of steps, and the sums are larger: they are followed step by step.
 
 Demand answers to averages, which adds to this and is left out: measured floors are up to twice as high.
