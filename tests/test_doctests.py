@@ -9,6 +9,7 @@ import importlib
 import io
 import pkgutil
 import re
+import sys
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
@@ -92,9 +93,14 @@ def run_page(page: str, name: str) -> int:
 @pytest.fixture(autouse=True)
 def _in_an_empty_folder_without_a_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)  # a page imports the files that it saves
     mpl.use("Agg")
+    loaded = set(sys.modules)
     yield
     REGISTERED.pop("__page__", None)  # no other test finds what a page has registered
+    for path in tmp_path.glob("*.py"):
+        if path.stem not in loaded:
+            sys.modules.pop(path.stem, None)
 
 
 def test_examples_in_docstrings() -> None:
