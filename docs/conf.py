@@ -22,6 +22,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "mathml",
     "scenario_gallery",
+    "tutorial_notebook",
     "sphinx_gallery.gen_gallery",
 ]
 exclude_patterns = ["_build", "_examples"]
