@@ -1,7 +1,10 @@
 """The notebook and the script that are made of the tutorial: their code is the tutorial's."""
 
+import ast
 import json
+import re
 from pathlib import Path
+from textwrap import dedent
 from typing import Any
 
 import pytest
@@ -34,11 +37,11 @@ def test_notebook_and_script_hold_these_cells() -> None:
     made: dict[str, Any] = json.loads(MADE.notebook(PAGE))
     assert ["".join(cell["source"]) for cell in made["cells"] if cell["cell_type"] == "code"] == CODE
     script = MADE.script(PAGE)
-    compile(script, "tutorial.py", "exec")
-    parts = [
-        part.removeprefix("# %%\n") for part in script.split("\n# %%") if not part.startswith(" [markdown]")
-    ]
-    assert [part.strip() for part in parts[1:]] == CODE
+    (guard,) = ast.parse(script).body
+    assert isinstance(guard, ast.If)
+    assert ast.unparse(guard.test) == "__name__ == '__main__'"
+    parts = re.split(r"^# %%", script, flags=re.MULTILINE)[1:]
+    assert [dedent(part).strip() for part in parts if not part.startswith(" [markdown]")] == CODE
 
 
 def test_the_text_leads_to_no_file_that_is_not_there() -> None:

@@ -7,6 +7,7 @@ out, as running the cells prints it.
 import json
 import re
 from pathlib import Path
+from textwrap import indent
 from typing import Any, NamedTuple
 
 from sphinx.application import Sphinx
@@ -35,7 +36,8 @@ def _text(page: str) -> str:
 
 def _saved(name: str, body: str) -> str:
     """Write a named block under its name."""
-    return f"from pathlib import Path\n\n_ = Path(\"{name}\").write_text(r'''\n{body}'''.lstrip())"
+    imports = "from pathlib import Path\nfrom textwrap import dedent"
+    return f"{imports}\n\n_ = Path(\"{name}\").write_text(dedent(r'''\n{body}''').lstrip())"
 
 
 def cells(page: str) -> list[Cell]:
@@ -71,11 +73,14 @@ def notebook(page: str) -> str:
 
 
 def script(page: str) -> str:
-    """Write a page as a script whose text is comments, with the marks by which editors find cells."""
-    parts = []
+    """Write a page as a script whose text is comments, with the marks by which editors find cells.
+
+    Workers of a study read the script that starts them, so all code is below a guard.
+    """
+    parts = ['if __name__ == "__main__":  # the workers of the study read this file, too\n']
     for cell in cells(page):
         if cell.kind == "code":
-            parts.append(f"# %%\n{cell.source}\n")
+            parts.append(f"# %%\n{indent(cell.source, '    ')}\n")
         else:
             lines = (f"# {line}".rstrip() for line in cell.source.splitlines())
             parts.append("# %% [markdown]\n" + "\n".join(lines) + "\n")
