@@ -28,7 +28,7 @@ from aimd_des import (
     solve_optimum,
     theory,
 )
-from aimd_des.theory import accuracy
+from aimd_des.theory import sawtooth
 from aimd_des.theory.mean_dynamics import Memory
 from aimd_des.theory.prediction import settle
 from aimd_des.theory.second_moments import modes_of, remaining
@@ -328,7 +328,7 @@ class TestAverages:
         found = slopes(problem, at, 1, **rule)
         assert found.measured == pytest.approx(found.predicted, abs=0.03)
         # Negative control: theory without it, where modes die away as fast as k**-3.
-        monkeypatch.setattr(accuracy, "sums_of_deviations", lambda _, steady: 0.0 * steady.found[None])
+        monkeypatch.setattr(sawtooth, "sums_of_deviations", lambda _, steady: 0.0 * steady.found[None])
         smooth = np.polyfit(
             np.log(at), np.log(theory.convergence(problem, **rule).misallocation(at).mean[:, 0]), 1
         )

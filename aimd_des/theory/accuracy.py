@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.dynamics.averaging import Averaging, Cumulative, Forgetting, Polynomial, Window
-from aimd_des.dynamics.responses import FRACTIONAL, Response
+from aimd_des.dynamics.responses import Response
 from aimd_des.problem.optimum.nearby_optima import optimal_allocations
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.absolute_sum import absolute_interval, absolute_mean
@@ -23,7 +23,7 @@ from aimd_des.theory.arguments import Dynamics
 from aimd_des.theory.mean_dynamics import Memory, Path, first_signals
 from aimd_des.theory.prediction import Steady, check_enough, settle, steady_state
 from aimd_des.theory.response_rule import largest, probability
-from aimd_des.theory.sawtooth import newest, sums_of_deviations
+from aimd_des.theory.sawtooth import Sawtooth, sawtooth
 from aimd_des.theory.second_moments import Modes, modes_of
 from aimd_des.theory.setting import Setting, check_setting
 from aimd_des.theory.sways import follow_averages, follow_sway
@@ -36,8 +36,6 @@ from aimd_des.utils.validation import FloatArray
 _TOGETHER, _LARGEST = 200, 1000
 # Relative standard error of a predicted total of averages.
 _TOTALS = 5e-4
-# Relative change of the totals by which the answer of the optimum to them is found.
-_MORE = 1e-4
 # A wanted length is looked for in stretches up to a longest time.
 _LONGEST = 1e15
 # As near as other random numbers would lead.
@@ -287,28 +285,15 @@ class Convergence:
         return np.hstack([block.variance(self.memory, time).reshape(n, -1) for block in self.blocks])
 
     @cached_property
-    def _optimum_per_total(self) -> FloatArray:
-        """The optimum's change with the total of each resource, (n, m)."""
-        totals = self.steady.average.sum(axis=0)
-        less, more = optimal_allocations(self.problem, totals * np.array([[1.0 - _MORE], [1.0 + _MORE]]))
-        return np.asarray((more - less) / (2.0 * _MORE * totals))
-
-    @cached_property
-    def _sums(self) -> FloatArray:
-        """Sums of deviations of demand since a signal, in independent parts: (r, n, m)."""
-        return sums_of_deviations(self.setting, self.steady)
-
-    def _sawtooth(self, time: float, used: bool) -> FloatArray:
-        """Compute how far the sawtooth takes averages off, or off the optimum for its total: (r, n, m)."""
-        saw = newest(self.memory, time) * self._sums
-        if used and self.setting.response.cut == FRACTIONAL:  # what all have in common changes the total
-            saw = saw - self._optimum_per_total * saw.sum(axis=1, keepdims=True)
-        return np.asarray(saw)
+    def _sawtooth(self) -> Sawtooth:
+        """What averages have of the present period."""
+        return sawtooth(self.setting, self.steady)
 
     def _mean_at(self, time: float) -> FloatArray:
         """Compute the mean misallocation alone, (m,)."""
         bias, totals = self._bias_at(self.average([time]), used=True)
-        spread = np.sqrt(self._variance(time) + (self._sawtooth(time, used=True) ** 2).sum(axis=0))
+        own, _ = self._sawtooth.covariance(self.memory, time, used=True)
+        spread = np.sqrt(self._variance(time) + own)
         return np.asarray(absolute_mean(bias[0], spread).sum(axis=0) / totals[0])
 
     def _expected(self, at: npt.ArrayLike, used: bool) -> Expected:
@@ -318,10 +303,9 @@ class Convergence:
         rows = np.empty((3, *totals.shape))
         for k, time in enumerate(times.ravel().tolist()):
             variance, shared = self._moments(time)
-            saw = self._sawtooth(time, used)
-            variance = variance + (saw**2).sum(axis=0)
-            if shared is not None and self.setting.response.cut == FRACTIONAL:
-                shared = shared + _of_one_phase(saw)
+            own, common = self._sawtooth.covariance(self.memory, time, used)
+            variance = variance + own
+            shared = None if shared is None else shared + common
             rows[0, k] = absolute_mean(bias[k], np.sqrt(variance)).sum(axis=0)
             for j in range(totals.shape[1]):
                 others = None if shared is None else shared[j]
@@ -329,13 +313,6 @@ class Convergence:
                 rows[1:, k, j] = absolute_interval(bias[k, :, j], variance[:, j], others, common)
         mean, low, high = (row.reshape(*times.shape, -1) for row in rows / totals)
         return Expected(mean, low, high)
-
-
-def _of_one_phase(saw: FloatArray) -> FloatArray:
-    """Compute covariances, (m, n, n), of agents that the sawtooth moves together; 0 for each alone."""
-    shared = np.einsum("rij,rkj->jik", saw, saw)
-    np.einsum("jii->ji", shared)[...] = 0.0
-    return np.asarray(shared)
 
 
 class _Looks:
