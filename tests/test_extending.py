@@ -31,6 +31,7 @@ from aimd_des.engine.delivery import ProcessGenerator, Signal
 from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.utils.parts import REGISTERED
+from aimd_des.utils.rng import Purpose, uniforms
 from tests.conftest import assert_same_run, random_problem
 from tests.test_doctests import ROOT, python_blocks
 
@@ -288,8 +289,18 @@ def test_a_part_that_begins_its_luck_anew_can_be_run_again(page: Names) -> None:
                 if self.rng.random() < (system.total(0) / 4.0 - 0.8) / 0.2:
                     system.broadcast(0)
 
+    class Restless:
+        """Samples once in every unit of time, at an instant from numbers with an address."""
+
+        def process(self, system: System) -> ProcessGenerator:
+            key = system.keys[Purpose.SENSING]
+            for look in range(10**9):
+                yield system.env.at(look + uniforms(key, 0, look, 1)[0], EventKind.SENSE)
+                for j in np.flatnonzero(system.totals() > system.parameters.limit):
+                    system.broadcast(int(j))
+
     digests = []
-    for unit in (page.Gentle(), page.Restless(), Spoilt()):
+    for unit in (page.Gentle(), Restless(), Spoilt()):
         simulation = Simulation(page.problem, control_unit=unit, seed=1)
         digests.append(simulation.run(until=300).digest == simulation.run(until=300).digest)
     assert digests == [True, True, False]
