@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from aimd_des import BroadcastChannel, Fleet, InputError, Recording, Simulation, theory
+from aimd_des import BroadcastChannel, Fleet, InputError, Recording, Simulation, SimulationError, theory
 from aimd_des.latency import Constant
 from aimd_des.loss import Bernoulli
 from aimd_des.lowlevel import FloatArray
@@ -116,10 +116,10 @@ def _rows(case: _Case, outcomes: list[_Outcome]) -> list[dict[str, Any]]:
 
 @lru_cache
 def _expected(case: _Case) -> theory.Expected | None:
-    """Predict misallocation; nothing is known where responses are cut off in the end."""
+    """Predict misallocation; nothing is known where responses are cut off in the end, or demand never settles."""
     try:
         found = theory.convergence(_PROBLEM, latency=case.lag, loss=case.loss, response=_WAYS[case.response])
-    except InputError:
+    except (InputError, SimulationError):
         return None
     return found.misallocation(case.steps)
 
