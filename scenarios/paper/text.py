@@ -1,5 +1,7 @@
 """Where the paper's word and the figures differ: the sentences of `scenarios.paper`."""
 
+from math import ceil
+
 import pandas as pd
 
 from models.smart_cameras import INCREASES
@@ -76,13 +78,12 @@ def _alpha(study: PaperStudy) -> str:
     for increase, alphas in INCREASES.items():
         counts, far[increase] = _events(study, 1, "disk", increase)
         gives[increase] = (
-            f"{alphas[1]:g} ({10_000 * alphas[1]:g} MB) gives {counts} capacity events, "
-            f"{far[increase]:.1f} standard deviations from the paper's number."
+            f"{alphas[1]:g} ({10_000 * alphas[1]:g} MB) gives {counts} capacity events, {far[increase]:.1f}"
         )
     clear = far["as_printed"] > 5.0 and far["as_run"] <= 2.0
     return (
-        "Disk's additive increase, in units of 10 GB: the printed "
-        f"{gives['as_printed']} The value {gives['as_run']}"
+        f"Disk's printed increase of {gives['as_printed']} standard deviations from the paper's number. "
+        f"An increase of {gives['as_run']} from it."
         f"{' The printed value cannot be the one that was run.' if clear else ''}"
     )
 
@@ -92,11 +93,9 @@ def _cost(study: PaperStudy) -> str:
     first, drawn = _first(study), _case(study, 1)["cost_ratio"]
     ratio, use = float(first["cost_ratio"].iloc[0]), float(first["cost_of_use"].iloc[0])
     return (
-        f"The cost ratio is {ratio:.3f} in this run and {drawn.mean():.3f} over the draws, because averages "
-        "do not use all of the capacities. Each signal reduces the total below its capacity, and it is "
-        f"above in only {_percents(first['overshoot_time'], 0)} of the steps. On average "
-        f"{_percents(first['unused'])} of memory, disk and bandwidth stay unused. Sharing optimally what "
-        f"was used would cost {use:.3f} of the optimum; the averages cost "
+        f"The cost ratio is {ratio:.3f} in this run and {drawn.mean():.3f} over the draws, as totals are "
+        f"above the capacities in only {_percents(first['overshoot_time'], 0)} of the steps. Optimal "
+        f"shares of what was used would cost {use:.3f}; the averages cost "
         f"{_percent(ratio / use - 1.0, 2)} more."
     )
 
@@ -104,10 +103,10 @@ def _cost(study: PaperStudy) -> str:
 def _split(study: PaperStudy) -> str:
     """Split the relative error into what is unused and what is shared wrongly."""
     first = _first(study)
+    unused = float((first["unused"] / first["relative_error"]).min())
     return (
-        f"Of this run's relative errors, {_percents(first['relative_error'])}, unused capacity alone "
-        f"accounts for {_percents(first['unused'])}: no shares of what was used could be nearer. "
-        f"The misallocation, against the optimum for what was used, is {_percents(first['misallocation'])}."
+        f"Of this run's relative errors at least {_percent(unused, 0)} is unused capacity. The misallocation "
+        f"is {_percents(first['misallocation'])}."
     )
 
 
@@ -124,29 +123,25 @@ def _lag(study: PaperStudy) -> str:
         )
     verdict = "fits the run without the lag" if fits[0] > fits[1] else "does not tell the two apart here"
     return (
-        "If a signal acts one step after the excess, as the algorithms are printed (lag 1), the relative "
-        f"error of bandwidth is {spans[1]} If it acts in the same step (lag 0), it is {spans[0]} "
+        f"With lag 1 the relative error of bandwidth is {spans[1]} With lag 0 it is {spans[0]} "
         f"The paper's “below {100 * ERROR_BOUND:g} %” {verdict}."
     )
 
 
 def _peaks(study: PaperStudy) -> str:
     """Tell what counts and peaks say of the lag."""
-    counts, peaks, largest = {}, {}, 0.0
+    counts, largest, below = {}, 0.0, 0.0
     for lag in (1, 0):
         far = [_events(study, lag, resource)[1] for resource in CAPACITY_EVENTS]
         largest = max(largest, *far)
         counts[lag] = _join([f"{distance:.1f}" for distance in far])
         highest = _case(study, lag).groupby("resource", sort=False)[["overshoot_peak", "peak_bound"]].max()
-        peaks[lag] = (
-            f"{_join([f'{peak:.3f}' for peak in highest['overshoot_peak']])} "
-            f"(at most {_join([f'{bound:.3f}' for bound in highest['peak_bound']])})"
-        )
+        below = max(below, float((highest["peak_bound"] - highest["overshoot_peak"]).max()))
     return (
         f"The paper's capacity events lie {counts[1]} standard deviations from the mean with lag 1 and "
-        f"{counts[0]} with lag 0{', so they cannot tell which was run' if largest <= 2.0 else ''}. The peak "
-        f"of the total over the capacity could: it is {peaks[1]} with lag 1. With lag 0 it is {peaks[0]}. "
-        "In brackets: one plus what all agents add in two steps, or in one, over the capacity."
+        f"{counts[0]} with lag 0{', so they cannot tell which was run' if largest <= 2.0 else ''}. Peaks "
+        "could: they exceed the capacity by what all agents add in two steps with lag 1, in one with lag 0, "
+        f"to within {ceil(1e3 * below - 1e-9) / 1e3:g} of the capacity."
     )
 
 
@@ -156,6 +151,6 @@ def _event_driven(study: PaperStudy) -> str:
     if not study.same_digests:
         return f"The event-driven run differs from the algorithm over the first {steps} steps: a fault."
     return (
-        f"The event-driven run with latency 0.5 has the same digest over the first {steps} steps as the "
-        "algorithm with lag 1, and with latency 0 the same as with lag 0."
+        f"Over the first {steps} steps the event-driven run has the digest of the algorithm: latency 0.5 "
+        "that of lag 1, latency 0 that of lag 0."
     )
