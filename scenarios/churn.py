@@ -1,12 +1,11 @@
 """How much coming and going does the system bear, and what does a camera do that has forgotten?
 
-Little use is lost until cameras leave about as fast as they grow: with a mean stay of 80 periods 0.95 of
-the capacity is used, with 24, below the critical C / (n alpha) = 32, 0.72 and hardly a signal is left.
-Peaks stay below the growth over the latency. Churn evens out the shares, nearly as a square added to all
-costs would. What the whole past costs is the age of the run: it follows those who are present to within 17 %
-after 800 periods and 10 % after 8,000, and short memories to within 20 to 22 %, whatever the age. Who has
-forgotten an average with costs of power 6 takes 1.35 times the share, as a small average makes a small
-response probability; the others pay.
+Utilisation stays high until cameras leave about as fast as they grow: it is 0.95 with a mean stay of 80
+periods, and 0.72 with 24, below the critical C / (n alpha) = 32. Peaks stay below the growth over the
+latency. Churn evens out the shares, nearly as a square added to all costs. Averages over the whole past
+follow the optimum of those present the slower the older the run, within 17 % after 800 periods and 10 % after
+8,000; short memories follow within 20 to 22 % at any age. A camera that has forgotten its average takes 1.35
+times its share with costs of power 6, because a small average makes a small response probability.
 """  # noqa: D400 - a question
 
 from collections.abc import Sequence

@@ -1,11 +1,9 @@
 """Does what sixty cameras do hold for a city of a hundred thousand?
 
-It does, and it gets smoother. With capacities that grow with the number of cameras, signals per unit of
-time and utilisation stay what they are in the mean over draws of the costs: the one bit is sent as often for
-a hundred thousand cameras as for sixty. How much single draws scatter falls with the number. Chance evens out
-in the total, whose ups and downs become the same from one signal to the next; it does not in the allocations,
-since every camera has its own luck: their distance from the optimum depends on how long the cameras have been
-running, not on how many there are.
+It does, with less scatter. If capacities grow with the number of cameras, signals per unit of time and
+utilisation stay the same in the mean over draws of the costs. Random error averages out in the total, which
+becomes regular from signal to signal. It does not in the allocations: their distance from the optimum
+depends on how long the cameras have run, not on their number.
 """  # noqa: D400 - a question
 
 from functools import partial

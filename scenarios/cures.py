@@ -1,11 +1,11 @@
 """What is the cheapest cure for loss and delay?
 
 Cures are compared at the same bits per unit of time, by Gamma, and at the same risk, by the threshold: total
-demand is above the capacity for about 1 % of the time.  Who knows its loss needs no other cure: signals sent
-once and answered 1 / (1 - p) times as often beat signals sent three times.  Who does not can infer it from
-signals that are sent twice, without running numbers; in bursts copies are lost together, and tell nothing.
-Against latency no bit helps: what helps is a hold-off
-that repeats less of what is still on its way.
+demand is above the capacity for about 1 % of the time.  Agents that know their loss need no other cure:
+signals sent once and answered 1 / (1 - p) times as often are better than signals sent three times.  Other
+agents can infer their loss from signals that are sent twice, without running numbers; in bursts copies are
+lost together and tell nothing.  Against latency more bits do not help; a hold-off does that repeats fewer of
+the signals in flight.
 """  # noqa: D400 - a question
 
 from collections.abc import Sequence

@@ -1,10 +1,10 @@
 """What does latency do, and which hold-off goes with it?
 
-A hold-off is bounded from both sides.  It must stay below 1 / rho, or signals do not suffice; and a short one
-sends d / r signals before the first of them acts, which nobody can call back.  They take
-X = (d / r) n alpha / (rho C) of the capacity.  Up to X = 0.7 shares are as right as without latency; beyond,
-demand falls far below the capacity again and again, and cameras with small shares get too much.  The limit
-cycle of theory has all of it.  Peaks rise by n alpha d, and by more where the hold-off is near 1 / rho.
+A hold-off has two bounds.  It must stay below 1 / rho, or signals do not suffice; and a short one sends d / r
+signals before the first of them acts.  They take X = (d / r) n alpha / (rho C) of the capacity.  Up to
+X = 0.7 shares are as right as without latency; beyond, demand falls far below the capacity again and again,
+and cameras with small shares get too much.  The limit cycle of theory predicts this.  Peaks rise by
+n alpha d, and by more where the hold-off is near 1 / rho.
 """  # noqa: D400 - a question
 
 from functools import partial

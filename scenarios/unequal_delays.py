@@ -1,9 +1,9 @@
-"""Who hears late: does it get more or less, and does a mixture of latencies act like its mean?
+"""Do agents that hear late get more or less, and does a mixture of latencies act like its mean?
 
 Neither more nor less: a constant latency moves all signals that a camera hears by the same time, so that
 the intervals between them, which its share depends on, are the same for all.  A mixture is milder than its
 mean: demand stops growing as soon as the share rho r of the copies of a signal has arrived.  Where latencies
-scatter from signal to signal, and are long beside the hold-off, who hears at scattered times gets less.
+vary from signal to signal and exceed the hold-off by far, agents that hear at scattered times get less.
 """  # noqa: D400 - a question
 
 from collections.abc import Mapping, Sequence
