@@ -45,7 +45,7 @@ class Claim:
     """A finding as it is published, and how one of its study's draws is measured."""
 
     study: str
-    # What holds and in which range; the number with its 95 % half-width, as docs/scenarios.md has it.
+    # What holds and in which range; the number with its 95 % half-width, as docs/findings has it.
     sentence: str
     published: str
     draws: int  # of the study

@@ -25,7 +25,7 @@ extensions = [
     "tutorial_notebook",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build", "_examples"]
+exclude_patterns = ["_build", "_examples", "findings"]  # findings are parts of pages in the gallery
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
@@ -45,7 +45,7 @@ napoleon_use_ivar = False
 napoleon_use_rtype = False
 
 sphinx_gallery_conf = {
-    "examples_dirs": "_examples",
+    "examples_dirs": "_examples/pages",
     "gallery_dirs": "gallery",
     "plot_gallery": False,
     "within_subsection_order": "FileNameSortKey",
@@ -54,7 +54,7 @@ sphinx_gallery_conf = {
     "thumbnail_size": (800, 420),
     "remove_config_comments": True,
     "log_level": {"backreference_missing": "info"},  # no scenario uses it, and that is all right
-    "notebook_extensions": set(),
+    "notebook_extensions": set(),  # notebooks that run are made by `scenario_gallery`
     "download_all_examples": False,
     "show_signature": False,
     "write_computation_times": False,

@@ -6,6 +6,7 @@
 import ast
 import importlib.util
 import re
+from base64 import b64decode
 from pathlib import Path
 from types import ModuleType
 
@@ -14,11 +15,13 @@ from docutils import nodes
 
 from aimd_des import __version__
 from aimd_des.results.measures import FIRST, MEASURES
+from scenarios.common.command import command
 from tests.test_public_names import FACES, TOP
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 MADE = {"_build", "_examples", "gallery"}
+FINDINGS = DOCS / "findings"  # parts of pages in the gallery
 PAGES = sorted(
     path
     for path in DOCS.rglob("*")
@@ -50,7 +53,7 @@ def test_every_page_is_in_the_tree_once() -> None:
         for entry in entries(page.read_text(encoding="utf-8"))
     ]
     assert len(listed) == len(set(listed))
-    there = {page.relative_to(DOCS).with_suffix("").as_posix() for page in PAGES}
+    there = {page.relative_to(DOCS).with_suffix("").as_posix() for page in PAGES if page.parent != FINDINGS}
     assert there - set(listed) == {"index"}
     assert set(listed) - there == {"gallery/index"}  # which is made
 
@@ -140,14 +143,62 @@ def test_every_scenario_has_a_page_in_the_gallery(name: str) -> None:
     script = ast.parse(extension("scenario_gallery").example(name, text, code, DOCS))
     title, line, *rest = (ast.get_docstring(script) or "").splitlines()
     assert line == "=" * len(title)
-    assert f"python -m scenarios.{name}" in "\n".join(rest)
-    for anchor in re.findall(r"scenarios\.html#([\w-]+)", "\n".join(rest)):  # Sphinx takes it as it is
-        assert anchor in slugs((DOCS / "scenarios.md").read_text(encoding="utf-8"))
+    page = "\n".join(rest)
+    for part in ("include:: /_examples/findings/{}.md", "python -m scenarios.{}", "/downloads/{}.ipynb"):
+        assert part.format(name) in page
     figure = DOCS / "images" / f"{name}.png"
     assert figure.is_file(), "draw it, and keep the figure of the full size in docs/images"
     # All of the code is shown, and nothing else: the docstring is the page.
     whole = ast.parse(code.read_text(encoding="utf-8"))
     assert [ast.dump(node) for node in script.body[1:]] == [ast.dump(node) for node in whole.body[1:]]
+
+
+def test_findings_are_of_scenarios_that_have_no_page_of_their_own() -> None:
+    own = {"convergence", "paper", "theory_table"}
+    assert {page.stem for page in FINDINGS.iterdir()} == set(SCENARIOS) - own
+    for page in FINDINGS.iterdir():
+        text = page.read_text(encoding="utf-8")
+        assert text.startswith(f"# `{page.stem}`\n\n![")
+        assert f"](../images/{page.stem}.png)\n" in text
+
+
+def test_the_index_names_every_scenario_once() -> None:
+    index = (DOCS / "scenarios.md").read_text(encoding="utf-8")
+    named = re.findall(r"^\[`(\w+)`\]\((?:findings/)?\1\.md\)$", index, re.MULTILINE)
+    assert sorted(named) == list(SCENARIOS)
+
+
+@pytest.mark.parametrize("name", ["delay", "congested_channel", "paper"])  # a module, a folder, a page
+def test_scripts_and_notebooks_to_download_run_the_study(name: str) -> None:
+    gallery = extension("scenario_gallery")
+    text, code = SCENARIOS[name]
+    source = code.read_text(encoding="utf-8")
+    script = gallery.script(name, text, code, DOCS)
+    assert script.startswith(source)
+    assert script.count("\n    main()\n") == 1
+    ran = dict.fromkeys(["__name__"], "__main__") | {"main": lambda: ran.update(done=True)}
+    exec(compile(ast.Module(ast.parse(script).body[-1:], []), name, "exec"), ran)
+    assert ran["done"]
+    cells = gallery.notebook(name, text, code, DOCS)["cells"]
+    page, run, show, listing = cells
+    picture = (DOCS / "images" / f"{name}.png").read_bytes()
+    assert b64decode(page["attachments"][f"{name}.png"]["image/png"]) == picture
+    assert f"](attachment:{name}.png)" in page["source"]
+    assert not re.search(r"\]\((?!attachment:)", page["source"])  # no link that leads nowhere
+    assert source in listing["source"]
+    assert run["source"].startswith(f"from scenarios.{name} import main\n\nmain([")
+    options = ast.literal_eval(run["source"].partition("main(")[2].partition(", standalone_mode=False)")[0])
+    assert f'main = command("{name}", ' in source  # it takes long to import
+    assert command(name, print, "").make_context(name, options).params["out"] == Path("quick", name)
+    assert f'Path("quick/{name}")' in show["source"]
+
+
+def test_links_to_findings_lead_to_the_gallery() -> None:
+    gallery = extension("scenario_gallery")
+    page = "[a](findings/delay.md) [b](../findings/loss.md) [c](findings.md) `findings/x.md`"
+    assert gallery.link_to_gallery(page) == (
+        "[a](gallery/delay.rst) [b](../gallery/loss.rst) [c](findings.md) `findings/x.md`"
+    )
 
 
 def test_modules_and_folders_are_scenarios() -> None:
@@ -159,9 +210,8 @@ def test_modules_and_folders_are_scenarios() -> None:
 
 def test_a_scenario_without_findings_is_refused(tmp_path: Path) -> None:
     gallery = extension("scenario_gallery")
-    (tmp_path / "scenarios.md").write_text("# Scenarios\n\n## Why?\n\n`other`: text\n")
     (tmp_path / "new.py").write_text('"""Why?\n\nBecause.\n"""\n')
-    with pytest.raises(gallery.ExtensionError, match="`new`"):
+    with pytest.raises(gallery.ExtensionError, match=r"findings/new\.md: is missing"):
         gallery.example("new", tmp_path / "new.py", tmp_path / "new.py", tmp_path)
 
 
