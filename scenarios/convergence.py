@@ -116,7 +116,7 @@ def _rows(case: _Case, outcomes: list[_Outcome]) -> list[dict[str, Any]]:
 
 @lru_cache
 def _expected(case: _Case) -> theory.Expected | None:
-    """Predict misallocation; nothing is known where responses are cut off in the end, or demand never settles."""
+    """Predict misallocation, where responses are not cut off in the end and demand settles."""
     try:
         found = theory.convergence(_PROBLEM, latency=case.lag, loss=case.loss, response=_WAYS[case.response])
     except (InputError, SimulationError):
