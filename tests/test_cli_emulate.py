@@ -6,8 +6,6 @@ import secrets
 import shutil
 import signal
 import socket
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -19,8 +17,7 @@ from aimd_des import InputError, latency, loss
 from aimd_des.emulate import load_emulation, replay
 from aimd_des.scenario import load_run
 from tests.command_line import TABLES, invoke, refusal, write
-
-ROOT = Path(__file__).resolve().parents[1]
+from tests.forks import PROGRAM, Fork, forks, until
 
 SCENARIO = """
 model = "models.smart_cameras"
@@ -45,20 +42,12 @@ events = true
 _UNIT = 0.1
 
 
-def started(*arguments: str, **options: str) -> subprocess.Popen[str]:
+def started(*arguments: str, code: str = PROGRAM, cwd: Path | None = None, **environment: str) -> Fork:
     """Start the command as a process of its own, in a group of its own."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "aimd_des", "emulate", *arguments],
-        cwd=Path.cwd(),
-        env={**os.environ, "PYTHONPATH": str(ROOT), **options},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    return forks().start(code, "emulate", *arguments, cwd=cwd, **environment)
 
 
-def is_gone(group: int, patience: float = 5.0) -> bool:
+def is_gone(group: int, patience: float = 60.0) -> bool:
     """Tell whether no process of a group is left."""
     end = time.monotonic() + patience
     while time.monotonic() < end:
@@ -75,12 +64,8 @@ def emulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of one emulation, in two processes."""
     folder = tmp_path_factory.mktemp("emulated")
     (folder / "mine.toml").write_text(SCENARIO, encoding="utf-8")
-    command = [sys.executable, "-m", "aimd_des", "emulate", "mine.toml", "--unit", str(_UNIT)]
-    command += ["--processes", "2", "--out", "real", "--no-figures"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=120, check=False
-    )
+    arguments = ("--unit", str(_UNIT), "--processes", "2", "--out", "real", "--no-figures")
+    done = started("mine.toml", *arguments, cwd=folder).wait()
     assert done.returncode == 0, done.stderr
     assert "datagrams received" in done.stdout
     return folder / "real"
@@ -159,71 +144,88 @@ def test_the_command_tells_what_differs(emulated: Path, tmp_path: Path) -> None:
     assert (apart["replayed"] < 1e-12).all()
 
 
+# Tells when the run has got somewhere; its end is a minute away.
+_TOLD = f"""
+from pathlib import Path
+from aimd_des.cli.progress import RunProgress
+update = RunProgress.update
+def told(progress, time, events):
+    if time > 3.0:
+        Path("begun").touch()
+    update(progress, time, events)
+RunProgress.update = told
+{PROGRAM}
+"""
+_LONG = (
+    "mine.toml",
+    "--unit",
+    "0.1",
+    "--processes",
+    "2",
+    "--out",
+    "real",
+    "--no-figures",
+    "--set",
+    "until=600",
+)
+
+
+def begun() -> tuple[Fork, list[int]]:
+    """Start a long emulation, and wait until it runs; what it has forked, in the order of their start."""
+    write(SCENARIO, "mine.toml")
+    command = started(*_LONG, code=_TOLD)
+    listed = Path(f"/proc/{command.pid}/task/{command.pid}/children")
+    if not listed.exists():
+        pytest.skip("this system does not list the children of a process")
+    until(Path("begun").exists)
+    # What watches over shared memory may be a child before them.
+    return command, [int(word) for word in listed.read_text(encoding="utf-8").split()][-3:]
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("own_folder")
 def test_ctrl_c_keeps_what_was_measured_and_leaves_nothing() -> None:
-    write(SCENARIO, "mine.toml")
-    command = started("mine.toml", "--unit", "1", "--processes", "2", "--out", "real", "--no-figures")
-    children = _children_of(command, 3)
-    time.sleep(3.0)
+    command, children = begun()
     os.killpg(command.pid, signal.SIGINT)  # as a terminal does
-    _, said = command.communicate(timeout=60)
-    assert command.returncode == 130
-    assert "Stopped: it was interrupted; what was measured up to time" in said
-    assert "Traceback" not in said
+    done = command.wait()
+    assert done.returncode == 130
+    assert "Stopped: it was interrupted; what was measured up to time" in done.stderr
+    assert "Traceback" not in done.stderr
     assert len(children) == 3
     assert is_gone(command.pid)
-    assert 0.0 < load_run("real").scenario["until"] < 30.0
+    assert 0.0 < load_run("real").scenario["until"] < 600.0
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("own_folder")
 def test_a_process_that_dies_ends_the_run_in_a_sentence() -> None:
-    write(SCENARIO, "mine.toml")
-    command = started("mine.toml", "--unit", "1", "--processes", "2", "--out", "real", "--no-figures")
-    victim = _children_of(command, 3)[0]
-    time.sleep(3.0)
+    command, (victim, *_) = begun()
     os.kill(victim, signal.SIGKILL)
-    _, said = command.communicate(timeout=60)
-    assert command.returncode == 1
-    assert "Stopped: the process of agents 0 to 29 has ended before the run has; what was measured" in said
+    done = command.wait()
+    assert done.returncode == 1
+    said = "Stopped: the process of agents 0 to 29 has ended before the run has; what was measured"
+    assert said in done.stderr
     assert is_gone(command.pid)
     assert json.loads(Path("real", "emulation.json").read_text(encoding="utf-8"))["stopped"]
 
 
-def _children_of(command: subprocess.Popen[str], many: int) -> list[int]:
-    """Wait until a process has forked as many, and name them in the order of their start.
-
-    What watches over shared memory may be a child before them.
-    """
-    end = time.monotonic() + 60.0
-    while time.monotonic() < end and command.poll() is None:
-        listed = Path(f"/proc/{command.pid}/task/{command.pid}/children")
-        if not listed.exists():
-            pytest.skip("this system does not list the children of a process")
-        found = [int(word) for word in listed.read_text(encoding="utf-8").split()]
-        if len(found) >= many:
-            return found[-many:]
-        time.sleep(0.02)
-    raise AssertionError(command.communicate()[1])
-
-
-# Everything is imported once; each emulation is the work of a forked process with a group of its own.
-_KILLED = """
+# Each emulation is the work of a forked process with a group of its own.
+_KILLS = 6
+_KILLED = f"""
 import os, random, signal, sys, time
 from aimd_des.emulate import Conductor, check_setting
 from aimd_des.scenario import load_scenario
 
 setting = check_setting(load_scenario("mine.toml"), unit=0.5, processes=3)
 setting.prepare()
-moments = random.Random(int(sys.argv[1]))
-for _ in range(10):
+moments = random.Random(int(sys.argv[2]))
+for _ in range({_KILLS}):
     conductor = os.fork()
     if not conductor:
         os.setsid()
         Conductor(setting).run()
         os._exit(0)
-    time.sleep(moments.uniform(0.05, 1.0))
+    time.sleep(moments.uniform(0.05, 0.7))
     os.kill(conductor, signal.SIGKILL)
     os.waitpid(conductor, 0)
     print(conductor)
@@ -232,15 +234,13 @@ for _ in range(10):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("own_folder")
-def test_no_process_is_left_after_ten_kills_at_random_moments() -> None:
+def test_no_process_is_left_after_kills_at_random_moments() -> None:
     write(SCENARIO, "mine.toml")
     seed = secrets.randbelow(1 << 30)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-c", _KILLED, str(seed)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    done = started(str(seed), code=_KILLED).wait()
     assert done.returncode == 0, done.stderr
     groups = [int(word) for word in done.stdout.split()]
-    assert len(groups) == 10
+    assert len(groups) == _KILLS
     assert all(is_gone(group) for group in groups), f"seed {seed}"
 
 
@@ -267,28 +267,23 @@ def test_processes_that_join_hold_the_agents() -> None:
         "--no-figures",
         **known,
     )
-    assert listens.stderr is not None
-    while "Waiting for 2 processes to join" not in listens.stderr.readline():
-        assert listens.poll() is None
+    until(lambda: "Waiting for 2 processes to join" in listens.stderr.read_text(encoding="utf-8"))
     with socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2]))) as stranger:
         stranger.sendall(secrets.token_bytes(200))
         joins = started("mine.toml", *short, "--join", address, "--processes", "2", **known)
         wrong = started("mine.toml", "--join", address, "--processes", "1", **known)
         guesses = started("mine.toml", *short, "--join", address, AIMD_DES_TOKEN="not that one")
-        outcomes = {
-            name: of.communicate(timeout=90)
-            for name, of in (("joins", joins), ("wrong", wrong), ("guesses", guesses))
-        }
-    _, said = listens.communicate(timeout=60)
-    assert listens.returncode == 0, said
-    assert joins.returncode == 0, outcomes["joins"]
+        joined, refused, guessed = (of.wait() for of in (joins, wrong, guesses))
+    done = listens.wait()
+    assert done.returncode == 0, done.stderr
+    assert joined.returncode == 0, joined.stderr
     late = ("hung up", "cannot be joined")  # where the others were there first
-    if wrong.returncode == 2:
-        assert "the scenario there is another one" in outcomes["wrong"][1]
+    if refused.returncode == 2:
+        assert "the scenario there is another one" in refused.stderr
     else:
-        assert any(words in outcomes["wrong"][1] for words in late)
-    assert guesses.returncode == 1
-    assert any(words in outcomes["guesses"][1] for words in late)
+        assert any(words in refused.stderr for words in late)
+    assert guessed.returncode == 1
+    assert any(words in guessed.stderr for words in late)
     assert all(is_gone(of.pid) for of in (listens, joins, wrong, guesses))
     counts = pd.read_csv("real/network_counts.csv")
     assert len(counts) == 2
