@@ -18,13 +18,16 @@ from tests.conftest import ROOT
 
 # Reads a request from each line: run code here, copy itself, or wait for a copy. A copy leaves the loop.
 _SERVER = """
-import json, os, shutil, sys, time
+import json, os, shutil, signal, sys, time
+
+running = set()
 
 def code_of(pid, patience):
     end = time.monotonic() + patience
     while True:
         ended, status = os.waitpid(pid, os.WNOHANG)
         if ended or time.monotonic() >= end:
+            running.discard(ended)
             return os.waitstatus_to_exitcode(status) if ended else None
         time.sleep(0.005)
 
@@ -40,7 +43,11 @@ def serve():
             said = os.fork()
             if not said:
                 return asked
+            running.add(said)
         print(json.dumps(said), flush=True)
+    # What a test that has failed has left.
+    for pid in running:
+        os.kill(pid, signal.SIGKILL)
     shutil.rmtree(os.getcwd(), ignore_errors=True)
     os._exit(0)
 
@@ -58,7 +65,7 @@ sys.argv[1:] = asked["arguments"]
 if "numba" in sys.modules:
     sys.modules["numba"].config.reload_config()
 code = asked["code"]
-del asked, serve, code_of, number, path, flags
+del asked, serve, code_of, running, number, path, flags
 exec(compile(code, "<string>", "exec"))
 """
 

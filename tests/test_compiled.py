@@ -21,7 +21,8 @@ from aimd_des.problem.costs import Costs, cost_table, marginal_cost
 from aimd_des.problem.costs.kernels import gradient_row
 from aimd_des.scenario import Scenario
 from aimd_des.utils.jit import ABOVE_KERNELS
-from tests.conftest import INLINE, ROOT, python, random_problem
+from tests.conftest import INLINE, ROOT, random_problem
+from tests.forks import FILE, compilers
 from tests.test_layering import ORDER
 
 SOURCE = """
@@ -136,7 +137,7 @@ def cached_program(package: Path) -> Callable[[], list[str]]:
     program = "from aimd_des.outer import apply; print(apply(21.0), sum(apply.stats.cache_hits.values()))"
 
     def run() -> list[str]:
-        outcome = python("-c", program, cwd=package, path=package, NUMBA_CACHE_DIR="")
+        outcome = compilers().run(program, cwd=package, NUMBA_CACHE_DIR="")
         assert outcome.returncode == 0, outcome.stderr
         return outcome.stdout.split()
 
@@ -222,7 +223,7 @@ def test_compiling_is_announced_whatever_is_compiled(tmp_path: Path) -> None:
         for what in ("formulas (some seconds)", "a thing (a moment)")
     ]
     for lines in (told, []):  # the second time everything comes from the disk
-        outcome = python("-c", program, str(tmp_path), NUMBA_CACHE_DIR="")
+        outcome = compilers().run(program, str(tmp_path), NUMBA_CACHE_DIR="")
         assert (outcome.returncode, outcome.stderr.splitlines()) == (0, lines)
 
 
@@ -251,7 +252,7 @@ for pid, there in children:
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="the system cannot copy processes")
 def test_a_kernel_is_compiled_by_one_process_while_others_wait(tmp_path: Path) -> None:
     (tmp_path / "compiled_here.py").write_text(SOURCE, encoding="utf-8")
-    outcome = python("-c", FORKED, str(tmp_path), NUMBA_CACHE_DIR="")
+    outcome = compilers().run(FORKED, str(tmp_path), NUMBA_CACHE_DIR="")
     assert outcome.returncode == 0, outcome.stderr
     assert sorted(outcome.stdout.splitlines()) == ["9 0", "9 0", "9 1"]
 
@@ -300,7 +301,7 @@ KERNELS = (
 def test_without_a_place_for_compiled_code_it_is_told_once(trouble: str, tmp_path: Path) -> None:
     program = tmp_path / "program.py"
     program.write_text(f"import numba.core.caching as caching\n{trouble}\n{KERNELS}", encoding="utf-8")
-    outcome = python(str(program), NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    outcome = compilers().run(FILE, str(program), NUMBA_CACHE_DIR=str(tmp_path / "cache"))
     assert outcome.returncode == 0, outcome.stderr
     assert outcome.stdout == "2.0 3.0\n"
     (line,) = (line for line in outcome.stderr.splitlines() if not line.startswith("compiling formulas"))
@@ -319,7 +320,7 @@ def test_damaged_code_is_compiled_anew(tmp_path: Path) -> None:
             "*.nbc" if damage == "data" else "*.nbi" if damage else "none"
         ):
             path.write_bytes(path.read_bytes()[:40])
-        outcome = python(str(program), NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+        outcome = compilers().run(FILE, str(program), NUMBA_CACHE_DIR=str(tmp_path / "cache"))
         assert outcome.returncode == 0, outcome.stderr
         hits.append(outcome.stdout.splitlines()[1])
     assert hits == ["0", "0", "0", "1"]
@@ -335,7 +336,7 @@ for agents in ("process", "fleet"):
 
 def test_without_a_compiler_the_digest_is_the_same() -> None:
     text = INLINE + "\n[channel]\nlatency = { kind = 'exponential', mean = 0.5 }\nloss = 0.2\n"
-    outcome = python("-c", RUN, text, NUMBA_DISABLE_JIT="1")
+    outcome = compilers().run(RUN, text, NUMBA_DISABLE_JIT="1")
     assert outcome.returncode == 0, outcome.stderr
     expected = Scenario(**tomllib.loads(text)).run().digest
     assert outcome.stdout.split() == [expected, expected]

@@ -11,7 +11,8 @@ from numba.core.errors import TypingError
 
 from aimd_des.utils import jit, numba_internals
 from aimd_des.utils.numba_internals import are_as_expected
-from tests.conftest import ROOT, python
+from tests.conftest import ROOT
+from tests.forks import FILE, compilers
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 
@@ -63,7 +64,7 @@ def outcome(change: str, folder: Path) -> tuple[list[str], list[str]]:
     """Words that the program prints after a change of Numba, and the functions whose code is on the disk."""
     (folder / "compiled_here.py").write_text(SOURCE, encoding="utf-8")
     (folder / "program.py").write_text(f"{change}\n{PROGRAM}", encoding="utf-8")
-    done = python(str(folder / "program.py"), NUMBA_CACHE_DIR=str(folder / "cache"))
+    done = compilers().run(FILE, "program.py", cwd=folder, NUMBA_CACHE_DIR=str(folder / "cache"))
     assert done.returncode == 0, done.stderr
     kept = {re.sub(r"compiled_here\.(\w+)-.*", r"\1", path.name) for path in folder.rglob("*.nbc")}
     return done.stdout.split(), sorted(kept)
@@ -161,7 +162,7 @@ def test_what_is_deferred_is_compiled_when_it_is_first_called_and_then_comes_fro
     for folder in (tmp_path / "cache", tmp_path / "carried"):  # code is found wherever its folder is
         if told:
             (tmp_path / "cache").rename(folder)
-        done = python(str(tmp_path / "program.py"), NUMBA_CACHE_DIR=str(folder))
+        done = compilers().run(FILE, "program.py", cwd=tmp_path, NUMBA_CACHE_DIR=str(folder))
         assert done.returncode == 0, done.stderr
         told.append(done.stdout.split())
     assert told[0][1:] == ["1", "0", "-299.0", "1", "1", "1", "1", "1"]
