@@ -14,7 +14,8 @@ import pytest
 
 from aimd_des.utils.terminal_text import fit
 from tests.command_line import invoke, refusal, run, runner, said, write
-from tests.conftest import INLINE, ROOT, python
+from tests.conftest import INLINE, ROOT
+from tests.forks import PROGRAM, forks, until
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 
@@ -187,19 +188,17 @@ def test_ctrl_c_twice_while_workers_start_ends_with_a_sentence() -> None:
     """A worker that was about to be started had missed its parent, and said so in a traceback."""
     write()
     Path("study.toml").write_text('base = "five.toml"\nreplications = 4\n', encoding="utf-8")
-    command = [*COMMAND, "sweep", "study.toml", "--out", "out", "--workers", "2"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
-        while not Path("out/manifest.json").exists():
-            time.sleep(0.01)
-        time.sleep(0.3)  # the server of workers imports what runs need, which takes longer
-        for _ in range(2):
-            process.send_signal(signal.SIGINT)
-            time.sleep(0.05)
-        _, rest = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert rest.splitlines()[-1].startswith("Stopped.")
-    assert "Traceback" not in rest
+    arguments = ("sweep", "study.toml", "--out", "out", "--workers", "2")
+    process = forks().start(PROGRAM, *arguments)
+    until(Path("out/manifest.json").exists)
+    time.sleep(0.3)  # the server of workers imports what runs need, which takes longer
+    for _ in range(2):
+        os.kill(process.pid, signal.SIGINT)
+        time.sleep(0.05)
+    done = process.wait()
+    assert done.returncode == 130
+    assert done.stderr.splitlines()[-1].startswith("Stopped.")
+    assert "Traceback" not in done.stderr
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
@@ -207,22 +206,14 @@ def test_ctrl_c_twice_while_workers_start_ends_with_a_sentence() -> None:
 def test_an_output_that_is_full_is_told(arguments: list[str]) -> None:
     write()
     assert run("five.toml", "--out", "out").exit_code == 0
-    with Path("/dev/full").open("w") as full:
-        outcome = subprocess.run(
-            [*COMMAND, *arguments],
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            check=False,
-        )
+    outcome = forks().run(PROGRAM, *arguments, stdout=Path("/dev/full"))
     assert outcome.returncode == 1
     assert outcome.stderr == "Error: the output cannot be written (No space left on device)\n"
 
 
 def test_a_warning_is_a_sentence() -> None:
     write(INLINE.replace("normalization = 0.1", "normalization = 9.0"))
-    outcome = python("-m", "aimd_des", "run", "five.toml", "--no-figures")
+    outcome = forks().run(PROGRAM, "run", "five.toml", "--no-figures")
     assert outcome.returncode == 0, outcome.stderr
     said = [line for line in outcome.stderr.splitlines() if "responses had" in line]
     assert len(said) == 1
