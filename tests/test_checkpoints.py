@@ -1,9 +1,8 @@
 """`aimd-des run --checkpoint --resume`: whatever ends a run, the same command goes on, to the same bytes."""
 
+import os
 import random
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -12,7 +11,8 @@ import pytest
 from aimd_des.scenario import checkpoints, load_scenario
 from aimd_des.utils.errors import SimulationError
 from tests.command_line import everything, invoke, refusal, run, write
-from tests.conftest import quietly
+from tests.conftest import ROOT, quietly
+from tests.forks import PROGRAM, forks
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 
@@ -100,39 +100,36 @@ def test_a_run_that_fails_leaves_its_checkpoint(monkeypatch: pytest.MonkeyPatch)
 
 
 KILLS = 3
+#: A fleet that has run once: what it runs is then there in all copies of the process.
+FLEET_THERE = f"""
+import aimd_des.scenario
+aimd_des.scenario.load_scenario({str(ROOT / "scenarios" / "paper.toml")!r}, agents="fleet", until=5.0).run()
+"""
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL")
 def test_killed_at_random_moments_it_goes_on_to_the_same_bytes() -> None:
     write()
-    until = ("--set", "until=1500000", "--set", "recording.demand=1000.0")
+    until = ("--set", "until=900000", "--set", "recording.demand=1000.0")
     options = ("five.toml", *FLEET, *until, "--no-figures")
     whole = quietly(invoke, "run", *options, "--out", "whole")
     assert whole.exit_code == 0, whole.output
-    command = [
-        sys.executable,
-        "-m",
-        "aimd_des",
-        "run",
-        *options,
-        "--out",
-        "out",
-        "--checkpoint",
-        "0.3",
-        "--resume",
-    ]
-    draw, killed, seen = random.Random(1), 0, 0
-    while killed < KILLS:
-        process = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    command = ("run", *options, "--out", "out", "--checkpoint", "0.1", "--resume")
+    server = forks().prepare(FLEET_THERE)
+    draw, seen = random.Random(1), 0
+    for _ in range(KILLS):
+        process = server.start(PROGRAM, *command)
         # At any moment after it has written something new, and so perhaps while it writes.
-        while process.poll() is None and (not KEPT.exists() or KEPT.stat().st_mtime_ns == seen):
+        while not KEPT.exists() or KEPT.stat().st_mtime_ns == seen:
+            assert process.poll() is None, "the run was through before it could be killed"
             time.sleep(0.005)
-        time.sleep(draw.uniform(0.0, 0.3))
+        time.sleep(draw.uniform(0.0, 0.1))
         assert process.poll() is None, "the run was through before it could be killed"
-        process.send_signal(signal.SIGKILL)
+        os.kill(process.pid, signal.SIGKILL)
         process.wait()
-        killed, seen = killed + 1, KEPT.stat().st_mtime_ns
-    assert subprocess.run(command, check=False, capture_output=True).returncode == 0
+        seen = KEPT.stat().st_mtime_ns
+    done = server.run(PROGRAM, *command)
+    assert done.returncode == 0, done.stderr
+    assert "Goes on at time" in done.stderr
     assert sums("out") == sums("whole")
     assert not KEPT.exists()
