@@ -11,7 +11,7 @@ import pytest
 from aimd_des import CoupledCosts, CustomCosts, PolynomialCosts, Problem, Resource
 from aimd_des.problem.costs import weighted_costs
 from aimd_des.study.fingerprint import FORM, fingerprint, problem_digests
-from tests.conftest import python
+from tests.forks import forks
 
 SCALE = 2.0
 TABLE = {"a": 1.0}
@@ -72,7 +72,8 @@ def test_only_what_has_changed_has_another_digest() -> None:
 
 def test_another_process_finds_the_same() -> None:
     found = "print(problem_digests(problem(OWN))['costs'], fingerprint(Price(1.0)))"
-    outcome = python("-c", f"from tests.test_fingerprint import *; {found}", cwd=Path(__file__).parent.parent)
+    code = f"from tests.test_fingerprint import *; {found}"
+    outcome = forks().run(code, cwd=Path(__file__).parent.parent)
     assert outcome.stdout.split() == [problem_digests(problem(OWN))["costs"], fingerprint(Price(1.0))]
 
 

@@ -34,7 +34,7 @@ from aimd_des.plots import (
 from aimd_des.plots.selection import typical_agents, window
 from aimd_des.problem.optimum import Optimum
 from aimd_des.results.looks import looks
-from tests.conftest import python
+from tests.forks import forks
 
 UNITS = ("GB", "10 GB", "Mbps", "kW", "litres", "km")
 FULL = Recording("auto", "auto", tail=100)
@@ -282,5 +282,6 @@ def test_a_window_falls_back_on_the_last_looks() -> None:
 
 
 def test_figures_leave_the_global_state_of_matplotlib_alone() -> None:
+    # In a process that has imported what commands import, beside the figures.
     code = "import sys, aimd_des.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
-    assert python("-c", code).returncode == 0
+    assert forks().run(code).returncode == 0
