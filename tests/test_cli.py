@@ -15,6 +15,7 @@ from aimd_des.cli.progress import RunProgress
 from aimd_des.scenario import load_scenario
 from tests.command_line import digest, invoke, run, runner, words, write
 from tests.conftest import INLINE, ROOT, python, quietly
+from tests.forks import PROGRAM, forks
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 
@@ -143,13 +144,13 @@ def test_the_check_above_finds_what_is_imported() -> None:
 def test_the_command_in_a_process_of_its_own() -> None:
     path = str(write())
     here = quietly(load_scenario(Path(path)).run).digest  # and then nothing is left to compile
-    arguments = ("-m", "aimd_des", "run", path, "--no-figures", "--out", "out")
-    done = python(*arguments)
+    arguments = ("run", path, "--no-figures", "--out", "out")
+    done = python("-m", "aimd_des", *arguments)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     assert done.stdout.splitlines()[-1] == "Results in out"
     assert digest("out") == here
-    again = python(*arguments)
+    again = forks().run(PROGRAM, *arguments)
     assert again.returncode == 2
     assert again.stdout == ""
     assert (

@@ -14,7 +14,8 @@ from aimd_des.study import read_study, run_study
 from aimd_des.study.workers import dask_executor
 from aimd_des.utils.parts import REGISTERED
 from tests.command_line import digest, invoke, run
-from tests.conftest import ROOT, python
+from tests.conftest import ROOT
+from tests.forks import forks
 
 FOLDER = ROOT / "examples" / "own_parts"
 NAMES = sorted(path.stem for path in FOLDER.glob("*.py"))
@@ -50,14 +51,14 @@ def test_each_part_has_a_scenario_and_stands_on_the_page() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_processes_and_a_fleet_agree(name: str) -> None:
     for agents in ("process", "fleet"):
-        outcome = run(f"{name}.toml", "--agents", agents, "--out", agents, "--set", "until=150")
+        outcome = run(f"{name}.toml", "--agents", agents, "--out", agents, "--set", "until=60")
         assert outcome.exit_code == 0, outcome.output
     assert digest("process") == digest("fleet")
 
 
 @pytest.mark.slow
 def test_the_study_is_killed_and_goes_on_on_two_workers_and_on_dask() -> None:
-    assert python("-c", KILLED, cwd=Path.cwd(), path=ROOT).returncode == -signal.SIGKILL
+    assert forks().run(KILLED).returncode == -signal.SIGKILL
     done = load_study("out").runs["key"].nunique()
     assert 5 <= done < 12
     assert invoke("sweep", "study.toml", "--out", "out", "--workers", "2").exit_code == 0
@@ -65,7 +66,7 @@ def test_the_study_is_killed_and_goes_on_on_two_workers_and_on_dask() -> None:
     assert whole.runs["key"].nunique() == 12
     assert whole.failed.empty
     assert whole.missing.empty
-    with dask_executor(workers=2) as (executor, workers):
+    with dask_executor(workers=1) as (executor, workers):
         run_study(read_study("study.toml"), "dask", executor, workers)
     assert load_study("dask").runs.equals(whole.runs)
     assert invoke("report", "out", "--out", "page.html").exit_code == 0

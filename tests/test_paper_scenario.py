@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from aimd_des import InputError, load_scenario, run_synchronous, solve_optimum
@@ -155,9 +156,13 @@ def test_results_of_others_are_not_touched(tmp_path: Path) -> None:
         assert list(tmp_path.iterdir()) == [mine]
 
 
-def test_own_results_are_replaced_only_when_asked(tmp_path: Path, quick: paper.PaperStudy) -> None:
+def test_own_results_are_replaced_only_when_asked(
+    tmp_path: Path, quick: paper.PaperStudy, monkeypatch: pytest.MonkeyPatch
+) -> None:
     out = tmp_path / "paper"
-    paper.write(quick, check_folder(out, overwrite=False, mark=paper.MARK))
+    with monkeypatch.context() as without:
+        without.setattr(paper.study, "figures", lambda study: dict.fromkeys(paper.study._FIGURES, Figure()))
+        paper.write(quick, check_folder(out, overwrite=False, mark=paper.MARK))
     stale = out / "stale.txt"
     stale.touch()
     with pytest.raises(InputError, match="overwrite"):

@@ -26,7 +26,7 @@ from tests.conftest import INLINE
 from tests.scenario_examples import EXAMPLES, write_files
 
 MANY = settings.get_profile("explore").max_examples <= settings().max_examples
-BLOCK = 500
+BLOCK = 250
 BLOCKS = range(20 if MANY else 4)
 
 SECONDS = 5.0

@@ -23,7 +23,7 @@ from aimd_des.study.store import AGAIN, Store, parquet
 from aimd_des.study.stored_rows import put_in_order
 from tests.test_study_runs import BASE, contents, design, forget, in_a_thread, leftovers, stored
 
-FLIPS = 400
+FLIPS = 200
 AXES = [{"name": "latency", "key": "channel.latency", "values": [0, 2]}]
 
 

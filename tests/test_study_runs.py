@@ -467,7 +467,7 @@ def test_two_sweeps_at_once_are_refused(reference: StudyResults) -> None:
         in_a_thread(design(), reference.folder)
 
 
-KILLS = int(os.environ.get("AIMD_DES_TEST_KILLS", "4"))
+KILLS = int(os.environ.get("AIMD_DES_TEST_KILLS", "3"))
 
 # A disk on which writing takes its time, so that many a process is killed in the middle of it.
 SLOW_DISK = """
