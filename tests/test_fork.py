@@ -1,6 +1,6 @@
 """A fork ends as the run that it is taken of, to the last bit, and the run as if nothing was taken of it."""
 
-from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,23 +22,16 @@ from aimd_des import (
     SimulationError,
     interventions,
     latency,
+    loss,
     responses,
 )
-from aimd_des.lowlevel import EventKind, ProcessGenerator, Run, System
+from aimd_des.lowlevel import EventKind, ProcessGenerator, Run, System, resume
 from models import smart_cameras
 from tests.conftest import quietly
 from tests.support.configurations import Configuration, assert_same, configurations
 
-
-def without_other_channels(configuration: Configuration) -> Configuration:
-    """Leave out changes of the channel, which are processes and refused by a fork."""
-    changes = configuration.parts["interventions"]
-    kept = [change for change in changes if not isinstance(change, interventions.ChangeChannel)]
-    return replace(configuration, parts={**configuration.parts, "interventions": kept})
-
-
 NONE_OF_ONES_OWN = {"processes": lambda problem, dynamics, until: st.just([])}
-FORKED = configurations(**NONE_OF_ONES_OWN).map(without_other_channels)
+FORKED = configurations(**NONE_OF_ONES_OWN)
 
 #: How far to go, in units of the end, before the run is forked; and how many events more.
 WHERE = st.tuples(st.sampled_from([0.0, 0.25, 0.5]) | st.floats(0.0, 1.0), st.sampled_from([0, 0, 1, 2, 7]))
@@ -171,6 +164,54 @@ def test_what_would_act_before_the_fork_is_refused() -> None:
         run.fork(channel=3)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"^salt = -1: must be"):
         run.fork(-1)
+
+
+def phased(**parts: Any) -> Simulation:
+    """Hold-offs and channels that change, with signals that leave late over links that keep the order."""
+    bursts = loss.GilbertElliott(0.3, 4.0)
+    changes = [
+        interventions.ChangeHoldOff(20.0, 1.5),
+        interventions.ChangeChannel(
+            30.2, BroadcastChannel(latency.Uniform(0.2, 2.0), bursts, duplication=0.3, fifo=True)
+        ),
+        interventions.ChangeHoldOff(40.0, 0.2, 3.0),
+        interventions.ChangeChannel(60.1, BroadcastChannel(latency.Exponential(0.5), fifo=True)),
+    ]
+    unit = Crossing(0.5, sensing_delay=1.5)
+    whole = {"control_unit": unit, "interventions": changes, "recording": Recording(events=True)}
+    return simulation(**{**whole, **parts})
+
+
+@pytest.mark.parametrize("again", ["fork", "resume"])
+def test_hold_off_and_channel_in_force_go_on(again: str, tmp_path: Path) -> None:
+    whole, run = phased().run(70.0), phased().start(70.0)
+    if again == "fork":
+        assert whole.digest == phased(agents=AgentProcess).run(70.0).digest
+    for time in (25.0, 31.0, 60.5, 65.0):
+        run.advance(time)
+        if again == "fork":
+            other = run.fork()
+        else:
+            run.save(tmp_path / "run")
+            other = resume(tmp_path / "run", phased())
+        assert_same(whole, other.result())
+        assert whole.events.equals(other.result().events)
+    assert_same(whole, run.result())
+
+
+def test_a_channel_that_is_given_takes_the_place_of_the_one_in_force() -> None:
+    """As an intervention at that time does: with signals that are still to leave over the one before."""
+    first, second = BroadcastChannel(latency.Exponential(2.0), fifo=True), BroadcastChannel(0.1, fifo=True)
+    unit = Crossing(0.5, sensing_delay=1.5)
+    for time in (20.0, 41.0):
+        parts: dict[str, Any] = {"control_unit": unit, "channel": first}
+        whole = simulation(**parts, interventions=[interventions.ChangeChannel(time, second)]).run(100.0)
+        assert whole.digest == at(time, **parts).fork(channel=second).result().digest
+        back = [interventions.ChangeChannel(10.0, second), interventions.ChangeChannel(time, first)]
+        changed = at(time, **parts, interventions=back[:1]).fork(channel=first)
+        assert changed.result().digest == simulation(**parts, interventions=back).run(100.0).digest
+    changed = at(20.0, **parts, interventions=[interventions.ChangeHoldOff(10.0, 2.0)])
+    assert changed.fork(control_unit=unit).result().digest != changed.fork().result().digest
 
 
 class OwnIntervention:

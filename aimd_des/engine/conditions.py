@@ -89,6 +89,7 @@ class Conditions:
             "weights": self.weights,
             "pieces": tuple(self.pieces),
             "failures": self.failures,
+            "retimed": self.retimed,
             "weighing": tuple(self.weighing.items()),
             "recipes": tuple(self.recipes),
         }
@@ -101,6 +102,7 @@ class Conditions:
         self.base_costs, self.costs, self.weights = state["base_costs"], state["costs"], state["weights"]
         self.pieces[:] = state["pieces"]
         self.failures, self.recipes[:] = state["failures"], state["recipes"]
+        self.retimed = state["retimed"]
         self.weighing = {by: weights.copy() for by, weights in state["weighing"]}
         if repriced:
             for tell in self.on_costs:

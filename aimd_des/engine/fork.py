@@ -1,6 +1,6 @@
 """A run that goes on where another one stands: what every part of that keeps is loaded into it."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING, Any
 
 from aimd_des.engine.agenda import Agenda, is_planned
@@ -50,7 +50,9 @@ def check_data(run: "Run") -> None:
         raise InputError.of("control_unit", simulation.control_unit, allowed, remedy)
 
 
-def branch(run: "Run", simulation: "Simulation", salts: tuple[int, ...]) -> "Run":
+def branch(
+    run: "Run", simulation: "Simulation", salts: tuple[int, ...], given: Collection[str] = ()
+) -> "Run":
     """Begin a run of a simulation where another run stands.
 
     Parameters
@@ -61,6 +63,8 @@ def branch(run: "Run", simulation: "Simulation", salts: tuple[int, ...]) -> "Run
         Whose run it shall be from now on.
     salts : tuple of int
         Of the draws from now on.
+    given : collection of str
+        The parts that take over now, by name.
 
     Returns
     -------
@@ -75,9 +79,12 @@ def branch(run: "Run", simulation: "Simulation", salts: tuple[int, ...]) -> "Run
     before = run.simulation
     fresh = simulation.begin(run.until, salts, run.system.keys if salts == run.salts else None)
     state = state_of(run)
+    # What an intervention has put in force in the meantime is not what the simulation was made of.
+    retimed = run.system.conditions.retimed
     changed = {
-        "control": simulation.control_unit is not before.control_unit,
-        "link": simulation.channel is not before.channel,
+        "control": simulation.control_unit is not before.control_unit
+        or (retimed and "control_unit" in given),
+        "link": "channel" in given and simulation.channel is not run.system.channel,
     }
     if simulation.response is not before.response:
         state["agents"]["memory"] = None
@@ -121,7 +128,7 @@ def load(fresh: "Run", state: dict[str, Any], anew: set[str]) -> None:
     if hasattr(control, "resume_observer"):
         control.resume_observer()
     system.env.resume(state["environment"], sorted(anew))
-    system.transmitter.resume_events(state["transmitter"])
+    system.transmitter.resume_events(state["transmitter"], same_link="link" in state)
     if "control" in state and hasattr(control, "resume_events"):
         control.resume_events(state["control"])
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from aimd_des.engine.run_in_progress import Run
     from aimd_des.engine.simulation import Simulation
 
-_MAGIC = b"aimd-des run 1\n"
+_MAGIC = b"aimd-des run 2\n"
 _LAYOUT = "layout"
 _REMEDY = "run the simulation again from its beginning"
 
@@ -53,7 +53,7 @@ _DECISIVE = (
 def save_run(run: "Run", path: Path) -> None:
     """Write where a run stands."""
     check_data(run)
-    writer = _Writer(run.simulation.problem.costs)
+    writer = _Writer(run.simulation)
     layout = {
         "until": run.until,
         "salts": list(run.salts),
@@ -143,9 +143,10 @@ def _read(path: Path) -> tuple[dict[str, Any], list[Any]]:
 class _Writer:
     """Turns what parts keep into JSON and a list of arrays."""
 
-    def __init__(self, costs: Costs) -> None:
+    def __init__(self, simulation: "Simulation") -> None:
         self.arrays: list[Any] = []
-        self._costs = [costs]
+        self._costs = [simulation.problem.costs]
+        self._channels = _channels(simulation)
 
     def recipe(self, costs: Costs, by: Any, weights: Any) -> list[Any]:
         """Note costs that have been in force, and return how they come about."""
@@ -169,6 +170,9 @@ class _Writer:
         return self._composed(name, value)
 
     def _composed(self, name: str, value: Any) -> Any:
+        for place, channel in enumerate(self._channels):
+            if channel is value:
+                return {"channel": place}
         kind = type(value).__name__
         if kind in _KINDS:
             parts = value if isinstance(value, tuple) else [getattr(value, f.name) for f in fields(value)]
@@ -187,6 +191,7 @@ class _Reader:
     def __init__(self, simulation: "Simulation", arrays: list[Any]) -> None:
         self._simulation, self._arrays = simulation, arrays
         self._costs: list[Costs] = [simulation.problem.costs]
+        self._channels = _channels(simulation)
 
     def add(self, by: Any, weights: Any) -> None:
         """Make costs as they came about."""
@@ -203,13 +208,17 @@ class _Reader:
             return [self.decoded(part) for part in value]
         if not isinstance(value, dict):
             return value
-        if "array" in value:
-            return self._arrays[value["array"]]
+        for kind, known in (("array", self._arrays), ("costs", self._costs), ("channel", self._channels)):
+            if kind in value:
+                return known[value[kind]]
         if "dict" in value:
             return {key: self.decoded(each) for key, each in value["dict"].items()}
-        if "costs" in value:
-            return self._costs[value["costs"]]
         return _KINDS[value["kind"]](*self.decoded(value["of"]))
+
+
+def _channels(simulation: "Simulation") -> list[Any]:
+    """List the channels that may be in force: that of the run, and those of its interventions."""
+    return [simulation.channel, *(getattr(change, "channel", None) for change in simulation.interventions)]
 
 
 def fingerprint(simulation: "Simulation") -> str:

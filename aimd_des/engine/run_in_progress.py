@@ -209,7 +209,7 @@ class Run:
             more = validation.instances("interventions", interventions, Intervention, "an intervention")
             parts["interventions"] = (*self.simulation.interventions, *more)
         simulation = self.simulation.with_parts(**parts) if parts else self.simulation
-        return branch(self, simulation, salted(self.salts, salt))
+        return branch(self, simulation, salted(self.salts, salt), parts)
 
     def save(self, path: "str | Path") -> None:
         """Write to a file where the run stands: `lowlevel.resume` goes on from there, and so does the run.

@@ -66,17 +66,20 @@ class _Agents(NamedTuple):
 
 
 class _Link(NamedTuple):
-    """The channel of a run, which may be the user's own."""
+    """The channel in force, which may be the user's own."""
 
-    link: Link
+    system: "System"
 
     def state(self) -> dict[str, Any]:
-        """Return what it remembers."""
-        return memory_of(self.link)
+        """Return which it is, and what it remembers."""
+        return {"channel": self.system.channel, "memory": memory_of(self.system.link)}
 
     def resume(self, state: Mapping[str, Any]) -> None:
         """Go on from what `state` has returned."""
-        remember(self.link, state)
+        # Another one than the run began with, where an intervention has changed it.
+        if state["channel"] is not self.system.channel:
+            self.system.change_channel(state["channel"])
+        remember(self.system.link, state["memory"])
 
 
 def keys_of(seed: int, salts: tuple[int, ...] = ()) -> dict[Purpose, Key]:
@@ -117,6 +120,8 @@ class System(Readings):
         The agents that are processes of their own, by their index.
     conditions : Conditions
         What interventions change.
+    channel : Channel
+        Carries what is sent now.
     transmitter : Transmitter
         Sends the signals and keeps the account of them.
     collective : Collective or None
@@ -148,7 +153,7 @@ class System(Readings):
         n, m = problem.n_agents, problem.n_resources
         # A key for each purpose: what one of them draws moves no number of another.
         self.keys = keys_of(seed) if keys is None else keys
-        self.link = self._opened(channel, n)
+        self.channel, self.link = channel, self._opened(channel, n)
         tick_weight = CONTINUOUS if clocks is None else DISCRETE
         # Arrays of this run: interventions write them, so nothing of the problem's may be among them.
         parameters = agent_parameters(problem, tick_weight, averaging, compensation, response)
@@ -178,7 +183,7 @@ class System(Readings):
             "agents": _Agents(self.state, self.parameters),
             "conditions": self.conditions,
             "transmitter": self.transmitter,
-            "link": _Link(self.link),
+            "link": _Link(self),
         }
         if log is not None:
             self.parts["log"] = log
@@ -206,6 +211,7 @@ class System(Readings):
         """
         link = self._opened(channel, self.problem.n_agents)
         self.settle()
+        self.channel = channel
         self.link = self.transmitter.link = link
         returned_values.attach(link, self)
         for tell in self.conditions.on_channel:

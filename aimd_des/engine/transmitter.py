@@ -174,11 +174,17 @@ class Transmitter:
 
     def state(self) -> dict[str, Any]:
         """Return what has been sent, the account of it, and what has still to leave."""
-        late = [(self.env.place_of(event), *rest) for event, *rest, _ in self._late.values()]
+        # The link in force first: all that a late signal needs of the link which has drawn it is the order.
+        links = {id(link): link for link in (self.link, *(each.link for each in self._late.values()))}
+        places = {number: place for place, number in enumerate(links)}
+        late = [
+            (self.env.place_of(event), *rest, places[id(link)]) for event, *rest, link in self._late.values()
+        ]
         return {
             "sent": self.sent.put_aside(),
             "account": (self.numbers, self.delivered, self.lost, self.duplicated),
             "late": late,
+            "latest": [link.latest if isinstance(link, DrawnLink) else None for link in links.values()],
         }
 
     def resume(self, state: Mapping[str, Any]) -> None:
@@ -188,12 +194,16 @@ class Transmitter:
         for array_, kept in zip(own, state["account"], strict=True):
             carry_over(kept, array_)
 
-    def resume_events(self, state: Mapping[str, Any]) -> None:
-        """Put back the events at which signals leave."""
-        for place, signal, copies, orders in state["late"]:
+    def resume_events(self, state: Mapping[str, Any], *, same_link: bool) -> None:
+        """Put back the events at which signals leave; say whether the link in force is that of `state`."""
+        links: list[Link] = [_earlier(latest) for latest in state["latest"]]
+        if same_link:
+            links[:1] = [self.link]
+        for place, signal, copies, orders, link in state["late"]:
             # Copied, since they are put in order where they are.
             own = Copies(*(None if times is None else times.copy() for times in copies))  # type: ignore[arg-type]
-            self._delay(self.env.put_back(Place(*place)), Broadcast(*signal), own, list(orders), self.link)
+            event = self.env.put_back(Place(*place))
+            self._delay(event, Broadcast(*signal), own, list(orders), links[link])
 
     def _drawn(self, link: Link, signal: Broadcast, departure: float) -> Copies:
         """Ask the channel, and refuse what it cannot mean."""
@@ -275,6 +285,13 @@ class Transmitter:
             # By receiver, lost copies included: at one instant copies land in the order of broadcasts, then
             # of agents, and compiled code comes to the same numbers.
             self.carrier.send(signal, times, receivers.tolist(), (first_order + receivers).tolist())
+
+
+def _earlier(latest: FloatArray | None) -> DrawnLink:
+    """Make a link that draws no more, and keeps the order of what it has drawn."""
+    link = DrawnLink()
+    link.latest = None if latest is None else latest.copy()
+    return link
 
 
 def _without(cut: npt.NDArray[np.bool_], copies: Copies) -> Copies:

@@ -109,12 +109,19 @@ class ControlProcess:
     def state(self) -> dict[str, Any]:
         """Return what the unit knows, and its alarm."""
         kept = {name: getattr(self.control, name) for name in OF_A_UNIT}
-        return {"kept": kept, "stride": self._stride, "alarm": self.system.env.place_of(self._alarm)}
+        return {
+            "kept": kept,
+            "bounds": (self.control.shortest, self.control.longest),
+            "stride": self._stride,
+            "alarm": self.system.env.place_of(self._alarm),
+        }
 
     def resume(self, state: Mapping[str, Any]) -> None:
         """Go on from what `state` has returned; the alarm is set once time stands where it did."""
         for name, kept in state["kept"].items():
             getattr(self.control, name)[:] = kept
+        shortest, longest = state["bounds"]
+        self.control = self.control._replace(shortest=shortest, longest=longest)
         self._stride = state["stride"]
 
     def resume_observer(self) -> None:

@@ -7,8 +7,6 @@ from typing import ClassVar
 from aimd_des.channel import Channel
 from aimd_des.engine.agenda import Change, Memory
 from aimd_des.engine.control_unit import Crossing
-from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.interventions.bookkeeping import BeginsAt, note
 from aimd_des.interventions.parameters import set_threshold
@@ -109,10 +107,9 @@ class ChangeHoldOff(BeginsAt):
     def check(self, problem: Problem) -> None:
         """Accept any problem."""
 
-    def process(self, system: System) -> ProcessGenerator:
-        """Change the hold-off."""
-        yield system.env.at(self.at, EventKind.INTERVENE)
-        set_hold_off(system, self.hold_off, self.longest_hold_off)
+    def changes(self, system: System, memory: Memory) -> Iterator[Change]:
+        """Change the hold-off when it is time."""
+        yield self.at, lambda: set_hold_off(system, self.hold_off, self.longest_hold_off)
 
 
 @built_in("intervention", "threshold")
@@ -188,7 +185,6 @@ class ChangeChannel(BeginsAt):
         # Opened as a run would open it: the seed decides nothing of what can be refused.
         self.channel.open(problem.n_agents, {purpose: rng.key(0, purpose) for purpose in Purpose})
 
-    def process(self, system: System) -> ProcessGenerator:
-        """Change the channel."""
-        yield system.env.at(self.at, EventKind.INTERVENE)
-        set_channel(system, self.channel)
+    def changes(self, system: System, memory: Memory) -> Iterator[Change]:
+        """Change the channel when it is time."""
+        yield self.at, lambda: set_channel(system, self.channel)
