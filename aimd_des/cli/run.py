@@ -115,5 +115,5 @@ def command(
         say(sentence)
     if result.run_away.any():
         names, mean = result.problem.resource_names, result.observations.second_half
-        say(f"Warning: {overload_words(names, mean, result.run_away)}", err=True)
+        say(f"Warning: {overload_words(names, mean, result.run_away, result.judged)}", err=True)
     say(f"Results in {folder}")

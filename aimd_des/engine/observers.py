@@ -17,9 +17,10 @@ import numpy.typing as npt
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.demand_sums import DemandSums
 from aimd_des.engine.environment import EventKind
+from aimd_des.engine.left_out import LeftOut
 from aimd_des.engine.system import System
 from aimd_des.results.kept_rows import Kept
-from aimd_des.results.metrics import Overshoot, Stretch, fold_overshoot, load_of, overshoot_of
+from aimd_des.results.metrics import Overshoot, Stretch, fold_overshoot, joined, load_of, overshoot_of
 from aimd_des.results.recording import Recording
 from aimd_des.results.run_data import Observations
 from aimd_des.utils.jit import formula, kernel
@@ -364,6 +365,7 @@ class Observer:
         self._page = 0
         self.watching = True
         self.overshoot: ConstantPieces | LinearPieces | None = None
+        self.left_out = LeftOut(system)
         system.parts["observer"] = self
         if recording.overshoot:
             self.overshoot = LinearPieces(system) if system.clocks is None else ConstantPieces(system)
@@ -371,6 +373,12 @@ class Observer:
         self.half_load = np.zeros(m)
         system.env.begin("totals", self._watch_totals)
         system.env.begin("allocations", self._watch_allocations)
+
+    def begin_measures(self) -> None:
+        """Leave what has been until now out of the measures."""
+        self.left_out.begin()
+        if self.overshoot:
+            self.overshoot.close_stretch()
 
     def _weigh_half(self, again: bool) -> ProcessGenerator:
         """Keep what the first half of the run has come to."""
@@ -428,10 +436,20 @@ class Observer:
         if self.overshoot:
             self.overshoot.close_stretch()
             stretches = tuple(self.overshoot.stretches)
-            overshoot = overshoot_of(stretches)
             half = 0.5 * self.system.until
-            if half > 0.0:  # half of the smallest number that there is is 0
-                second_half = (load_of(stretches) - self.half_load) / half
+            if self.left_out.before is not None:
+                start = self.left_out.before.time
+                first = next(place for place, stretch in enumerate(stretches) if stretch.start >= start)
+                rest = stretches[first:]
+                overshoot, second_half = overshoot_of(rest), load_of(rest) / (rest[-1].end - start)
+                # One stretch for each problem in force, of which none need have begun there.
+                if first and all(piece.start != start for piece in self.system.conditions.pieces):
+                    both = joined(*stretches[first - 1 : first + 1])
+                    stretches = (*stretches[: first - 1], both, *stretches[first + 1 :])
+            else:
+                overshoot = overshoot_of(stretches)
+                if half > 0.0:  # half of the smallest number that there is is 0
+                    second_half = (load_of(stretches) - self.half_load) / half
         return Observations(
             self.demand_times,
             *self._kept_totals.followed_by(self.total_demand, self.total_average),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 from aimd_des.engine.declared import Intervention
 from aimd_des.engine.fork import branch, check_data, salted
+from aimd_des.engine.observers import Observer
 from aimd_des.engine.run_file import save_run
 from aimd_des.engine.system import System
 from aimd_des.results.result import Result
@@ -210,6 +211,24 @@ class Run:
             parts["interventions"] = (*self.simulation.interventions, *more)
         simulation = self.simulation.with_parts(**parts) if parts else self.simulation
         return branch(self, simulation, salted(self.salts, salt), parts)
+
+    def begin_measures(self) -> None:
+        """Leave what has been until now out of the measures of the result: a warm-up.
+
+        Its frames hold the whole run.  Averages over all of the past are measured over the time since now;
+        other averages forget by themselves, and are measured as they are.
+
+        Raises
+        ------
+        SimulationError
+            As `fork` does, and if the run stands at its end.
+        """
+        self._refuse_going("a run whose measures begin")
+        if self.time >= self.until:
+            raise SimulationError(f"the run is over at time {self.time!r}: nothing is left to be measured")
+        observer = self.system.parts["observer"]
+        assert isinstance(observer, Observer)  # noqa: S101 - every run has one
+        observer.begin_measures()
 
     def save(self, path: "str | Path") -> None:
         """Write to a file where the run stands: `lowlevel.resume` goes on from there, and so does the run.

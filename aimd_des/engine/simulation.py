@@ -316,12 +316,13 @@ class Simulation:
             responses=system.state.responses,
             saturated=system.state.saturated,
         )
-        observations = observer.finish()
+        observations, rest = observer.finish(), observer.left_out.rest()
         # A control unit of the user's own need not say when it may signal.
         opportunities = getattr(self.control_unit, "opportunities", None)
         # And what ours says is no longer so where its hold-off has changed.
         if system.conditions.retimed:
             opportunities = None
+        since = 0.5 * system.until if rest is None else rest.start
         return Result(
             self.problem,
             self.dynamics,
@@ -332,8 +333,9 @@ class Simulation:
             account,
             system.log,
             pieces=tuple(system.conditions.pieces),
-            opportunities=opportunities(0.5 * system.until, system.until) if opportunities else None,
+            opportunities=opportunities(since, system.until) if opportunities else None,
             bits_per_signal=1 + (0 if self.compensation is None else self.compensation.bits),
+            rest=rest,
         )
 
     def convergence(self) -> "Convergence":

@@ -48,13 +48,20 @@ def load_of(stretches: Sequence[Stretch]) -> FloatArray:
 
 def overshoot_of(stretches: Sequence[Stretch]) -> Overshoot:
     """Put the overshoot of several stretches together."""
-    until = stretches[-1].end
+    length = stretches[-1].end - stretches[0].start
     peak, above, mean = np.zeros((3, len(stretches[0].capacity)))
     for part in stretches:
         peak = np.maximum(peak, part.peak / part.capacity)
         above += part.above
-        mean += part.excess / until / part.capacity
-    return Overshoot(peak, above / until, mean)
+        mean += part.excess / length / part.capacity
+    return Overshoot(peak, above / length, mean)
+
+
+def joined(one: Stretch, other: Stretch) -> Stretch:
+    """Put a stretch and the next one together, whose capacity is the same."""
+    peak = np.maximum(one.peak, other.peak)
+    sums = (getattr(one, name) + getattr(other, name) for name in ("above", "excess", "used"))
+    return Stretch(one.start, other.end, one.capacity, peak, *sums)
 
 
 @formula

@@ -29,17 +29,22 @@ _ROUNDING = 1e-9
 class Opportunities(NamedTuple):
     """When a control unit may signal."""
 
-    number: float  # how often in the second half of the run
+    number: float  # how often in the part of the run that is judged
     spacing: float  # longest time between two opportunities of which both are used
 
 
 def run_away(
-    signals: Signals, mean: FloatArray, until: float, opportunities: Opportunities
+    signals: Signals,
+    mean: FloatArray,
+    until: float,
+    opportunities: Opportunities,
+    since: float | None = None,
 ) -> npt.NDArray[np.bool_]:
-    """Judge the second half of a run."""
+    """Judge the second half of a run, or all of it from a time on."""
+    start = 0.5 * until if since is None else since
     away = np.zeros(len(mean), dtype=np.bool_)
     for j in np.flatnonzero(mean > _MEAN).tolist():
-        times = signals.time[(signals.resource == j) & (signals.time >= 0.5 * until)]
+        times = signals.time[(signals.resource == j) & (signals.time >= start)]
         share = len(times) / opportunities.number if opportunities.number >= _LEAST else 0.0
         apart = np.flatnonzero(np.diff(times) > opportunities.spacing * (1.0 + _ROUNDING))
         ends = np.concatenate(([-1], apart, [len(times) - 1]))
@@ -48,10 +53,12 @@ def run_away(
     return away
 
 
-def overload_words(names: Sequence[str], mean: FloatArray, away: npt.NDArray[np.bool_]) -> str:
+def overload_words(
+    names: Sequence[str], mean: FloatArray, away: npt.NDArray[np.bool_], part: str = "second half of the run"
+) -> str:
     """Say which capacities do not hold demand."""
     where = ", ".join(f"{names[j]} ({mean[j]:.3g} of it)" for j in np.flatnonzero(away).tolist())
     return (
-        f"demand has run away from the capacity of {where}, in the mean of the second half of the run:"
+        f"demand has run away from the capacity of {where}, in the mean of the {part}:"
         " signals come too late, are lost, or take too little"
     )

@@ -21,7 +21,7 @@ from aimd_des.results.event_log import EventLog
 from aimd_des.results.frames import categorical
 from aimd_des.results.measures import MEASURED, MEASURES, Measured
 from aimd_des.results.overload import Opportunities, overload_words, run_away
-from aimd_des.results.run_data import Account, Observations, Piece, Signals
+from aimd_des.results.run_data import Account, Observations, Piece, Rest, Signals
 from aimd_des.results.tracking import Distance, PieceOptima, pieces_frame, recovery_frame, tracking_frame
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError, OverloadWarning, level_outside
@@ -57,7 +57,9 @@ class Result:
     bits_per_signal : int
         What a signal costs.
     opportunities : Opportunities, optional
-        When the control unit may signal, in the second half of the run.
+        When the control unit may signal, in the second half of the run, or in the rest.
+    rest : Rest, optional
+        What the measures are taken of, where they leave the beginning out.
 
     Attributes
     ----------
@@ -89,6 +91,7 @@ class Result:
         pieces: Sequence[Piece] = (),
         bits_per_signal: int = 1,
         opportunities: Opportunities | None = None,
+        rest: Rest | None = None,
     ) -> None:
         self.problem = problem
         self.dynamics = dynamics
@@ -102,11 +105,13 @@ class Result:
         only = Piece(0.0, problem.capacity, everybody, problem.costs)
         self.history = tuple(pieces) or (only,)
         self.bits_per_signal = bits_per_signal
+        self.rest = rest
         mean = observations.second_half
         unknown = Opportunities(math.inf, 0.0)
-        self.run_away = run_away(signals_sent, mean, until, opportunities or unknown)
+        since = None if rest is None else rest.start
+        self.run_away = run_away(signals_sent, mean, until, opportunities or unknown, since)
         if self.run_away.any():
-            words = overload_words(problem.resource_names, mean, self.run_away)
+            words = overload_words(problem.resource_names, mean, self.run_away, self.judged)
             warnings.warn(words, OverloadWarning, stacklevel=level_outside())
         saturated = int(account.saturated.sum())
         if saturated:
@@ -116,6 +121,11 @@ class Result:
                 RuntimeWarning,
                 stacklevel=level_outside(),
             )
+
+    @property
+    def judged(self) -> str:
+        """The part of the run by which is judged whether demand has run away, in words."""
+        return "second half of the run" if self.rest is None else "run after its warm-up"
 
     @property
     def demand_at_end(self) -> FloatArray:
@@ -381,16 +391,16 @@ class Result:
         InputError
             As `summary` does.
         """
-        last = self.history[-1]
+        last, rest = self.history[-1], self.rest
         if optimum is not None:
             self.optimum_of(last, optimum)  # refuses one that does not fit, whatever is measured
         run = Measured(
             problem=self.problem,
             last=last,
-            everybody=self.average_at_end,
-            signals=self.signals_sent.counts(self.problem.n_resources),
+            everybody=self.average_at_end if rest is None else rest.average,
+            signals=self.signals_sent.counts(self.problem.n_resources) if rest is None else rest.signals,
             bits_per_signal=self.bits_per_signal,
-            account=self.account,
+            account=self.account if rest is None else rest.account,
             overshoot=self.observations.overshoot,
             optimum=lambda: self.optimum_of(last, optimum),
             recovery=self._last_recovery,

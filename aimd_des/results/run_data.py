@@ -53,11 +53,21 @@ class Observations:
     # (r, m, n): of every agent, in units of the resources.
     demand: FloatArray
     average: FloatArray
-    overshoot: Overshoot  # exact integrals over the whole run
-    # (m,): mean total demand in the second half of the run over the capacity in force; NaN if not integrated.
+    overshoot: Overshoot  # exact integrals over all that is measured
+    # (m,): mean total demand in the second half of the run, or in all that is measured where the beginning is
+    # left out, over the capacity in force; NaN if not integrated.
     second_half: FloatArray
     # The same between interventions; empty if overshoot was not integrated.
     stretches: tuple[Stretch, ...] = ()
+
+
+class Rest(NamedTuple):
+    """What has happened in a run since its measures began, where they leave its beginning out."""
+
+    start: float  # since when, in units of time
+    signals: IntArray  # (m,): how many were broadcast
+    account: Account  # what became of their copies, and the responses since then
+    average: FloatArray  # (n, m): averages over that time, in units of the resources
 
 
 class Piece(NamedTuple):

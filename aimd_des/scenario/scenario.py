@@ -9,12 +9,10 @@ from pydantic import Field, model_validator
 from aimd_des.dynamics.averaging import Averaging
 from aimd_des.dynamics.demand import CONTINUOUS, DISCRETE
 from aimd_des.dynamics.responses import Response
-from aimd_des.engine.agent_process import AgentProcess
 from aimd_des.engine.control_unit import CrossingTable, table_of
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.simulation import Simulation
 from aimd_des.engine.system import System
-from aimd_des.fleet import Fleet
 from aimd_des.interventions import Intervention
 from aimd_des.problem.problem import Problem
 from aimd_des.results.result import Result
@@ -34,13 +32,22 @@ from aimd_des.scenario.tables import (
     ResourceChange,
     ResourceSettings,
 )
+from aimd_des.scenario.warm_up import WarmUpSettings, run_with_warm_up, simulation_of
 from aimd_des.synchronous.synchronous import run_synchronous
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
 
 # Keys that have no meaning with some dynamics.
 _IDLE = {
-    "synchronous": ("agents", "control_unit", "channel", "clocks", "compensation", "interventions"),
+    "synchronous": (
+        "agents",
+        "control_unit",
+        "channel",
+        "clocks",
+        "compensation",
+        "interventions",
+        "warm_up",
+    ),
     "discrete": ("lag",),
     "continuous": ("lag", "clocks"),
 }
@@ -105,6 +112,8 @@ class Scenario(Table, InSentences):
         What agents do about signals that they lose; nothing unless given.
     interventions : list of tables
         What changes from outside while the run goes on.
+    warm_up : table, optional
+        The beginning, which measures leave out.
     recording : table
         What is kept besides signals and end.
 
@@ -129,6 +138,7 @@ class Scenario(Table, InSentences):
     response: ResponseTable | None = None
     compensation: CompensationTable | None = None
     interventions: list[InterventionTable] = Field(default_factory=list)
+    warm_up: WarmUpSettings | None = None
     recording: RecordingSettings = Field(default_factory=RecordingSettings)
     costs: CostsTable | None = None
     resources: list[ResourceSettings] | dict[str, ResourceChange] | None = None
@@ -146,6 +156,8 @@ class Scenario(Table, InSentences):
         validation.number("until", self.until, low=0.0, low_open=True)
         if self.dynamics == "synchronous" and self.until % 1.0:
             raise InputError.of("until", self.until, "a whole number of steps")
+        if self.warm_up is not None:
+            self.warm_up.check(self.until)
         validation.integer("seed", self.seed, low=0, high=_LARGEST_SEED)
         refuse_no_data("parameters", self.parameters)
         self._check_problem()
@@ -384,10 +396,12 @@ class Scenario(Table, InSentences):
                 seed=self.seed,
                 lag=self.lag,
                 averaging=self.averaging.build(),
-                response=self._response(),
+                response=self.rule(),
                 recording=self.recording.build(),
             )
-        return self._simulation(problem, interventions, processes).run(self.until, watch)
+        if self.warm_up is not None:
+            return run_with_warm_up(self, problem, interventions, processes, watch)
+        return simulation_of(self, problem, interventions, processes).run(self.until, watch)
 
     def simulation(self) -> Simulation:
         """Put the system together, to be run piece by piece: ``scenario.simulation().start(scenario.until)``.
@@ -400,11 +414,13 @@ class Scenario(Table, InSentences):
         Raises
         ------
         InputError
-            If the problem is refused, or dynamics are synchronous, which are no simulation.
+            If the problem is refused, or dynamics are synchronous or there is a warm-up, which are not one
+            simulation.
         """
+        self._refuse_warm_up()
         if self.dynamics == "synchronous":
             raise InputError.of("dynamics", self.dynamics, "'discrete' or 'continuous' for a simulation")
-        return self._simulation(*self.built())
+        return simulation_of(self, *self.built())
 
     def convergence(self) -> "Convergence":
         """Ask theory how near to the optimum the averages come, and how fast.
@@ -421,42 +437,29 @@ class Scenario(Table, InSentences):
         SimulationError
             If the steady state is not found.
         """
+        self._refuse_warm_up()
         problem, interventions = self.built()
         if self.dynamics == "synchronous":
             from aimd_des.theory import convergence  # slow to import, and not for a run
 
-            return convergence(
-                problem, lag=self.lag, averaging=self.averaging.build(), response=self._response()
-            )
-        return self._simulation(problem, interventions).convergence()
+            return convergence(problem, lag=self.lag, averaging=self.averaging.build(), response=self.rule())
+        return simulation_of(self, problem, interventions).convergence()
 
-    def _response(self) -> Response | None:
+    def _refuse_warm_up(self) -> None:
+        if self.warm_up is not None:
+            allowed = "left out here: what follows a warm-up is another run"
+            raise InputError.of("warm_up.until", self.warm_up.until, allowed)
+
+    def rule(self) -> Response | None:
+        """Build how agents answer signals.
+
+        Returns
+        -------
+        Response or None
+            None is the paper's rule.
+        """
         made: Response | None = None if self.response is None else self.response.build()
         return made
-
-    def _simulation(
-        self,
-        problem: Problem,
-        interventions: Sequence[Intervention],
-        processes: Sequence[Callable[[System], ProcessGenerator]] = (),
-    ) -> Simulation:
-        """Put the parts together."""
-        assert self.dynamics != "synchronous"  # noqa: S101 - which is no simulation
-        return Simulation(
-            problem,
-            dynamics=self.dynamics,
-            control_unit=self.control_unit.build(),
-            channel=self.channel.build(),
-            agents=Fleet if self.agents == "fleet" else AgentProcess,
-            clocks=self.clocks.build() if self.dynamics == "discrete" else None,
-            averaging=self.averaging.build(),
-            response=self._response(),
-            compensation=None if self.compensation is None else self.compensation.build(),
-            interventions=interventions,
-            seed=self.seed,
-            recording=self.recording.build(),
-            processes=processes,
-        )
 
 
 def validate_scenario(

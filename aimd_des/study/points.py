@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from aimd_des._version import RESULT_VERSION
+from aimd_des.interventions import Intervention
 from aimd_des.scenario import Scenario, validate_scenario
 from aimd_des.scenario.canonical import with_seed
-from aimd_des.scenario.dotted_keys import with_settings
 from aimd_des.scenario.kind_tables import own_parts
 from aimd_des.scenario.old_keys import with_first_keys
+from aimd_des.scenario.warm_up import before
 from aimd_des.study.axis import Value
 from aimd_des.study.fingerprint import fingerprint, problem_digests
 from aimd_des.study.study import Study, place_of, shown_labels
@@ -120,7 +121,25 @@ def expand(study: Study) -> list[Point]:
         points.append(point)
     if not points:
         raise InputError.of("where", study.where, "fulfilled by one point or more")
+    if study.warm_up is not None:
+        _check_shared(points, study.warm_up)
     return points
+
+
+def _check_shared(points: Sequence[Point], warm_up: float) -> None:
+    """Refuse points at which something else acts before the warm-up is over, which they share."""
+    problem = points[0].scenario.problem()  # that of all: no axis can change it
+    words = [shared_words(point.scenario, point.scenario.changes(problem)) for point in points]
+    for point, found in zip(points, words, strict=True):
+        if found != words[0]:
+            pair = f"{shown_labels(points[0].labels)} and {shown_labels(point.labels)}"
+            reason = f"the points {pair} differ in interventions that act before its end, {warm_up:g}"
+            raise InputError(f"warm_up: {reason}; let them act later, or leave the warm-up out")
+
+
+def shared_words(scenario: Scenario, interventions: Sequence[Intervention]) -> bytes:
+    """Describe the warm-up of a scenario but for the seed: where it is equal, runs of a seed share it."""
+    return before(scenario, interventions).model_copy(update={"seed": 0}).canonical()
 
 
 def _point(
@@ -130,7 +149,7 @@ def _point(
     problems: dict[str, dict[str, str]],
 ) -> Point:
     where = place_of(labels)
-    data = _lean(with_settings(study.scenario, settings), [*study.keep, *study.columns()])
+    data = _lean(study.scenario_at(settings), [*study.keep, *study.columns()])
     scenario = validate_scenario(data, where)
     try:
         problem = _check_problem(study, scenario.model_copy(update={"seed": 0}).resolved(), problems)

@@ -5,11 +5,14 @@ from collections import OrderedDict
 from functools import cached_property, lru_cache
 from threading import Lock
 
+from aimd_des.engine.run_in_progress import Run
 from aimd_des.problem.optimum import Optimum, solve_optimum
 from aimd_des.problem.problem import Problem
+from aimd_des.results.result import Result
 from aimd_des.scenario import Scenario
 from aimd_des.scenario.canonical import with_seed
-from aimd_des.study.points import Job, problem_words
+from aimd_des.scenario.warm_up import gone_on, warmed
+from aimd_des.study.points import Job, problem_words, shared_words
 from aimd_des.utils.errors import InputError, SimulationError
 
 _LOGGER = logging.getLogger("aimd_des")
@@ -17,6 +20,8 @@ _LOGGER = logging.getLogger("aimd_des")
 # Problems are kept as long as they have no more agents together: runs come replication by replication, so
 # that those that share a problem come together.
 _MOST_AGENTS = 100_000
+# Of the replication at hand, and the one that others may still be at.
+_MOST_WARMED = 2
 
 
 class SharedProblem:
@@ -38,6 +43,7 @@ class _SharedPoint:
         self.scenario = Scenario.model_validate(job.tables)
         self.words = problem_words(self.scenario)
         self.expected: dict[int, list[float]] = {}
+        self.warm_up: bytes | None = None  # in words, as soon as somebody has asked for it
 
     def with_seed(self, job: Job) -> Scenario:
         """Give the scenario of a run."""
@@ -51,7 +57,9 @@ class SharedParts:
     def __init__(self) -> None:
         self._points: dict[str, _SharedPoint] = {}
         self._problems: OrderedDict[tuple[str, int], SharedProblem] = OrderedDict()
-        self._lock = Lock()  # workers may be threads
+        self._warmed: OrderedDict[tuple[bytes, int], Run] = OrderedDict()
+        # Workers may be threads.
+        self._lock, self._warming = Lock(), Lock()
 
     def scenario(self, job: Job) -> Scenario:
         """Give the scenario of a run."""
@@ -70,6 +78,23 @@ class SharedParts:
             while agents > _MOST_AGENTS and len(self._problems) > 1:
                 agents -= self._problems.popitem(last=False)[1].problem.n_agents
         return found
+
+    def run(self, job: Job, scenario: Scenario) -> Result:
+        """Carry out a run, of which others may have had the warm-up before."""
+        problem = self.problem(job, scenario).problem
+        if scenario.warm_up is None:
+            return scenario.run(problem=problem)
+        point, interventions = self._point(job), scenario.changes(problem)
+        if point.warm_up is None:
+            point.warm_up = shared_words(point.scenario, interventions)
+        key = point.warm_up, job.labels["seed"]
+        with self._warming:
+            if key not in self._warmed:
+                self._warmed[key] = warmed(scenario, problem, interventions)
+                while len(self._warmed) > _MOST_WARMED:
+                    self._warmed.popitem(last=False)
+            begun = gone_on(scenario, self._warmed[key], interventions)
+        return begun.result()
 
     def expected(self, job: Job, scenario: Scenario) -> list[float]:
         """Ask theory for the misallocation at the end: empty where it does not cover the scenario."""

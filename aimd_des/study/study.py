@@ -13,6 +13,7 @@ from aimd_des.scenario.dotted_keys import split_key, with_settings
 from aimd_des.scenario.messages import checked
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.parameters import as_data
+from aimd_des.scenario.warm_up import EXCHANGED
 from aimd_des.study.axis import Axis, Setting, StudyTable, Value
 from aimd_des.study.columns import known_frame, known_measure
 from aimd_des.study.condition import Condition
@@ -87,6 +88,9 @@ class Study(StudyTable):
         Frames of the results to keep besides.
     where : str, optional
         A condition over the names of the axes; points that do not fulfil it are left out.
+    warm_up : float, optional
+        Until when all points are as the scenario is without the axes: run once for each seed, and left out of
+        the measures.
     precision : Precision, optional
         Adds replications until means are known well enough.
     scenario : dict
@@ -109,6 +113,7 @@ class Study(StudyTable):
     measures: list[str] | None = None
     keep: list[str] = Field(default_factory=list)
     where: str | None = None
+    warm_up: float | None = None
     precision: Precision | None = None
     scenario: dict[str, Any]
     axes: list[Axis] = Field(default_factory=list)
@@ -116,7 +121,7 @@ class Study(StudyTable):
     def __init__(self, /, **data: Any) -> None:
         super().__init__(**data)
         for labels, settings in self.positions():
-            validate_scenario(with_settings(self.scenario, settings), place_of(labels))
+            validate_scenario(self.scenario_at(settings), place_of(labels))
             break  # a sweep will look at all
 
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
@@ -147,7 +152,41 @@ class Study(StudyTable):
         if "seed" in self.scenario:
             raise InputError("scenario.seed: has no meaning in a study, whose own seed decides; leave it out")
         self._check_axes()
+        if self.warm_up is not None:
+            self._check_warm_up()
         return self
+
+    def _check_warm_up(self) -> None:
+        if "warm_up" in self.scenario:
+            raise InputError("scenario.warm_up: stands beside warm_up of the study; leave one of them out")
+        for axis in self.axes:
+            for key in (key for _, setting in axis.settings() for key in setting):
+                if split_key(key)[0] not in (*EXCHANGED, "interventions"):
+                    allowed = f"one of {', '.join(EXCHANGED)} and interventions where there is a warm-up"
+                    remedy = (
+                        f"it would act before the end of the warm-up, {self.warm_up:g}, which points share"
+                    )
+                    raise InputError.of(f"key of axis {axis.name!r}", key, allowed, remedy)
+
+    def scenario_at(self, settings: Mapping[str, Any]) -> dict[str, Any]:
+        """Set keys of the scenario; until the end of a warm-up it stays as it is.
+
+        Parameters
+        ----------
+        settings : mapping of str to object
+            A value for each dotted key.
+
+        Returns
+        -------
+        dict
+            Tables of a scenario.
+        """
+        found = with_settings(self.scenario, settings)
+        if self.warm_up is None:
+            return found
+        others = [name for name in EXCHANGED if found.get(name) != self.scenario.get(name)]
+        before = {name: self.scenario.get(name, EXCHANGED[name]) for name in others}
+        return {**found, "warm_up": {"until": self.warm_up, **before}}
 
     def _check_precision(self) -> None:
         if self.precision is None:

@@ -59,7 +59,7 @@ def perform(task: Task, job: Job) -> Outcome:
             parts = shared_parts(task.sweep)
             scenario = parts.scenario(job)
             shared = parts.problem(job, scenario)
-            result = scenario.run(problem=shared.problem)
+            result = parts.run(job, scenario)
         summary = summary_of(result, task.measures, shared, lambda: parts.expected(job, scenario))
         labels = {**job.labels, "digest": result.digest, VERSIONS: json.dumps(_versions())}
         record = journal.record_of(labels, {**summary, RUN_AWAY: result.run_away.tolist()})
