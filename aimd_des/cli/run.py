@@ -113,6 +113,11 @@ def command(
         print_measures("Summary", stored)
     for sentence in stored.accuracy:
         say(sentence)
+    if loaded.rare_event is not None:
+        from aimd_des.study.rare_event_file import estimated, in_words
+
+        with refusing():
+            say(in_words(estimated(loaded), loaded))
     if result.run_away.any():
         names, mean = result.problem.resource_names, result.observations.second_half
         say(f"Warning: {overload_words(names, mean, result.run_away, result.judged)}", err=True)

@@ -80,6 +80,14 @@ class Measure(NamedTuple):
         return self.function(run)
 
 
+def _not_measured(run: Measured) -> FloatArray:
+    """Say nothing: what a result alone does not know is put into the place by what asks for it."""
+    return np.full(len(run.signals), np.nan)
+
+
+#: The measures that an estimate of a rare event gives.
+RARE = ("rare_event", "rare_event_low", "rare_event_high", "rare_event_error", "rare_event_gain")
+
 #: The measure that theory gives.
 EXPECTED = "expected_misallocation"
 
@@ -232,7 +240,6 @@ _TABLE = (
         lambda run: run.recovery(),
         always=False,
     ),
-    # A result alone knows no theory: what asks for this one puts it into the place.
     Measure(
         EXPECTED,
         "number",
@@ -240,7 +247,52 @@ _TABLE = (
         "share of what is used",
         "What theory expects of the misallocation in the mean over runs; in studies that ask for it and in"
         " the folder of a run.",
-        lambda run: np.full(len(run.signals), np.nan),
+        _not_measured,
+        always=False,
+    ),
+    Measure(
+        "rare_event",
+        "number",
+        "Probability of the rare event",
+        "probability",
+        "Estimate of the probability of the rare event that the scenario names.",
+        _not_measured,
+        always=False,
+    ),
+    Measure(
+        "rare_event_low",
+        "number",
+        "Lower end of the probability",
+        "probability",
+        "Lower end of the 95 % confidence interval of the probability of the rare event.",
+        _not_measured,
+        always=False,
+    ),
+    Measure(
+        "rare_event_high",
+        "number",
+        "Upper end of the probability",
+        "probability",
+        "Upper end of the 95 % confidence interval of the probability of the rare event.",
+        _not_measured,
+        always=False,
+    ),
+    Measure(
+        "rare_event_error",
+        "number",
+        "Relative error of the probability",
+        "share of the probability",
+        "Standard error of the probability of the rare event over the probability.",
+        _not_measured,
+        always=False,
+    ),
+    Measure(
+        "rare_event_gain",
+        "number",
+        "Gain of splitting",
+        "work over work",
+        "Work of plain runs for the same relative error over the work of the estimate.",
+        _not_measured,
         always=False,
     ),
 )

@@ -24,6 +24,7 @@ from aimd_des.scenario.models import model_parameters, named_model, takes_seed
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.parameters import as_data, refuse_no_data
 from aimd_des.scenario.prices import RedrawnPrices
+from aimd_des.scenario.rare_event import RareEventSettings
 from aimd_des.scenario.strict_table import Table
 from aimd_des.scenario.tables import (
     ChannelSettings,
@@ -40,13 +41,8 @@ from aimd_des.utils.errors import InputError
 # Keys that have no meaning with some dynamics.
 _IDLE = {
     "synchronous": (
-        "agents",
-        "control_unit",
-        "channel",
-        "clocks",
-        "compensation",
-        "interventions",
-        "warm_up",
+        *("agents", "control_unit", "channel", "clocks", "compensation"),
+        *("interventions", "warm_up", "rare_event"),
     ),
     "discrete": ("lag",),
     "continuous": ("lag", "clocks"),
@@ -112,8 +108,8 @@ class Scenario(Table, InSentences):
         What agents do about signals that they lose; nothing unless given.
     interventions : list of tables
         What changes from outside while the run goes on.
-    warm_up : table, optional
-        The beginning, which measures leave out.
+    warm_up, rare_event : table, optional
+        The beginning, which measures leave out, and an event whose probability is estimated.
     recording : table
         What is kept besides signals and end.
 
@@ -139,6 +135,7 @@ class Scenario(Table, InSentences):
     compensation: CompensationTable | None = None
     interventions: list[InterventionTable] = Field(default_factory=list)
     warm_up: WarmUpSettings | None = None
+    rare_event: RareEventSettings | None = None
     recording: RecordingSettings = Field(default_factory=RecordingSettings)
     costs: CostsTable | None = None
     resources: list[ResourceSettings] | dict[str, ResourceChange] | None = None

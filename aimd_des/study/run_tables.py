@@ -5,7 +5,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from aimd_des.results.measures import EXPECTED, MEASURES
+from aimd_des.results.measures import EXPECTED, MEASURES, RARE
 from aimd_des.results.result import Result
 from aimd_des.results.tracking import is_unchanged
 from aimd_des.study.axis import Axis
@@ -60,15 +60,21 @@ def stored_schema(schema: pa.Schema) -> pa.Schema:
 
 
 def summary_of(
-    result: Result, names: Sequence[str], shared: SharedProblem, expected: Callable[[], list[float]]
+    result: Result,
+    names: Sequence[str],
+    shared: SharedProblem,
+    expected: Callable[[], list[float]],
+    rare: Callable[[], dict[str, list[Any]]],
 ) -> dict[str, list[Any]]:
-    """Measure a run; what theory expects is asked for only where it is wanted, and NaN where it is empty."""
+    """Measure a run; theory, and an estimate of a rare event, are asked for only where they are wanted."""
     # Where interventions have left another problem, the run has an optimum of its own.
     unchanged = is_unchanged(result.problem, result.history[-1])
     optimum = shared.optimum if unchanged and any(MEASURES[name].needs_optimum for name in names) else None
     measures = {name: column.tolist() for name, column in result.measures(optimum, names).items()}
     if EXPECTED in measures:
         measures[EXPECTED] = expected() or measures[EXPECTED]
+    if set(RARE) & set(measures):
+        measures.update({name: column for name, column in rare().items() if name in measures})
     return {"resource": list(result.problem.resource_names), **measures}
 
 

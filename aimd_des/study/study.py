@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from aimd_des.results.measures import MEASURED, MEASURES
+from aimd_des.results.measures import MEASURED, MEASURES, RARE
 from aimd_des.scenario import validate_scenario
 from aimd_des.scenario.dotted_keys import split_key, with_settings
 from aimd_des.scenario.messages import checked
@@ -151,6 +151,8 @@ class Study(StudyTable):
         self._check_precision()
         if "seed" in self.scenario:
             raise InputError("scenario.seed: has no meaning in a study, whose own seed decides; leave it out")
+        if "rare_event" not in self.scenario and (rare := set(RARE) & set(self.measures or [])):
+            raise InputError.of("measures", sorted(rare), "left out where scenario.rare_event is not given")
         self._check_axes()
         if self.warm_up is not None:
             self._check_warm_up()
@@ -255,7 +257,8 @@ class Study(StudyTable):
         tuple of str
             Those of the summary first, in its order.
         """
-        wanted = MEASURED if self.measures is None else self.measures
+        rare = RARE if "rare_event" in self.scenario else ()
+        wanted = (*MEASURED, *rare) if self.measures is None else self.measures
         return tuple(name for name in MEASURES if name in wanted)
 
     def spoken(self) -> dict[str, Any]:

@@ -15,6 +15,7 @@ import tomli_w
 from aimd_des.scenario.run_folder import library_versions
 from aimd_des.study import journal
 from aimd_des.study.points import Job
+from aimd_des.study.rare_event_file import rare_columns
 from aimd_des.study.run_tables import RUN_AWAY, VERSIONS, frame_table, summary_of
 from aimd_des.study.shared_parts import shared_parts
 from aimd_des.study.store import Store, parquet
@@ -60,7 +61,13 @@ def perform(task: Task, job: Job) -> Outcome:
             scenario = parts.scenario(job)
             shared = parts.problem(job, scenario)
             result = parts.run(job, scenario)
-        summary = summary_of(result, task.measures, shared, lambda: parts.expected(job, scenario))
+        summary = summary_of(
+            result,
+            task.measures,
+            shared,
+            lambda: parts.expected(job, scenario),
+            lambda: rare_columns(scenario, shared.problem),
+        )
         labels = {**job.labels, "digest": result.digest, VERSIONS: json.dumps(_versions())}
         record = journal.record_of(labels, {**summary, RUN_AWAY: result.run_away.tolist()})
         frames = {name: frame_table(job.key, result, name) for name in task.keep}
