@@ -6,7 +6,6 @@ A line that says what it is, a line with the SHA-256 of all that follows, and th
 
 import json
 import os
-import tempfile
 import zipfile
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
@@ -73,18 +72,24 @@ def save_run(run: "Run", path: Path) -> None:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
 
 
+def unfinished(path: Path) -> Path:
+    """Name the file that is there while another one is written, and stays where the process is killed."""
+    # One and the same name: what was left is overwritten by the next.
+    return path.with_name(f".{path.name}.part")
+
+
 def _replace(path: Path, content: bytes) -> None:
     """Write a file under another name, and give it its own once it is whole."""
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    part = unfinished(path)
     try:
-        with os.fdopen(handle, "wb") as file:
+        with part.open("wb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        Path(name).replace(path)
+        part.replace(path)
     except BaseException:
         with suppress(OSError):
-            Path(name).unlink()
+            part.unlink()
         raise
 
 

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from aimd_des.engine.run_file import resume
+from aimd_des.engine.run_file import resume, unfinished
 from aimd_des.engine.run_in_progress import Run
 from aimd_des.results.result import Result
 from aimd_des.scenario.scenario import Scenario
@@ -50,6 +50,8 @@ def begin(scenario: Scenario, path: Path, *, resumed: bool) -> Run:
     if scenario.agents != "fleet":
         raise InputError.of("agents", scenario.agents, "'fleet' with checkpoints", remedy)
     simulation = scenario.simulation()
+    # A run that was killed while it wrote a checkpoint has left a part of it.
+    unfinished(path).unlink(missing_ok=True)
     if not (resumed and path.exists()):
         return simulation.start(scenario.until)
     run = resume(path, simulation)
