@@ -1,6 +1,7 @@
 """Separable polynomial costs, f_i(x) = sum_jp c_ijp * (x^j)^p; eq. (cost_fn) of the paper is one."""
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -115,6 +116,11 @@ class PolynomialCosts:
 
     def table(self) -> CostTable:
         """Lay out the derivatives for compiled code."""
+        return self._table
+
+    @cached_property
+    def _table(self) -> CostTable:
+        # Made once: laid out anew for each run it was most of what a fork of many agents costs.
         return separable_table(self.slopes.transpose(2, 0, 1))
 
     def marginal(self, agent: int) -> Marginal:
