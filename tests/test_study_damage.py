@@ -55,8 +55,8 @@ def read(folder: Path) -> tuple[pd.DataFrame, ...]:
     """Read all that a folder has, and what one makes of it."""
     found = load_study(folder)
     scenarios = pd.DataFrame({"toml": [found.scenario(key).to_toml() for key in found.plan["key"]]})
-    about = pd.DataFrame({"study": [repr(found.study)], "versions": [repr(found.versions)]})
-    again = pd.DataFrame({"study": [repr(read_study(folder / "study.toml"))]})
+    about = pd.DataFrame({"study": [str(found.study.spoken())], "versions": [repr(found.versions)]})
+    again = pd.DataFrame({"study": [str(read_study(folder / "study.toml").spoken())]})
     frames = [found.frame(name) for name in found.study.keep]
     return (found.plan, found.missing, found.failed, found.runs, *frames, scenarios, about, again)
 

@@ -20,6 +20,7 @@ from aimd_des.channel.random_draws import Draws
 from aimd_des.channel.transmit_kernel import ChannelTable, channel_table, put_in_order, refuse, transmit
 from aimd_des.utils import returned_values, validation
 from aimd_des.utils.rng import Key, Purpose
+from aimd_des.utils.shown import brief
 from aimd_des.utils.validation import FloatArray
 
 
@@ -149,6 +150,7 @@ class Channel(Protocol):
         ...
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class BroadcastChannel:
     """A channel that gives each agent's copy a latency, loses some and duplicates some.

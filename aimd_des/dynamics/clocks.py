@@ -13,6 +13,7 @@ from aimd_des.utils import rng, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.jit import deferred, kernel
 from aimd_des.utils.rng import Key, uniform_at
+from aimd_des.utils.shown import brief
 from aimd_des.utils.validation import FloatArray
 
 # Addresses within the stream of clocks: what stands where a resource stands for signals.
@@ -79,6 +80,7 @@ class Clock:
         return tick
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class Clocks:
     """The clocks of discrete agents: one for all, or each its own.

@@ -25,6 +25,7 @@ from aimd_des.utils import validation
 from aimd_des.utils.jit import formula
 from aimd_des.utils.parts import built_in
 from aimd_des.utils.records import record
+from aimd_des.utils.shown import brief
 from aimd_des.utils.validation import FloatArray
 
 #: What an agent knows of its loss.
@@ -66,6 +67,7 @@ def no_compensation(n_agents: int) -> CompensationParameters:
 
 
 @built_in("compensation", "known")
+@brief
 @dataclass(frozen=True, eq=False)
 class KnownLoss:
     """Every agent knows the probability with which signals are lost on it.

@@ -20,7 +20,7 @@ from aimd_des.engine.environment import Maker as ProcessMaker
 from aimd_des.engine.observers import Observer
 from aimd_des.engine.run_in_progress import Run
 from aimd_des.engine.system import System, keys_of
-from aimd_des.problem.problem import Problem
+from aimd_des.problem.problem import Problem, shared_words
 from aimd_des.results.event_log import EventLog
 from aimd_des.results.recording import Recording
 from aimd_des.results.result import Result
@@ -28,6 +28,7 @@ from aimd_des.results.run_data import Account
 from aimd_des.utils import returned_values, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Key, Purpose
+from aimd_des.utils.shown import Shown, ShowsItself
 
 if TYPE_CHECKING:
     from aimd_des.theory import Convergence
@@ -78,7 +79,7 @@ def _check_maker(field: str, maker: object) -> None:
         raise InputError.of(field, maker, "a class or function that makes an agent, such as AgentProcess")
 
 
-class Simulation:
+class Simulation(ShowsItself):
     """A system of agents, a control unit and a channel, on SimPy.
 
     Parameters
@@ -185,6 +186,26 @@ class Simulation:
         self.interventions = changes
         self.recording = Recording() if recording is None else recording
         self.processes = validation.instances("processes", processes, _FUNCTION, "a function of the system")
+
+    def _shown(self) -> Shown:
+        given = {
+            "averaging": repr(self.averaging),
+            "response": repr(self.response),
+            "compensation": repr(self.compensation),
+            "special agents": f"{len(self.special):,}",
+            "interventions": f"{len(self.interventions):,}",
+            "processes": f"{len(self.processes):,}",
+        }
+        idle = {"None", "0", repr(Cumulative())}
+        others = [f"{name} {words}" for name, words in given.items() if words not in idle]
+        rows = [
+            ["control unit", repr(self.control_unit)],
+            ["channel", repr(self.channel)],
+            ["agents", getattr(self.agents, "__name__", repr(self.agents))],
+            *([["besides", ", ".join(others)]] if others else []),
+        ]
+        title = f"Simulation: {shared_words(self.problem)}; {self.dynamics}, seed {self.seed}"
+        return Shown(title, rows=rows)
 
     def _checked(self, special: Mapping[int, Maker] | None) -> dict[int, Maker]:
         """Take in the special agents in the order of their index."""

@@ -11,9 +11,14 @@ import numpy as np
 from aimd_des.problem.costs import Costs, check_costs, family
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.shown import Shown, ShowsItself, brief, spread
 from aimd_des.utils.validation import FloatArray
 
+# So many resources are named where there is one line for all of them.
+_NAMED = 3
 
+
+@brief
 @dataclass(frozen=True, eq=False)
 class Resource:
     """One shared resource and the AIMD parameters that go with it.
@@ -80,7 +85,7 @@ class Resource:
         return f"{name} of {self.name}"
 
 
-class Problem:
+class Problem(ShowsItself):
     """n agents that share m resources.
 
     Parameters
@@ -129,6 +134,18 @@ class Problem:
         self.agent_names = self._names_of_agents(agent_names)
         check_costs(costs, self.capacity)
 
+    def _shown(self) -> Shown:
+        heads = ["resource", "capacity", "threshold", "increase", "decrease", "normalization"]
+        rows = [
+            [
+                resource.name,
+                capacity_words(resource),
+                *(spread(getattr(resource, name)) for name in heads[2:]),
+            ]
+            for resource in self.resources
+        ]
+        return Shown(f"Problem: {self.n_agents:,} agents, {type(self.costs).__name__}", heads, rows)
+
     @property
     def resource_names(self) -> tuple[str, ...]:
         """Names of the resources, in order."""
@@ -164,3 +181,16 @@ class Problem:
         if len(names) != self.n_agents or len(set(names)) != len(names):
             raise InputError.of("agent_names", given, f"{self.n_agents} different names")
         return names
+
+
+def capacity_words(resource: Resource) -> str:
+    """Write a capacity with its unit, which may begin with a number of its own, such as "10 GB"."""
+    times = "× " if resource.unit[:1].isdigit() else ""
+    return f"{resource.capacity:.6g} {times}{resource.unit}".rstrip()
+
+
+def shared_words(problem: Problem) -> str:
+    """Say how many agents share what, in one line."""
+    first = [f"{one.name} {capacity_words(one)}" for one in problem.resources[:_NAMED]]
+    more = problem.n_resources - len(first)
+    return f"{problem.n_agents:,} agents share {', '.join(first)}{f' and {more:,} more' if more else ''}"

@@ -4,7 +4,7 @@
 from it, or one for all resources together, repeated.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -18,6 +18,7 @@ from aimd_des.results import metrics
 from aimd_des.results.misallocation import misallocation
 from aimd_des.results.run_data import Account, Piece
 from aimd_des.results.tracking import piece_problem
+from aimd_des.utils.formatting import percent
 from aimd_des.utils.validation import FloatArray
 
 
@@ -313,6 +314,24 @@ FIRST = (
     "consensus_spread",
     "signals",
 )
+
+
+#: The five that a result, a stored run and a notebook show of a run.
+SHOWN = ("signals", "utilisation", "misallocation", "overshoot_peak", "overshoot_time")
+
+
+def shown_measures(resources: Sequence[str], of: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """Put the measures that are shown, as far as they are there, into heads and a row for each resource."""
+    names = [name for name in SHOWN if name in of]
+    rows = [
+        [resource, *(_shown_value(name, of[name][j]) for name in names)]
+        for j, resource in enumerate(resources)
+    ]
+    return ["resource", *map(measure_words, names)], rows
+
+
+def _shown_value(name: str, value: Any) -> str:
+    return f"{int(value):,}" if MEASURES[name].kind == "integer" else percent(float(value))
 
 
 def measure_words(name: str) -> str:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.shown import brief
 from aimd_des.utils.validation import FloatArray
 
 #: When to look: "end", "auto" (a thousand times and the end), a period, or the times themselves.
@@ -20,6 +21,7 @@ _AUTO_LOOKS = 1000
 _MOST_LOOKS = 10_000_000
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class Recording:
     """What a run keeps besides its signals and its end.

@@ -16,22 +16,23 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.problem.optimum import Optimum
-from aimd_des.problem.problem import Problem
+from aimd_des.problem.problem import Problem, shared_words
 from aimd_des.results.event_log import EventLog
 from aimd_des.results.frames import categorical
-from aimd_des.results.measures import MEASURED, MEASURES, Measured
+from aimd_des.results.measures import MEASURED, MEASURES, SHOWN, Measured, shown_measures
 from aimd_des.results.overload import Opportunities, overload_words, run_away
 from aimd_des.results.run_data import Account, Observations, Piece, Rest, Signals
 from aimd_des.results.tracking import Distance, PieceOptima, pieces_frame, recovery_frame, tracking_frame
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError, OverloadWarning, level_outside
+from aimd_des.utils.shown import Shown, ShowsItself
 from aimd_des.utils.validation import FloatArray
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-class Result:
+class Result(ShowsItself):
     """The outcome of one run.
 
     Parameters
@@ -106,6 +107,8 @@ class Result:
         self.history = tuple(pieces) or (only,)
         self.bits_per_signal = bits_per_signal
         self.rest = rest
+        # What has been measured and took an optimum, for the representation, which solves for none.
+        self._misallocation: npt.NDArray[Any] | None = None
         mean = observations.second_half
         unknown = Opportunities(math.inf, 0.0)
         since = None if rest is None else rest.start
@@ -405,4 +408,19 @@ class Result:
             optimum=lambda: self.optimum_of(last, optimum),
             recovery=self._last_recovery,
         )
-        return {name: MEASURES[name].of(run) for name in (MEASURED if names is None else names)}
+        found = {name: MEASURES[name].of(run) for name in (MEASURED if names is None else names)}
+        self._misallocation = found.get("misallocation", self._misallocation)
+        return found
+
+    def _shown(self) -> Shown:
+        known = self.measures(names=[name for name in SHOWN if name != "misallocation"])
+        if self._misallocation is not None:
+            known["misallocation"] = self._misallocation
+        names = self.problem.resource_names
+        away = [name for name, gone in zip(names, self.run_away, strict=True) if gone]
+        words = [
+            f"Result: {self.dynamics}, seed {self.seed}, until {self.until:,g}",
+            *([f"demand has run away from {', '.join(away)}"] if away else []),
+            shared_words(self.problem),
+        ]
+        return Shown("; ".join(words), *shown_measures(names, known))

@@ -20,7 +20,7 @@ import numpy as np
 
 from aimd_des._version import __version__
 from aimd_des.results.frames import categorical, columns_now, name_as_written, safe_names
-from aimd_des.results.measures import EXPECTED
+from aimd_des.results.measures import EXPECTED, SHOWN, shown_measures
 from aimd_des.results.misallocation import optimum_for_used
 from aimd_des.results.result import Result
 from aimd_des.results.tracking import piece_problem
@@ -37,6 +37,7 @@ from aimd_des.utils.checksums import (
 )
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.folders import PROVENANCE, Place, TakenError, new_folder
+from aimd_des.utils.shown import Shown, ShowsItself
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -205,8 +206,8 @@ def _write(path: Path, content: bytes) -> None:
         raise
 
 
-@dataclass(frozen=True)
-class StoredRun:
+@dataclass(frozen=True, repr=False)
+class StoredRun(ShowsItself):
     """A folder that `aimd-des run` wrote.
 
     Attributes
@@ -243,6 +244,14 @@ class StoredRun:
     accuracy: tuple[str, ...] = ()
     unpredicted: str = ""
     unsettled: float | None = None
+
+    def _shown(self) -> Shown:
+        first: dict[str, Number] = next(iter(self.measures.values()), {})
+        known = {name: [of[name] for of in self.measures.values()] for name in SHOWN if name in first}
+        said = [
+            f"{key} {self.scenario[key]}" for key in ("dynamics", "seed", "until") if key in self.scenario
+        ]
+        return Shown(f"Run in {self.folder}: {', '.join(said)}", *shown_measures(list(self.measures), known))
 
     def has(self, frame: str) -> bool:
         """Tell whether a frame was written; earlier versions wrote fewer.

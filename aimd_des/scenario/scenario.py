@@ -25,6 +25,7 @@ from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.parameters import as_data, refuse_no_data
 from aimd_des.scenario.prices import RedrawnPrices
 from aimd_des.scenario.rare_event import RareEventSettings
+from aimd_des.scenario.representation import shown_scenario
 from aimd_des.scenario.strict_table import Table
 from aimd_des.scenario.tables import (
     ChannelSettings,
@@ -37,6 +38,7 @@ from aimd_des.scenario.warm_up import WarmUpSettings, run_with_warm_up, simulati
 from aimd_des.synchronous.synchronous import run_synchronous
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.shown import Shown, ShowsItself
 
 # Keys that have no meaning with some dynamics.
 _IDLE = {
@@ -68,7 +70,7 @@ else:
     CostsTable = one_of("costs")
 
 
-class Scenario(Table, InSentences):
+class Scenario(ShowsItself, Table, InSentences):
     """One run as data.
 
     Attributes
@@ -196,6 +198,9 @@ class Scenario(Table, InSentences):
     def __reduce__(self) -> tuple[Any, ...]:
         # Tables with a kind are classes that no module has by name: data are sent in their place.
         return type(self).model_validate, (self.spoken(),)
+
+    def _shown(self) -> Shown:
+        return shown_scenario(self)
 
     def idle(self) -> tuple[str, ...]:
         """Name the keys that have no meaning with these dynamics, or with this problem.

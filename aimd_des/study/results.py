@@ -16,9 +16,10 @@ from aimd_des.study.columns import known_frame
 from aimd_des.study.run_tables import RUN_AWAY, VERSIONS, plan_schema, run_schema
 from aimd_des.study.store import Store
 from aimd_des.study.stored_rows import StoredRows, read_rows
-from aimd_des.study.study import Study, stored_study
+from aimd_des.study.study import Study, axis_words, stored_study, titled
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.shown import Shown, ShowsItself
 
 
 def load_study(folder: str | Path) -> "StudyResults":
@@ -51,7 +52,7 @@ def load_study(folder: str | Path) -> "StudyResults":
     return StudyResults(store, study, plan.to_pandas())
 
 
-class StudyResults:
+class StudyResults(ShowsItself):
     """What a study has given so far.
 
     Parameters
@@ -78,6 +79,13 @@ class StudyResults:
         self.folder = store.folder
         self.study = study
         self.plan = self._tidy(plan)
+
+    def _shown(self) -> Shown:
+        # Counted from names alone: what a file holds is looked at where it is asked for.
+        there = len(self._stored.spans.keys() & set(self.plan["key"]))
+        title = f"Study results: {titled(self.study.title)}{there:,} of {len(self.plan):,} runs"
+        rows = [[axis.name, axis_words([value for value, _ in axis.settings()])] for axis in self.study.axes]
+        return Shown(title, rows=[*rows, ["folder", str(self.folder)]])
 
     def _tidy(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Make names categoricals, in the order of the study, and integers of an axis of integers."""

@@ -1,6 +1,6 @@
 """A study as data: a base scenario, the axes along which it varies, and how often each point is repeated."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, Self
@@ -19,11 +19,28 @@ from aimd_des.study.columns import known_frame, known_measure
 from aimd_des.study.condition import Condition
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.shown import Shown, ShowsItself, spread
+
+# Values of an axis that are written one by one where the study is shown.
+_MOST_VALUES = 5
 
 
 def shown_labels(labels: Mapping[str, Value]) -> str:
     """Name a point by its axes."""
     return ", ".join(f"{name} = {value}" for name, value in labels.items())
+
+
+def titled(title: str) -> str:
+    """Begin a line with a title, if there is one."""
+    return f"{title}; " if title else ""
+
+
+def axis_words(values: Sequence[Value]) -> str:
+    """Write the values of an axis: one by one if they are few, else their range."""
+    if len(values) <= _MOST_VALUES:
+        return ", ".join(map(str, values))
+    ends = f"{values[0]} to {values[-1]}" if isinstance(values[0], str) else spread(values)
+    return f"{ends} ({len(values):,} values)"
 
 
 def place_of(labels: Mapping[str, Value]) -> str:
@@ -68,7 +85,7 @@ class Precision(StudyTable):
         return self
 
 
-class Study(StudyTable):
+class Study(ShowsItself, StudyTable):
     """Many runs as data.
 
     Attributes
@@ -248,6 +265,11 @@ class Study(StudyTable):
             labels = {axis.name: by_name[axis.name] for axis in self.axes}
             if condition is None or condition(labels):
                 yield labels, {key: value for _, _, setting in parts for key, value in setting.items()}
+
+    def _shown(self) -> Shown:
+        many = f"{self.replications:,} replications{' or more' if self.precision else ''} of each point"
+        rows = [[axis.name, axis_words([value for value, _ in axis.settings()])] for axis in self.axes]
+        return Shown(f"Study: {titled(self.title)}{many}, seed {self.seed}", rows=rows)
 
     def columns(self) -> tuple[str, ...]:
         """Name the measures that are kept.

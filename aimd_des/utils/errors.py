@@ -19,6 +19,8 @@ def _shown(value: object) -> str:
     """Show a value, but not pages of it."""
     try:
         shown = _ADDRESS.sub("", repr(value))
+        if hasattr(type(value), "_shown"):  # a title, and a table below it
+            shown = shown.partition("\n")[0]
     except ValueError:  # an integer of thousands of digits
         return f"a value of type {type(value).__name__} that is too long to show"
     return shown if len(shown) <= _LONGEST else f"{shown[:_LONGEST]}..."

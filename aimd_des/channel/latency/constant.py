@@ -10,10 +10,12 @@ from aimd_des.channel.latency.kernels import Distribution, LatencyTable, latency
 from aimd_des.channel.parameters import LONGEST, scalar_or_row
 from aimd_des.utils import validation
 from aimd_des.utils.parts import built_in
+from aimd_des.utils.shown import brief
 from aimd_des.utils.validation import FloatArray
 
 
 @built_in("latency", "constant")
+@brief
 @dataclass(frozen=True, eq=False)
 class Constant(Parametrised):
     """The same latency for every broadcast.

@@ -14,10 +14,12 @@ from aimd_des.channel.parameters import LONGEST, scalar_or_row, take
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import built_in
+from aimd_des.utils.shown import brief
 from aimd_des.utils.validation import FloatArray
 
 
 @built_in("latency", "empirical")
+@brief
 @dataclass(frozen=True, eq=False)
 class Empirical(Parametrised):
     """Draws from measured latencies, with replacement: each is as likely as any other.

@@ -7,6 +7,7 @@ from aimd_des.channel.latency.base import Parametrised
 from aimd_des.channel.latency.kernels import Distribution, LatencyTable, latency_table
 from aimd_des.channel.parameters import LONGEST, fit, scalar_or_row, take
 from aimd_des.utils.parts import built_in
+from aimd_des.utils.shown import brief
 from aimd_des.utils.validation import FloatArray
 
 # Beyond the first, the power of a uniform number is 0; beyond the second, the test for acceptance
@@ -15,6 +16,7 @@ _SMALLEST_SHAPE, _LARGEST_SHAPE = 1e-6, 1e9
 
 
 @built_in("latency", "gamma")
+@brief
 @dataclass(frozen=True, eq=False)
 class ShiftedGamma(Parametrised):
     """A fixed part, such as propagation, and a gamma distributed one, such as waiting in queues.

@@ -12,6 +12,7 @@ from aimd_des.channel.parameters import LONGEST, fit, refuse, scalar_or_row, tak
 from aimd_des.utils import validation
 from aimd_des.utils.parts import built_in
 from aimd_des.utils.portable_math import expm1, exps, log1p
+from aimd_des.utils.shown import brief
 from aimd_des.utils.validation import FloatArray
 
 # The largest uniform number is 1 - 2**-53: with this shape its latency is 2**530 times the minimum.
@@ -28,6 +29,7 @@ def _applied(function: Callable[[float], float], values: FloatArray) -> FloatArr
 
 
 @built_in("latency", "uniform")
+@brief
 @dataclass(frozen=True, eq=False)
 class Uniform(Parametrised):
     """Any latency between two bounds with equal probability.
@@ -64,6 +66,7 @@ class Uniform(Parametrised):
 
 
 @built_in("latency", "exponential")
+@brief
 @dataclass(frozen=True, eq=False)
 class Exponential(Parametrised):
     """Latency without memory: often short, sometimes long.
@@ -91,6 +94,7 @@ class Exponential(Parametrised):
 
 
 @built_in("latency", "lognormal")
+@brief
 @dataclass(frozen=True, eq=False)
 class LogNormal(Parametrised):
     """Latency whose logarithm is normal: most are near the median, a few are much longer.
@@ -162,6 +166,7 @@ class LogNormal(Parametrised):
 
 
 @built_in("latency", "pareto")
+@brief
 @dataclass(frozen=True, eq=False)
 class Pareto(Parametrised):
     """Latency with a heavy tail: the probability to exceed x is (minimum / x)**shape.

@@ -50,6 +50,9 @@ class Combined:
                 parts.append(model_of(f"Combined.losses[{position}]", given, Loss, Bernoulli))
         self.losses: tuple[Loss, ...] = tuple(parts)
 
+    def __repr__(self) -> str:
+        return f"Combined({', '.join(map(repr, self.losses))})"
+
     @property
     def mean(self) -> float | FloatArray:
         """Share of copies that are lost in the long run, 1 - (1 - p_1) * (1 - p_2) * ...

@@ -19,10 +19,12 @@ import numpy as np
 from aimd_des.channel.loss.kernels import Cause, TabledLoss, loss_table
 from aimd_des.channel.parameters import LONGEST, fit, scalar_or_row, take
 from aimd_des.utils.parts import built_in
+from aimd_des.utils.shown import brief
 from aimd_des.utils.validation import FloatArray
 
 
 @built_in("loss", "gilbert_elliott")
+@brief
 @dataclass(frozen=True, eq=False)
 class GilbertElliott:
     """Losses in bursts, on each agent's link for itself.

@@ -9,10 +9,12 @@ from aimd_des.channel.loss.kernels import Cause, TabledLoss, loss_table
 from aimd_des.channel.parameters import scalar_or_row
 from aimd_des.utils import validation
 from aimd_des.utils.parts import built_in
+from aimd_des.utils.shown import brief
 from aimd_des.utils.validation import FloatArray
 
 
 @built_in("loss", "bernoulli")
+@brief
 @dataclass(frozen=True, eq=False)
 class Bernoulli:
     """Every copy is lost with a probability of its own, independent of all others.
@@ -43,6 +45,7 @@ class Bernoulli:
 
 
 @built_in("loss", "common")
+@brief
 @dataclass(frozen=True, eq=False)
 class CommonMode:
     """A whole broadcast is lost, for all agents at once, independent of all other broadcasts.

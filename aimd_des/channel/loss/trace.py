@@ -14,6 +14,7 @@ from aimd_des.channel.parameters import scalar_or_row
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import built_in
+from aimd_des.utils.shown import brief
 from aimd_des.utils.validation import FloatArray
 
 _WORDS = {"0": False, "1": True, "false": False, "true": True}
@@ -21,6 +22,7 @@ _REMEDY = "one row for each broadcast, and either no columns or one for each age
 
 
 @built_in("loss", "trace")
+@brief
 @dataclass(frozen=True, eq=False)
 class Trace:
     """Broadcast k of a run loses the copies that row k of a record says, whatever the seed.

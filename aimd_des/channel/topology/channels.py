@@ -23,12 +23,14 @@ from aimd_des.utils import returned_values
 from aimd_des.utils.docstrings import described_like
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.rng import Key, Purpose
+from aimd_des.utils.shown import brief
 from aimd_des.utils.validation import FloatArray
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class _NetworkChannel:
     """What both channels share: arcs, and a model of latency and one of loss for all of them."""

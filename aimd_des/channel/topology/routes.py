@@ -42,6 +42,10 @@ class Routes:
     latency: FloatArray
     loss: FloatArray
 
+    def __repr__(self) -> str:
+        agents, arcs = len(self.agents), len(self.head)
+        return f"<{agents:,} agents, {arcs:,} arcs, at most {self.hops.max(initial=0):,} hops>"
+
     def table(self) -> NetworkTable:
         """Lay out the network for compiled code."""
         return network_table(self.tail, self.head, self.node)

@@ -16,6 +16,7 @@ from aimd_des.utils.errors import SimulationError
 from aimd_des.utils.jit import formula
 from aimd_des.utils.old_keywords import keywords
 from aimd_des.utils.parts import built_in
+from aimd_des.utils.shown import brief
 
 # Broadcasts at one instant, one after another without anybody responding, after which time is
 # taken to stand still.  If responses were possible at all, with a chance of 1/100 say, to get here
@@ -79,6 +80,7 @@ class Unanswered:
 
 @built_in("control_unit", "crossing", hold_off=1.0)
 @keywords("refractory", "longest")
+@brief
 @dataclass(frozen=True)
 class Crossing:
     """A control unit that senses the instant at which total demand reaches its threshold.

@@ -7,9 +7,11 @@ from aimd_des.engine.control_unit.base import SampledTable
 from aimd_des.engine.control_unit.sampled import SampledUnit
 from aimd_des.utils import validation
 from aimd_des.utils.parts import built_in
+from aimd_des.utils.shown import brief
 
 
 @built_in("control_unit", "early_detection")
+@brief
 @dataclass(frozen=True)
 class EarlyDetection(SampledUnit):
     """A control unit that signals at random, the more probably the higher total demand is.

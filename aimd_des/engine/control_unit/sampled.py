@@ -14,6 +14,7 @@ from aimd_des.utils import returned_values, validation
 from aimd_des.utils.jit import formula
 from aimd_des.utils.parts import built_in
 from aimd_des.utils.rng import Key, Purpose, uniform_at
+from aimd_des.utils.shown import brief
 
 
 @formula
@@ -132,6 +133,7 @@ def asked(
 
 
 @built_in("control_unit", "sampled")
+@brief
 @dataclass(frozen=True)
 class Sampled(SampledUnit):
     """A control unit that looks at ``phase + q * period``, and signals where demand is above its threshold.

@@ -13,11 +13,12 @@ from aimd_des.problem.optimum.starting_point import ScaledCosts
 from aimd_des.problem.problem import Problem
 from aimd_des.utils import validation
 from aimd_des.utils.errors import SimulationError
+from aimd_des.utils.shown import Shown, ShowsItself, spread
 from aimd_des.utils.validation import FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Optimum:
+@dataclass(frozen=True, eq=False, repr=False)
+class Optimum(ShowsItself):
     """The solution of the centralised problem.
 
     Attributes
@@ -41,6 +42,12 @@ class Optimum:
     cost: float
     kkt_residual: float
     iterations: int
+
+    def _shown(self) -> Shown:
+        n, m = self.allocation.shape
+        title = f"Optimum: {n:,} agents, cost {self.cost:.6g}, KKT residual {self.kkt_residual:.2g}"
+        rows = [[str(j), f"{self.multipliers[j]:.6g}", spread(self.allocation[:, j])] for j in range(m)]
+        return Shown(title, ["resource", "multiplier", "allocation of an agent"], rows)
 
 
 def solve_optimum(
