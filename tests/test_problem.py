@@ -139,3 +139,23 @@ def test_agents_may_have_names() -> None:
 def test_names_of_agents_that_are_no_strings_are_refused(agent_names: Any) -> None:
     with pytest.raises(InputError, match="agent_names"):
         Problem([resource()], TWO_AGENTS, agent_names=agent_names)
+
+
+def test_a_problem_is_replaced_part_by_part() -> None:
+    problem = Problem([resource(capacity=3.0)], TWO_AGENTS, agent_names=["a", "b"])
+    other = problem.replace(resources=[resource(capacity=4.0)])
+    assert other.capacity.tolist() == [4.0]
+    assert (other.costs, other.agent_names) == (problem.costs, ("a", "b"))
+    assert problem.capacity.tolist() == [3.0]
+    # Names that were given are those of the agents; others follow their number.
+    three = PolynomialCosts([2], [[[1.0]]] * 3)
+    with pytest.raises(InputError, match="agent_names"):
+        problem.replace(costs=three)
+    assert Problem([resource()], TWO_AGENTS).replace(costs=three).agent_names == ("0", "1", "2")
+
+
+def test_a_part_that_a_problem_has_not_is_refused_with_the_list() -> None:
+    problem = Problem([resource()], TWO_AGENTS)
+    words = "'cost': must be one of resources, costs, agent_names; did you mean 'costs'"
+    with pytest.raises(InputError, match=f"argument of Problem.replace = {words}"):
+        problem.replace(cost=TWO_AGENTS)

@@ -68,7 +68,7 @@ FACES = {
         part quantile_table response_probability resume standard_normal start_synchronous uniforms
     """,
     "metrics": """
-        consensus_spread cost_ratio relative_error utilisation
+        consensus_spread cost_ratio measures relative_error utilisation
     """,
     "plots": """
         REFERENCE absolute_error agent_timeline average_allocations averages_against_optimum

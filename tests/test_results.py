@@ -8,6 +8,7 @@ import pytest
 
 from aimd_des import (
     BroadcastChannel,
+    InputError,
     PolynomialCosts,
     Problem,
     Recording,
@@ -16,6 +17,7 @@ from aimd_des import (
     solve_optimum,
 )
 from aimd_des.engine.simulation import Simulation
+from aimd_des.metrics import measures
 from aimd_des.results.measures import MEASURED, MEASURES
 from tests.conftest import quietly, random_problem, resource
 
@@ -211,3 +213,41 @@ def test_every_duplicate_that_arrives_is_in_the_summary() -> None:
         summary["duplicated"].tolist() == summary["delivered"].tolist() == (4 * summary["signals"]).tolist()
     )
     assert (summary["duplicated"] > 0).all()
+
+
+def test_the_summary_carries_units_and_meanings(result: Result) -> None:
+    summary = result.summary()
+    assert list(summary.attrs["units"]) == list(summary.attrs["meanings"]) == list(summary)
+    assert summary.attrs["units"]["utilisation"] == "share of the capacity"
+    listed = measures()
+    assert listed.index.tolist() == list(MEASURES)
+    assert listed[listed["in_summary"]].index.tolist() == list(summary)
+    assert listed.loc[list(summary), "meaning"].to_dict() == summary.attrs["meanings"]
+    assert listed[listed["shown"]].index.tolist() == [
+        "signals",
+        "utilisation",
+        "misallocation",
+        "overshoot_peak",
+        "overshoot_time",
+    ]
+
+
+def test_convergence_measures_each_recorded_time(problem: Problem, result: Result) -> None:
+    frame = result.convergence()
+    times = result.observations.allocation_times
+    assert list(frame) == ["time", "resource", "misallocation", "relative_error", "cost_ratio"]
+    assert frame["time"].unique().tolist() == times[times > 0.0].tolist()
+    end, summary = frame[frame["time"] == STEPS].set_index("resource"), result.summary()
+    for name in ("misallocation", "relative_error", "cost_ratio"):
+        assert end[name].tolist() == summary[name].tolist()
+    # Each row is what a run that ends there measures.
+    first = run(problem, steps=20).summary()
+    assert frame[frame["time"] == 20.0]["relative_error"].tolist() == first["relative_error"].tolist()
+
+
+def test_convergence_takes_fewer_looks_where_fewer_are_asked_for(result: Result) -> None:
+    few = result.convergence(2)["time"].unique()
+    assert len(few) == 2
+    assert few[-1] == STEPS
+    with pytest.raises(InputError, match="looks = 0: must be"):
+        result.convergence(0)

@@ -64,7 +64,7 @@ THINGS: list[tuple[Callable[[], Any], list[str]]] = [
     (simulation, ["Simulation: 40 agents share <r0> 4 GB", "and 3 more; discrete, seed 3", "AgentProcess"]),
     (
         run,
-        ["Result: discrete, seed 2, until 30", "40 agents share", "utilisation", "time above the capacity"],
+        ["Result: discrete, seed 2, until 30", "40 agents share", "utilisation", "time above the"],
     ),
     (lambda: STUDY, ["Study: Losses; 1 replications", "0 to 0.5 (30 values)"]),
     (lambda: stored(STUDY), ["Study results: Losses; 0 of 0 runs", "channel.loss", "nowhere"]),

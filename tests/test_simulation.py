@@ -349,3 +349,24 @@ def test_saturated_responses_are_counted_and_warned_about_once() -> None:
         result = simulation.run(300)
     assert len(caught) == 1
     assert result.account.saturated.sum() == result.account.responses.sum() == len(result.signals) > 0
+
+
+def test_a_simulation_is_replaced_part_by_part() -> None:
+    base = Simulation(
+        random_problem(1, 4, 2), seed=3, channel=BroadcastChannel(0.25), clocks=Clocks(phase=0.5)
+    )
+    other = base.replace(seed=4)
+    assert (other.seed, base.seed) == (4, 3)
+    assert all(getattr(other, name) is getattr(base, name) for name in ("problem", "channel", "clocks"))
+    assert other.run(20.0).digest == base.replace(seed=4).run(20.0).digest != base.run(20.0).digest
+    # Clocks that were given stand in the way of agents without ticks; those that were not do not.
+    with pytest.raises(InputError, match="clocks"):
+        base.replace(dynamics="continuous")
+    assert Simulation(base.problem, seed=0).replace(dynamics="continuous").clocks is None
+
+
+def test_a_part_that_a_simulation_has_not_is_refused_with_the_list() -> None:
+    with pytest.raises(
+        InputError, match="'chanel': must be one of problem, dynamics.*did you mean 'channel'"
+    ):
+        Simulation(random_problem(1, 4, 2), seed=3).replace(chanel=BroadcastChannel())

@@ -209,7 +209,7 @@ class Run:
         if interventions:
             more = validation.instances("interventions", interventions, Intervention, "an intervention")
             parts["interventions"] = (*self.simulation.interventions, *more)
-        simulation = self.simulation.with_parts(**parts) if parts else self.simulation
+        simulation = self.simulation.replace(**parts) if parts else self.simulation
         return branch(self, simulation, salted(self.salts, salt), parts)
 
     def begin_measures(self) -> None:

@@ -1,6 +1,5 @@
 """Puts control unit, channel, agents and observers together and runs them: wiring, no rules."""
 
-import inspect
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, Protocol, cast, get_args
 
@@ -27,6 +26,7 @@ from aimd_des.results.result import Result
 from aimd_des.results.run_data import Account
 from aimd_des.utils import returned_values, validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.replaced import replaced
 from aimd_des.utils.rng import Key, Purpose
 from aimd_des.utils.shown import Shown, ShowsItself
 
@@ -180,6 +180,7 @@ class Simulation(ShowsItself):
         self.channel = BroadcastChannel() if channel is None else channel
         self.agents = agents
         self.special = self._checked(special)
+        self._has_own_clocks = clocks is not None
         self.clocks = Clocks() if clocks is None and dynamics == "discrete" else clocks
         self.averaging = Cumulative() if averaging is None else averaging
         self.compensation, self.response = compensation, response
@@ -308,21 +309,32 @@ class Simulation(ShowsItself):
             system.env.process(_checked(process, "", process(system)))
         return Run(self, system, salts, lambda: self._result(system, observer))
 
-    def with_parts(self, **parts: Any) -> "Simulation":
+    def replace(self, **parts: Any) -> "Simulation":
         """Make the same simulation but for some of its arguments.
 
         Parameters
         ----------
         **parts
-            Arguments that are others.
+            Arguments that are others.  Clocks that were not given follow the dynamics.
 
         Returns
         -------
         Simulation
-            All others are those of this one.
+            All other arguments are those of this one.
+
+        Raises
+        ------
+        InputError
+            If there is no such argument, or as the constructor does.
+
+        Examples
+        --------
+        >>> from models import smart_cameras
+        >>> simulation = Simulation(smart_cameras(0), seed=0)
+        >>> simulation.replace(dynamics="continuous", seed=7).seed
+        7
         """
-        names = inspect.signature(type(self)).parameters
-        return type(self)(**{**{name: getattr(self, name) for name in names}, **parts})
+        return replaced(self, parts if self._has_own_clocks else {"clocks": None, **parts})
 
     def _result(self, system: System, observer: Observer) -> Result:
         """Gather what has happened, at the end."""

@@ -5,12 +5,14 @@ minimise sum_i f_i(x_i)  subject to  sum_i x_i^j = C^j and x_i^j >= 0.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from aimd_des.problem.costs import Costs, check_costs, family
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.replaced import replaced
 from aimd_des.utils.shown import Shown, ShowsItself, brief, spread
 from aimd_des.utils.validation import FloatArray
 
@@ -133,6 +135,38 @@ class Problem(ShowsItself):
         self.decrease = self._table("decrease")
         self.agent_names = self._names_of_agents(agent_names)
         check_costs(costs, self.capacity)
+
+    def replace(self, **parts: Any) -> "Problem":
+        """Make the same problem but for some of its arguments.
+
+        Parameters
+        ----------
+        **parts
+            Arguments that are others: `resources`, `costs` and `agent_names`.  Names that were not given
+            follow the number of agents.
+
+        Returns
+        -------
+        Problem
+            All other arguments are those of this one.
+
+        Raises
+        ------
+        InputError
+            If there is no such argument, or as the constructor does.
+
+        Examples
+        --------
+        >>> from dataclasses import replace
+        >>> from models import smart_cameras
+        >>> problem = smart_cameras(0)
+        >>> first, *others = problem.resources
+        >>> problem.replace(resources=[replace(first, capacity=20.0), *others]).capacity.tolist()
+        [20.0, 20.0, 25.0]
+        """
+        if self.agent_names == tuple(map(str, range(self.n_agents))):
+            parts = {"agent_names": None, **parts}
+        return replaced(self, parts)
 
     def _shown(self) -> Shown:
         heads = ["resource", "capacity", "threshold", "increase", "decrease", "normalization"]

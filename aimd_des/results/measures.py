@@ -7,7 +7,7 @@ from it, or one for all resources together, repeated.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,9 @@ from aimd_des.results.run_data import Account, Piece
 from aimd_des.results.tracking import piece_problem
 from aimd_des.utils.formatting import percent
 from aimd_des.utils.validation import FloatArray
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,3 +340,19 @@ def _shown_value(name: str, value: Any) -> str:
 def measure_words(name: str) -> str:
     """Write the name of a measure, or of a column of the user's own, for people."""
     return MEASURES[name].title.lower() if name in MEASURES else name.replace("_", " ")
+
+
+def measures() -> "pd.DataFrame":
+    """List the measures of a run.
+
+    Returns
+    -------
+    DataFrame
+        Index: name, as in summaries and studies.  Columns: title, unit, meaning, in_summary (whether it is
+        measured unless others are asked for) and shown (whether it is among the five that a result shows).
+    """
+    import pandas as pd
+
+    rows = [(one.title, one.unit, one.meaning, one.always, one.name in SHOWN) for one in MEASURES.values()]
+    index = pd.Index(list(MEASURES), name="name")
+    return pd.DataFrame(rows, index, ["title", "unit", "meaning", "in_summary", "shown"])

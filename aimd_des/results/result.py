@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from aimd_des.problem.optimum import Optimum
 from aimd_des.problem.problem import Problem, shared_words
+from aimd_des.results.convergence import convergence_frame, default_looks
 from aimd_des.results.event_log import EventLog
 from aimd_des.results.frames import categorical
 from aimd_des.results.measures import MEASURED, MEASURES, SHOWN, Measured, shown_measures
@@ -276,6 +277,39 @@ class Result(ShowsItself):
         """
         return tracking_frame(self.problem, self.history, self._optima, self.observations)
 
+    def convergence(self, looks: int | None = None) -> "pd.DataFrame":
+        """Measure how near averages were to the optimum over time.
+
+        Parameters
+        ----------
+        looks : int, optional
+            At how many recorded times at most, evenly spread over the logarithm of time; 16 unless given,
+            and fewer of more than 6,250 agents, since each is an optimum to be solved.
+
+        Returns
+        -------
+        DataFrame
+            Columns: time, resource, misallocation, relative_error, and cost_ratio (of all resources
+            together, repeated); of those who are here at the time, against the problem in force.
+
+        Raises
+        ------
+        InputError
+            If `looks` is less than 1.
+
+        Notes
+        -----
+        Allocations must be recorded, such as with ``Recording(allocations="auto")``; else there is one row
+        for each resource, of the end.
+
+        See Also
+        --------
+        aimd_des.Simulation.convergence : What theory expects.
+        """
+        if looks is None:
+            return convergence_frame(self, default_looks(self.problem.n_agents))
+        return convergence_frame(self, validation.integer("looks", looks, low=1))
+
     def recovery(
         self,
         measure: Distance = "level",
@@ -358,8 +392,9 @@ class Result(ShowsItself):
         Returns
         -------
         DataFrame
-            Index: resource.  Columns: the measures, which the page on the model lists with their units and
-            meanings.  What is measured of those who are here is NaN where nobody is.
+            Index: resource.  Columns: the measures, whose units and meanings `metrics.measures()` lists, and
+            so do ``attrs["units"]`` and ``attrs["meanings"]``.  What is measured of those who are here is NaN
+            where nobody is.
 
         Raises
         ------
@@ -368,9 +403,12 @@ class Result(ShowsItself):
         """
         import pandas as pd
 
-        return pd.DataFrame(
+        found = pd.DataFrame(
             self.measures(optimum), index=pd.Index(self.problem.resource_names, name="resource")
         )
+        found.attrs["units"] = {name: MEASURES[name].unit for name in MEASURED}
+        found.attrs["meanings"] = {name: MEASURES[name].meaning for name in MEASURED}
+        return found
 
     def measures(
         self, optimum: Optimum | None = None, names: Sequence[str] | None = None

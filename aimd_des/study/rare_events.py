@@ -182,7 +182,7 @@ def rare_event(
         validation.choice("measure", measure, get_args(Measure))
     if resource is not None:
         resource_index(simulation.problem, resource)
-    bare = simulation.with_parts(recording=Recording(demand="end", overshoot=True))
+    bare = simulation.replace(recording=Recording(demand="end", overshoot=True))
     spent = _Work()
 
     def root(salt: int) -> "_DemandPath | _MeasuredPath":
