@@ -5,6 +5,7 @@ from importlib import import_module
 from aimd_des import _deprecated
 from aimd_des._version import RESULT_VERSION
 from aimd_des._version import __version__ as __version__
+from aimd_des.utils.actions import register
 
 # As type checkers take it; `typing` takes longer to import than all else here.
 TYPE_CHECKING = False
@@ -118,3 +119,8 @@ def __dir__() -> list[str]:
 
 
 _deprecated.install()
+
+# What upper wings do for results and simulations, which import none of them.
+register("plot", "aimd_des.plots.overview", "plot_result")
+register("save", "aimd_des.scenario.saving", "save_result")
+register("fleet", "aimd_des.fleet", "Fleet")

@@ -3,16 +3,17 @@
 import re
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
 import click
 import pytest
 
-from aimd_des import __version__
+from aimd_des import InputError, Study, __version__, run_study
 from aimd_des.cli import main
-from aimd_des.cli.progress import RunProgress
 from aimd_des.scenario import load_scenario
+from aimd_des.utils.progress import RunProgress
 from tests.command_line import digest, invoke, run, runner, words, write
 from tests.conftest import INLINE, ROOT, python, quietly
 from tests.forks import PROGRAM, forks
@@ -56,10 +57,10 @@ def test_an_unknown_command_is_refused() -> None:
 def test_progress_is_shown_where_a_run_takes_its_time(
     patience: float, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("aimd_des.cli.progress._PATIENCE", patience)
+    monkeypatch.setattr("aimd_des.utils.progress._PATIENCE", patience)
     monkeypatch.setenv("COLUMNS", "120")
     clock = iter([0.0, 40.0, 50.0])  # 40 s of compiling, and 10 s of running
-    monkeypatch.setattr("aimd_des.cli.progress.time", SimpleNamespace(monotonic=lambda: next(clock)))
+    monkeypatch.setattr("aimd_des.utils.progress.time", SimpleNamespace(monotonic=lambda: next(clock)))
     with RunProgress(8000.0) as progress:
         progress.update(500.0, 10_000)
         progress.update(2000.0, 100_000)
@@ -69,6 +70,27 @@ def test_progress_is_shown_where_a_run_takes_its_time(
         assert re.search(r"simulated time 2,000 of 8,000 .* 150 a second", shown.err)
     else:
         assert shown.err == ""
+
+
+def test_runs_and_studies_in_python_show_progress_where_it_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "120")
+    scenario, heard, told = load_scenario(write()), list[float](), list[float]()
+    monkeypatch.setattr(RunProgress, "update", lambda _bar, time, _events: told.append(time))
+    system = scenario.simulation()
+    silent = quietly(system.run, 60.0)
+    assert told == []
+    shown = quietly(system.run, 60.0, lambda time, _: heard.append(time), progress=True)
+    assert shown.digest == silent.digest == quietly(scenario.run, progress=True).digest
+    assert heard == [60.0]
+    assert told == [60.0, 60.0]
+    data = {key: value for key, value in scenario.spoken().items() if key not in ("seed", "recording")}
+    study = Study(scenario={**data, "agents": "process"}, replications=2)
+    assert len(run_study(study, "many", ThreadPoolExecutor(1), 1, progress=True).runs) == 4
+    assert "2 of 2 runs" in capsys.readouterr().err
+    with pytest.raises(InputError, match="progress = 'yes': must be True or False"):
+        system.run(60.0, progress="yes")  # type: ignore[arg-type]
 
 
 def test_what_a_terminal_cannot_show_is_written_as_a_number() -> None:

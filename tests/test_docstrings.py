@@ -17,6 +17,7 @@ from typing import Any, Protocol, get_type_hints
 
 import click
 import pandas as pd
+from matplotlib.figure import Figure
 
 import aimd_des
 import models
@@ -39,6 +40,7 @@ MODULES = sorted(
 
 #: What annotations name that is imported where types are checked alone.
 LATER = {
+    "Figure": Figure,
     "pd": pd,
     "Convergence": Convergence,
     "Channel": Channel,

@@ -74,7 +74,7 @@ FACES = {
         REFERENCE absolute_error agent_timeline average_allocations averages_against_optimum
         capacity_events colour consensus cost_ratio demand_and_signals derivatives error_decay
         error_histogram frame heat_map
-        instantaneous_allocations network_map number_axis paper_figures relative_error score
+        instantaneous_allocations network_map number_axis overview paper_figures relative_error score
         shared_legend signal_raster sum_of_averages sum_of_demand tracking_error tracking_level
     """,
     "report": """
@@ -89,7 +89,7 @@ FACES = {
     """,
     "study": """
         Axis BatchMeans Interval Precision RareEvent Study StudyResults Tally batch_means compare difference
-        jackknife load_study mean_and_error mean_interval mser paired_difference rare_event read_study
+        jackknife load load_study mean_and_error mean_interval mser paired_difference rare_event read_study
         replicate replications_needed run_study steady_utilisation summarise
     """,
     "theory": """

@@ -366,7 +366,5 @@ def test_a_simulation_is_replaced_part_by_part() -> None:
 
 
 def test_a_part_that_a_simulation_has_not_is_refused_with_the_list() -> None:
-    with pytest.raises(
-        InputError, match="'chanel': must be one of problem, dynamics.*did you mean 'channel'"
-    ):
+    with pytest.raises(InputError, match=r"'chanel': must be one of problem, .*did you mean 'channel'"):
         Simulation(random_problem(1, 4, 2), seed=3).replace(chanel=BroadcastChannel())

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from aimd_des.cli.errors import INTERRUPTED, Refusal, refusing, writing
+from aimd_des.cli.options import out_option, overwrite_option, seed_option
 from aimd_des.cli.printing import say
 from aimd_des.cli.set_option import changes, check_command, set_option
 
@@ -42,14 +43,10 @@ _UNIT, _PROCESSES = 0.25, 4
     type=click.Choice(["auto", "multicast", "unicast"]),
     help="One datagram for all processes, or one for each.  [default: auto, multicast where it works]",
 )
-@click.option("--seed", type=int, help="Replaces the seed of the file; decides everything random.")
+@seed_option
 @set_option("channel.latency=0.5 or until=40")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=True),
-    help="Folder for the results, new or empty.  [default: results/NAME of the file]",
-)
-@click.option("--overwrite", is_flag=True, help="Replace a folder that an earlier run wrote.")
+@out_option
+@overwrite_option
 @click.option("--figures/--no-figures", default=None, help="Draw the figures, too.  [default: figures]")
 @click.option(
     "--replay",
@@ -132,8 +129,8 @@ def _refuse(option: str, others: dict[str, object]) -> None:
 
 def _conducted(setting: "Setting", transport: str, listen: str | None, token: str | None) -> "Measured":
     """Run, and show how far it is."""
-    from aimd_des.cli.progress import RunProgress
     from aimd_des.emulate import Conductor, Listener, check_token, parsed_address
+    from aimd_des.utils.progress import RunProgress
 
     with refusing(), RunProgress(setting.until) as progress:
 

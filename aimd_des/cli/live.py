@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from aimd_des.cli.errors import Refusal, refusing, writing
+from aimd_des.cli.options import seed_option
 from aimd_des.cli.printing import say
 from aimd_des.cli.set_option import changes, check_command, set_option
 
@@ -21,13 +22,13 @@ Examples:
 """
 
 
-@click.command("live", epilog=_EPILOG)
+@click.command("live", short_help="Show and change a system in the browser while it runs.", epilog=_EPILOG)
 @click.argument("scenario", type=click.Path(path_type=Path, dir_okay=False), required=False)
 @click.option(
     "--port", type=click.IntRange(0, 65535), default=0, help="Where to listen.  [default: any that is free]"
 )
 @click.option("--browser/--no-browser", default=True, show_default=True, help="Open the page.")
-@click.option("--seed", type=int, help="Replaces the seed of the file; decides everything random.")
+@seed_option
 @click.option(
     "--export", "page", type=click.Path(path_type=Path), help="Write a page with one recorded run, and end."
 )

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from aimd_des.cli.errors import refusing, writing
+from aimd_des.cli.options import out_option, overwrite_option, seed_option
 from aimd_des.cli.printing import say
 from aimd_des.cli.set_option import changes, check_command, set_option
 from aimd_des.cli.show_data import FORMATS
@@ -27,19 +28,15 @@ def _formats(_context: click.Context, _option: click.Parameter, given: str) -> t
     epilog="What a scenario file may say is described in docs/scenario_files.md of the project.",
 )
 @click.argument("scenario", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--seed", type=int, help="Replaces the seed of the file; decides everything random.")
+@seed_option
 @click.option(
     "--agents",
     type=click.Choice(["process", "fleet"]),
     help="Replaces the word of the file: a SimPy process each, or all in compiled code; same results.",
 )
 @set_option("channel.latency=0.5 or resources.0.capacity=10")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=True),
-    help="Folder for the results, new or empty.  [default: results/NAME of the file]",
-)
-@click.option("--overwrite", is_flag=True, help="Replace a folder that an earlier run wrote.")
+@out_option
+@overwrite_option
 @click.option(
     "--checkpoint",
     type=click.FloatRange(0.0, min_open=True),
@@ -79,7 +76,6 @@ def command(
     A run with --checkpoint that was ended goes on with --resume, to the same bytes: the same command with
     both may be repeated until it is through.
     """
-    from aimd_des.cli.progress import RunProgress
     from aimd_des.cli.run_tables import print_measures
     from aimd_des.results.overload import overload_words
     from aimd_des.scenario import load_scenario
@@ -87,6 +83,7 @@ def command(
     from aimd_des.scenario.run_folder import load_run, write_run
     from aimd_des.utils.errors import OverloadWarning
     from aimd_des.utils.folders import check_folder
+    from aimd_des.utils.progress import RunProgress
 
     folder = Path("results") / scenario.stem if out is None else out
     kept = folder.with_name(f"{folder.name}.checkpoint")

@@ -28,7 +28,7 @@ say, and how to read the folder, is described in docs/studies.md of the project.
 """
 
 
-@click.command("sweep", epilog=_EPILOG)
+@click.command("sweep", short_help="Carry out a study: many runs, here or on a cluster.", epilog=_EPILOG)
 @click.argument("study", type=click.Path(path_type=Path, dir_okay=False))
 @click.option(
     "--out",
@@ -77,8 +77,8 @@ def command(
         with refusing(study):
             _list(design, folder)
         return
-    from aimd_des.cli.progress import StudyProgress
     from aimd_des.study.run import run_study
+    from aimd_des.utils.progress import StudyProgress
 
     options = [("--set", setting) for setting in settings]
     options += [("--scheduler", scheduler)] if scheduler else []

@@ -286,3 +286,15 @@ class Run:
         finally:
             self._going = False
         self._failed = False
+
+
+def completed(run: Run, watch: Callable[[float, int], None] | None, progress: bool) -> Result:
+    """Advance a run to its end, and show how far it is if that is wanted."""
+    if progress:
+        from aimd_des.utils.progress import RunProgress, both  # rich is slow to import
+
+        with RunProgress(run.until) as shown:
+            run.advance(watch=both(shown.update, watch))
+    else:
+        run.advance(watch=watch)
+    return run.result()

@@ -17,7 +17,7 @@ from aimd_des.engine.declared import Intervention, check_absences, check_end, ch
 from aimd_des.engine.delivery import Agent, ProcessGenerator
 from aimd_des.engine.environment import Maker as ProcessMaker
 from aimd_des.engine.observers import Observer
-from aimd_des.engine.run_in_progress import Run
+from aimd_des.engine.run_in_progress import Run, completed
 from aimd_des.engine.system import System, keys_of
 from aimd_des.problem.problem import Problem, shared_words
 from aimd_des.results.event_log import EventLog
@@ -25,6 +25,7 @@ from aimd_des.results.recording import Recording
 from aimd_des.results.result import Result
 from aimd_des.results.run_data import Account
 from aimd_des.utils import returned_values, validation
+from aimd_des.utils.actions import registered
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.replaced import replaced
 from aimd_des.utils.rng import Key, Purpose
@@ -79,6 +80,16 @@ def _check_maker(field: str, maker: object) -> None:
         raise InputError.of(field, maker, "a class or function that makes an agent, such as AgentProcess")
 
 
+def _known_agents(agents: Any) -> Any:
+    """Take the words of scenario files for what they stand for, and refuse what makes no agents."""
+    if isinstance(agents, str):
+        validation.known("agents", agents, ("process", "fleet"))
+        return registered("fleet") if agents == "fleet" else AgentProcess
+    if not hasattr(agents, "populate"):
+        _check_maker("agents", agents)
+    return agents
+
+
 class Simulation(ShowsItself):
     """A system of agents, a control unit and a channel, on SimPy.
 
@@ -93,9 +104,9 @@ class Simulation(ShowsItself):
         `Sampled` with period 1 unless given.
     channel : Channel, optional
         A perfect `BroadcastChannel` (no latency, no loss) unless given.
-    agents : callable or Fleet
+    agents : callable, Fleet, "process" or "fleet"
         Makes an agent from (index, system), `AgentProcess` unless given; or `Fleet`: all agents in compiled
-        code, with the same events.
+        code, with the same events.  The words of scenario files stand for these two.
     special : mapping of int to callable
         Agents that are not as the others: makes those with these indices from (index, system).
     clocks : Clocks, optional
@@ -133,7 +144,7 @@ class Simulation(ShowsItself):
         dynamics: Dynamics = "discrete",
         control_unit: ControlUnit | None = None,
         channel: Channel | None = None,
-        agents: Maker | Population = AgentProcess,
+        agents: Maker | Population | Literal["process", "fleet"] = AgentProcess,
         special: Mapping[int, Maker] | None = None,
         clocks: Clocks | None = None,
         averaging: Averaging | None = None,
@@ -162,8 +173,7 @@ class Simulation(ShowsItself):
         if isinstance(table_of(control_unit), CrossingTable) and dynamics == "discrete":
             reason = "a Sampled with discrete agents: their demand jumps at ticks and crosses nothing"
             raise InputError.of("control_unit", control_unit, reason, "or choose continuous dynamics")
-        if not hasattr(agents, "populate"):
-            _check_maker("agents", agents)
+        agents = _known_agents(agents)
         self.seed = validation.integer("seed", seed, low=0)
         tick_weight = DISCRETE if dynamics == "discrete" else CONTINUOUS
         # And what does not fit the agents.
@@ -218,7 +228,13 @@ class Simulation(ShowsItself):
             _check_maker(f"special[{index}]", maker)
         return dict(sorted(special.items()))
 
-    def run(self, until: float, watch: Callable[[float, int], None] | None = None) -> Result:
+    def run(
+        self,
+        until: float,
+        watch: Callable[[float, int], None] | None = None,
+        *,
+        progress: bool = False,
+    ) -> Result:
         """Run over [0, until): what is due at `until` does not happen, but the last look is taken there.
 
         Parameters
@@ -227,6 +243,8 @@ class Simulation(ShowsItself):
             The end, greater than 0, in units of time.
         watch : callable, optional
             Called with (simulated time, events handled) every few thousand events.
+        progress : bool
+            Whether a bar with the time left is shown, for runs of a second or more.
 
         Returns
         -------
@@ -249,9 +267,9 @@ class Simulation(ShowsItself):
         OverloadWarning
             Once, if demand has run away from the capacity.
         """
-        run = self.start(until)
-        run.advance(watch=watch)
-        return run.result()
+        result = completed(self.start(until), watch, validation.flag("progress", progress))
+        result.origin = self
+        return result
 
     def start(self, until: float) -> Run:
         """Begin a run over [0, until), in which nothing has happened yet.

@@ -11,6 +11,7 @@ from aimd_des.plots.convergence import averages_against_optimum, consensus, erro
 from aimd_des.plots.errors import absolute_error, cost_ratio, error_histogram, relative_error
 from aimd_des.plots.maps import heat_map
 from aimd_des.plots.network import network_map
+from aimd_des.plots.overview import overview
 from aimd_des.plots.paper import paper_figures
 from aimd_des.plots.score import agent_timeline, score
 from aimd_des.plots.signals import demand_and_signals, signal_raster
@@ -36,6 +37,7 @@ __all__ = [
     "instantaneous_allocations",
     "network_map",
     "number_axis",
+    "overview",
     "paper_figures",
     "relative_error",
     "score",

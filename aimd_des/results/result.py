@@ -10,27 +10,31 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from functools import cached_property
 from hashlib import sha256
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from aimd_des.problem.optimum import Optimum
-from aimd_des.problem.problem import Problem, shared_words
+from aimd_des.problem.problem import Problem
 from aimd_des.results.convergence import convergence_frame, default_looks
 from aimd_des.results.event_log import EventLog
 from aimd_des.results.frames import categorical
-from aimd_des.results.measures import MEASURED, MEASURES, SHOWN, Measured, shown_measures
+from aimd_des.results.measures import MEASURED, MEASURES, Measured
 from aimd_des.results.overload import Opportunities, overload_words, run_away
+from aimd_des.results.representation import shown_result
 from aimd_des.results.run_data import Account, Observations, Piece, Rest, Signals
 from aimd_des.results.tracking import Distance, PieceOptima, pieces_frame, recovery_frame, tracking_frame
 from aimd_des.utils import validation
+from aimd_des.utils.actions import registered
 from aimd_des.utils.errors import InputError, OverloadWarning, level_outside
 from aimd_des.utils.shown import Shown, ShowsItself
 from aimd_des.utils.validation import FloatArray
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 
 class Result(ShowsItself):
@@ -108,6 +112,8 @@ class Result(ShowsItself):
         self.history = tuple(pieces) or (only,)
         self.bits_per_signal = bits_per_signal
         self.rest = rest
+        #: What was run from the beginning, a simulation or a scenario, as far as it is known.
+        self.origin: object = None
         # What has been measured and took an optimum, for the representation, which solves for none.
         self._misallocation: npt.NDArray[Any] | None = None
         mean = observations.second_half
@@ -125,6 +131,10 @@ class Result(ShowsItself):
                 RuntimeWarning,
                 stacklevel=level_outside(),
             )
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What was run may hold functions that cannot be sent to another process.
+        return {**self.__dict__, "origin": None}
 
     @property
     def judged(self) -> str:
@@ -450,15 +460,49 @@ class Result(ShowsItself):
         self._misallocation = found.get("misallocation", self._misallocation)
         return found
 
+    def plot(self, kind: str = "overview", **options: Any) -> "Figure":
+        """Draw a figure of the run.
+
+        Parameters
+        ----------
+        kind : str
+            "overview", or the name of a panel of `aimd_des.plots`, such as "demand_and_signals".
+        **options
+            What the panel takes besides axes and result, such as ``start=400.0`` or ``resource=0``.
+
+        Returns
+        -------
+        Figure
+            Of Matplotlib, which notebooks show; ``figure.savefig`` writes it.
+
+        Raises
+        ------
+        InputError
+            If there is no such kind, or it takes no such option, or needs another one.
+        """
+        figure: Figure = registered("plot")(self, kind, **options)
+        return figure
+
+    def save(self, folder: str | Path, *, overwrite: bool = False, figures: bool = False) -> None:
+        """Write the folder of the run, as ``aimd-des run`` does; `aimd_des.study.load` reads it.
+
+        Parameters
+        ----------
+        folder : str or Path
+            New or empty.
+        overwrite : bool
+            Whether a folder that an earlier run wrote is replaced.
+        figures : bool
+            Whether to draw the figures, too.
+
+        Raises
+        ------
+        InputError
+            If the folder is taken; or a scenario file cannot say what was run, which holds for functions and
+            parts of one's own that are not registered, and for results of pieces, forks and
+            `run_synchronous`.
+        """
+        registered("save")(self, folder, overwrite=overwrite, figures=figures)
+
     def _shown(self) -> Shown:
-        known = self.measures(names=[name for name in SHOWN if name != "misallocation"])
-        if self._misallocation is not None:
-            known["misallocation"] = self._misallocation
-        names = self.problem.resource_names
-        away = [name for name, gone in zip(names, self.run_away, strict=True) if gone]
-        words = [
-            f"Result: {self.dynamics}, seed {self.seed}, until {self.until:,g}",
-            *([f"demand has run away from {', '.join(away)}"] if away else []),
-            shared_words(self.problem),
-        ]
-        return Shown("; ".join(words), *shown_measures(names, known))
+        return shown_result(self, self._misallocation)

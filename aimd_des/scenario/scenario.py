@@ -167,19 +167,13 @@ class Scenario(ShowsItself, Table, InSentences):
             averaging: Averaging = self.averaging.build()
             averaging.parameters(CONTINUOUS if self.dynamics == "continuous" else DISCRETE)
         for number, table in enumerate(self.interventions):
+            field = f"interventions.{number}.kind"
             if getattr(table.of.of.make, "of_hold_off", False) and not self._holds_off():
-                raise InputError.of(
-                    f"interventions.{number}.kind",
-                    table.of.name,
-                    "left out unless control_unit.kind is 'crossing': others have no hold-off",
-                )
+                allowed = "left out unless control_unit.kind is 'crossing': others have no hold-off"
+                raise InputError.of(field, table.of.name, allowed)
             if table.of.of.make is RedrawnPrices and self.model is None:
-                raise InputError.of(
-                    f"interventions.{number}.kind",
-                    "prices",
-                    "left out where the problem is written out",
-                    "prices are drawn by a model",
-                )
+                allowed = "left out where the problem is written out"
+                raise InputError.of(field, "prices", allowed, "prices are drawn by a model")
         return self
 
     def _holds_off(self) -> bool:
@@ -361,6 +355,7 @@ class Scenario(ShowsItself, Table, InSentences):
         processes: Sequence[Callable[[System], ProcessGenerator]] = (),
         *,
         problem: Problem | None = None,
+        progress: bool = False,
     ) -> Result:
         """Run the scenario.
 
@@ -372,6 +367,8 @@ class Scenario(ShowsItself, Table, InSentences):
             SimPy processes that take part, as `Simulation` takes them.
         problem : Problem, optional
             What `problem` returns, for runs that share it; built unless given.
+        progress : bool
+            As for `Simulation.run`; the synchronous algorithm, which takes no time, shows none.
 
         Returns
         -------
@@ -392,7 +389,7 @@ class Scenario(ShowsItself, Table, InSentences):
             if processes:
                 allowed = "'discrete' or 'continuous' for processes such as one that watches the run"
                 raise InputError.of("dynamics", self.dynamics, allowed)
-            return run_synchronous(
+            result = run_synchronous(
                 problem,
                 steps=int(self.until),
                 seed=self.seed,
@@ -401,9 +398,13 @@ class Scenario(ShowsItself, Table, InSentences):
                 response=self.rule(),
                 recording=self.recording.build(),
             )
-        if self.warm_up is not None:
-            return run_with_warm_up(self, problem, interventions, processes, watch)
-        return simulation_of(self, problem, interventions, processes).run(self.until, watch)
+        elif self.warm_up is not None:
+            result = run_with_warm_up(self, problem, interventions, processes, watch, progress)
+        else:
+            system = simulation_of(self, problem, interventions, processes)
+            result = system.run(self.until, watch, progress=progress)
+        result.origin = self
+        return result
 
     def simulation(self) -> Simulation:
         """Put the system together, to be run piece by piece: ``scenario.simulation().start(scenario.until)``.

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from aimd_des.engine.agent_process import AgentProcess
 from aimd_des.engine.declared import Intervention
 from aimd_des.engine.delivery import ProcessGenerator
-from aimd_des.engine.run_in_progress import Run
+from aimd_des.engine.run_in_progress import Run, completed
 from aimd_des.engine.simulation import Simulation
 from aimd_des.engine.system import System
 from aimd_des.fleet import Fleet
@@ -145,11 +145,11 @@ def run_with_warm_up(
     interventions: Sequence[Intervention],
     processes: Sequence[Callable[[System], ProcessGenerator]],
     watch: Callable[[float, int], None] | None,
+    progress: bool,
 ) -> Result:
     """Run a scenario that has one."""
     if processes:
         allowed = "empty where there is a warm-up: what follows it is a fork, which no process can join"
         raise InputError.of("processes", processes, allowed)
     rest = gone_on(scenario, warmed(scenario, problem, interventions), interventions)
-    rest.advance(watch=watch)
-    return rest.result()
+    return completed(rest, watch, progress)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from aimd_des.study.axis import Axis
     from aimd_des.study.file import read_study
+    from aimd_des.study.loading import load
     from aimd_des.study.rare_events import RareEvent, rare_event
     from aimd_des.study.replications import jackknife, mean_and_error, replicate
     from aimd_des.study.results import StudyResults, load_study
@@ -31,6 +32,7 @@ _HOME = {
     "compare": "statistics.summary",
     "difference": "statistics.intervals",
     "jackknife": "replications",
+    "load": "loading",
     "load_study": "results",
     "mean_and_error": "replications",
     "mean_interval": "statistics.intervals",
@@ -58,6 +60,7 @@ __all__ = [
     "compare",
     "difference",
     "jackknife",
+    "load",
     "load_study",
     "mean_and_error",
     "mean_interval",

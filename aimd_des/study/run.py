@@ -25,7 +25,7 @@ from aimd_des.study.study import Study
 from aimd_des.study.worker_task import Outcome, Task, failure, present
 from aimd_des.study.workers import Given, Pool, Processes
 from aimd_des.utils import validation
-from aimd_des.utils.errors import InputError, OverloadWarning
+from aimd_des.utils.errors import InputError, OverloadWarning, level_outside
 
 _LOGGER = logging.getLogger("aimd_des")
 
@@ -66,6 +66,7 @@ def run_study(
     overwrite: bool = False,
     retry_failed: bool = False,
     watch: Callable[[Tally], None] | None = None,
+    progress: bool = False,
 ) -> StudyResults:
     """Carry out what is missing of a study.
 
@@ -85,6 +86,8 @@ def run_study(
         Whether runs that have failed are tried again.
     watch : callable, optional
         Called with a `Tally` whenever something has happened.
+    progress : bool
+        Whether a bar with runs done, failures and the time left is shown.
 
     Returns
     -------
@@ -108,6 +111,12 @@ def run_study(
         Once, if demand has run away from a capacity in some of the runs: `StudyResults.run_away` lists them.
     """
     validation.instance("study", study, Study, "a Study, such as read_study(path)")
+    if validation.flag("progress", progress):
+        from aimd_des.utils.progress import StudyProgress, both  # rich is slow to import
+
+        again = {"overwrite": overwrite, "retry_failed": retry_failed}
+        with StudyProgress() as shown:
+            return run_study(study, out, executor, workers, **again, watch=both(shown.update, watch))
     points = expand(study)
     many = validation.integer("workers", (os.cpu_count() or 1) if workers is None else workers, low=1)
     store = Store(Path(out).absolute())
@@ -145,7 +154,7 @@ def run_study(
             raise KeyboardInterrupt
     results = load_study(out)
     if len(results.run_away):
-        warnings.warn(run_away_words(results), OverloadWarning, stacklevel=2)
+        warnings.warn(run_away_words(results), OverloadWarning, stacklevel=level_outside())
     return results
 
 

@@ -34,6 +34,11 @@ class Place:
     held: Mapping[str, tuple[int, ...]]
 
 
+def is_study(folder: Path) -> bool:
+    """Tell whether a folder is that of a study."""
+    return (folder / "manifest.json").is_file()
+
+
 def check_folder(folder: Path, *, overwrite: bool, mark: str = PROVENANCE) -> Place:
     """Refuse a folder that cannot be written, before anything runs.
 

@@ -1,18 +1,42 @@
-"""What the command line shows while a run goes on, or a study is carried out."""
+"""What terminals and notebooks show while a run goes on, or a study is carried out."""
 
 import time
+from collections.abc import Callable
+from importlib.util import find_spec
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import Any, Protocol, Self
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
 
 from aimd_des.utils.formatting import grouped
 
-if TYPE_CHECKING:
-    from aimd_des.study.run import Tally
-
 _PATIENCE = 1.0
+
+
+class _Counts(Protocol):
+    """How far a study is: a `Tally`."""
+
+    total: int
+    found: int
+    done: int
+    failed: int
+
+
+def both(first: Callable[..., object], second: Callable[..., object] | None) -> Callable[..., None]:
+    """Tell two functions the same news."""
+
+    def tell(*news: Any) -> None:
+        first(*news)
+        if second is not None:
+            second(*news)
+
+    return tell
+
+
+def _console() -> Console:
+    """Write to the terminal, or into the notebook where it has the widgets that rich draws with."""
+    return Console(stderr=True, force_jupyter=None if find_spec("ipywidgets") else False)
 
 
 class _Progress:
@@ -21,7 +45,7 @@ class _Progress:
     def __init__(self, count: str, total: float, *more: ProgressColumn, start: bool) -> None:
         rate = TextColumn("{task.fields[rate]}")
         columns = (TextColumn(count), BarColumn(), rate, TimeRemainingColumn(), *more)
-        self._bar = Progress(*columns, console=Console(stderr=True))
+        self._bar = Progress(*columns, console=_console())
         self._task = self._bar.add_task("", total=total, start=start, rate="", failures="")
 
     def __enter__(self) -> Self:
@@ -66,7 +90,7 @@ class StudyProgress(_Progress):
         failures = TextColumn("{task.fields[failures]}", style="red")
         super().__init__("{task.completed:,.0f} of {task.total:,.0f} runs", 1.0, failures, start=False)
 
-    def update(self, tally: "Tally") -> None:
+    def update(self, tally: _Counts) -> None:
         """Take note of how far the study is."""
         task = self._bar.tasks[0]
         made = tally.done + tally.failed
