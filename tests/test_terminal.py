@@ -1,6 +1,7 @@
 """What the command prints, and how it stops: no text steers a terminal, no Ctrl-C ends in a traceback."""
 
 import ast
+import io
 import json
 import os
 import re
@@ -10,8 +11,10 @@ import sys
 import time
 from pathlib import Path
 
+import click
 import pytest
 
+from aimd_des.cli.printing import paged, say
 from aimd_des.utils.terminal_text import fit
 from tests.command_line import invoke, refusal, run, runner, said, write
 from tests.conftest import INLINE, ROOT
@@ -220,3 +223,71 @@ def test_a_warning_is_a_sentence() -> None:
     assert said[0].startswith("Warning: ")
     assert "RuntimeWarning" not in outcome.stderr
     assert "scenario.run" not in outcome.stderr
+
+
+# -- help, and long tables -------------------------------------------------------------------------------
+
+
+def test_no_help_text_of_a_command_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    out = invoke("--help").output
+    listed = out.partition("Commands:")[2].partition("Examples:")[0]
+    assert "..." not in listed
+    assert all(len(line) <= 80 for line in listed.splitlines())
+    assert all(line.endswith(".") for line in listed.splitlines() if line.strip())
+
+
+@pytest.mark.parametrize(
+    ("typed", "hint"),
+    [("swep", "Did you mean 'sweep'?"), ("rnu", "Did you mean 'run'?"), ("xyz", "There are run,")],
+)
+def test_a_mistyped_command_is_refused_with_the_nearest(typed: str, hint: str) -> None:
+    outcome = invoke(typed)
+    assert outcome.exit_code == 2
+    assert f"No such command {typed!r}. {hint}" in outcome.stderr
+
+
+class _Screen(io.StringIO):
+    """A terminal of which nothing but its text is looked at."""
+
+    encoding = "utf-8"
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(("lines", "is_paged"), [(3, False), (9, False), (10, True), (400, True)])
+def test_a_terminal_gets_what_is_too_long_page_by_page(
+    lines: int, is_paged: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pages: list[str] = []
+    screen = _Screen()
+    monkeypatch.setattr(sys, "stdout", screen)
+    monkeypatch.setattr(click, "echo_via_pager", pages.append)
+    monkeypatch.setattr("shutil.get_terminal_size", lambda: os.terminal_size((80, 10)))
+    with paged():
+        say("\n".join("line" for _ in range(lines)))
+    text = "line\n" * lines
+    assert (pages, screen.getvalue()) == (([text], "") if is_paged else ([], text))
+
+
+def test_what_was_printed_before_a_failure_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = _Screen()
+    monkeypatch.setattr(sys, "stdout", screen)
+
+    def fail() -> None:
+        say("so far")
+        raise ValueError("later")
+
+    with pytest.raises(ValueError, match="later"), paged():
+        fail()
+    assert screen.getvalue() == "so far\n"
+
+
+def test_files_and_pipes_are_not_paged(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(click, "echo_via_pager", None)
+    with paged():
+        say("\n" * 500)
+    assert capsys.readouterr().out == "\n" * 501

@@ -1,6 +1,8 @@
 """Watching changes nothing: the same digest as an unwatched run, whatever is shown, and how it is shown."""
 
 import io
+import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,8 +26,9 @@ from aimd_des import (
     loss,
 )
 from aimd_des.scenario import load_scenario
-from aimd_des.watch import LiveView, Monitor, PlainView, Snapshot, last_snapshot
-from aimd_des.watch.terminal import sparkline
+from aimd_des.watch import LiveView, Monitor, NoKeys, PlainView, Snapshot, keyboard, last_snapshot
+from aimd_des.watch.monitor import Agent
+from aimd_des.watch.terminal import sparkline, tall_curve
 from tests.command_line import digest, invoke, refusal, run, write
 from tests.conftest import INLINE, assert_same_run, random_problem
 
@@ -39,9 +42,23 @@ def simulated(looker: Monitor | None = None, **changes: Any) -> Result:
         "channel": BroadcastChannel(latency=latency.Exponential(0.2), loss=loss.Bernoulli(0.1)),
         "recording": Recording(demand=0.7, allocations=0.7, events=True),
         "seed": 5,
-        "processes": [] if looker is None else [looker.process],
     }
-    return Simulation(PROBLEM, **(setting | changes)).run(UNTIL)
+    simulation = Simulation(PROBLEM, **(setting | changes))
+    return simulation.run(UNTIL) if looker is None else looker.play(simulation.start(UNTIL))
+
+
+class Typed:
+    """Keys that are pressed one after another, each at the next look; waiting passes the time of a clock."""
+
+    def __init__(self, *keys: str, clock: "Clock | None" = None) -> None:
+        self.keys, self.clock = list(keys), clock
+
+    def read(self, seconds: float) -> str:
+        if self.keys:
+            return self.keys.pop(0)
+        if self.clock is not None:
+            self.clock.sleep(seconds)
+        return ""
 
 
 def looks(interval: float, **changes: Any) -> tuple[list[Snapshot], Result]:
@@ -113,8 +130,9 @@ class Clock:
 
 def test_the_run_keeps_pace_with_real_time() -> None:
     clock, times = Clock(), []
+    seen = Typed(clock=clock)
     looker = Monitor(
-        lambda look: times.append((look.time, clock.now - 100.0)), 2.0, 4.0, clock=clock, sleep=clock.sleep
+        lambda look: times.append((look.time, clock.now - 100.0)), 2.0, 4.0, clock=clock, keys=seen
     )
     simulated(looker, agents=Fleet)
     assert times == [(2.0 * k, 0.5 * k) for k in range(20)]
@@ -123,7 +141,7 @@ def test_the_run_keeps_pace_with_real_time() -> None:
 
 def test_a_run_that_is_late_does_not_wait() -> None:
     clock = Clock(tick=10.0)
-    simulated(Monitor(lambda _: None, 2.0, 4.0, clock=clock, sleep=clock.sleep), agents=Fleet)
+    simulated(Monitor(lambda _: None, 2.0, 4.0, clock=clock, keys=Typed(clock=clock)), agents=Fleet)
     assert clock.slept == 0.0
 
 
@@ -136,6 +154,100 @@ def test_measuring_takes_a_small_part_of_the_time(monkeypatch: pytest.MonkeyPatc
         )
         simulated(Monitor(lambda _: None, 1.0, sparing=sparing, clock=Clock(tick=1.0)), agents=Fleet)
         assert len(measured) == expected
+
+
+# -- keys ------------------------------------------------------------------------------------------------
+
+
+def pressed(*keys: str, **changes: Any) -> list[Snapshot]:
+    """What is seen of a run in which keys are pressed, from the first look on."""
+    seen: list[Snapshot] = []
+    watched = simulated(Monitor(seen.append, 2.0, keys=Typed(*keys)), **changes)
+    assert watched.digest == simulated(**changes).digest
+    return seen
+
+
+def test_a_pause_ends_with_the_same_key() -> None:
+    seen = pressed(" ", " ")
+    assert [look.paused for look in seen[:4]] == [True, False, False, False]
+    assert [look.time for look in seen[:4]] == [0.0, 0.0, 0.0, 2.0]
+
+
+def test_a_step_is_one_event_and_the_next_signal_is_come_to() -> None:
+    seen = pressed("s", "n", "n", " ", **CONTINUOUS)
+    assert [look.paused for look in seen[:5]] == [True, True, True, False, False]
+    assert [look.signals.sum() for look in seen[1:4]] == [1, 2, 2]
+    # From where the keys have led, looks are as far apart as before.
+    assert np.diff([look.time for look in seen[4:]]) == pytest.approx(2.0)
+    assert seen[4].time == seen[3].time
+
+
+def test_a_step_past_the_end_ends_the_run() -> None:
+    assert pressed(*["n"] * 500, **CONTINUOUS)[-1].time == UNTIL
+
+
+def test_agents_are_chosen_by_tab_and_by_number() -> None:
+    seen = pressed("\t", "\t", "\x1b[Z", "5", "9", "0", "\x1b[Z")
+    assert [look.agent.number for look in seen[:7] if look.agent] == [1, 2, 1, 5, 5, 0, 5]
+    agent = seen[-1].agent
+    assert agent is not None
+    assert agent.demand.shape == agent.average.shape == (2,)
+
+
+def test_digits_that_follow_each_other_are_one_number() -> None:
+    monitor = Monitor(print, 1.0)
+    for digits, expected in (("1", 1), ("2", 12), ("9", 9), ("", 9), ("3", 3)):
+        monitor._choose(digits, 20)
+        assert monitor._agent == expected
+
+
+def test_plus_and_minus_change_the_speed() -> None:
+    clock, times = Clock(), []
+    keys = Typed("+", "-", "-", "-", clock=clock)
+    show = Monitor(lambda look: times.append((look.time, clock.now)), 2.0, 4.0, clock=clock, keys=keys)
+    simulated(show)
+    # From 4 to 8, and down to 1: two units of time take two seconds.
+    assert np.diff([now for _, now in times[4:]]).tolist() == pytest.approx([2.0] * 19)
+    slowed = Monitor(print, 2.0, None, clock=clock, keys=keys)
+    slowed._press("+", simulation_in_progress())
+    assert slowed._speed is None
+    slowed._press("-", simulation_in_progress())
+    assert slowed._speed == pytest.approx(UNTIL / 60.0)
+
+
+def simulation_in_progress() -> Any:
+    return Simulation(PROBLEM, seed=0).start(UNTIL)
+
+
+def test_copies_in_flight_are_counted() -> None:
+    seen, result = looks(0.7, channel=BroadcastChannel(latency=latency.Constant(0.3)), **CONTINUOUS)
+    sent = result.signals_sent
+    for look in seen:
+        under_way = (sent.time < look.time) & (look.time < sent.time + 0.3)
+        expected = [6 * np.count_nonzero(under_way & (sent.resource == j)) for j in range(2)]
+        assert look.in_flight is not None
+        assert look.in_flight.tolist() == expected
+    assert any(look.in_flight is not None and look.in_flight.any() for look in seen)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="terminals of POSIX")
+def test_the_keyboard_of_a_terminal_is_read_and_left_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    import pty
+    import termios
+
+    other, own = pty.openpty()
+    before = termios.tcgetattr(own)
+    with os.fdopen(own) as terminal:
+        monkeypatch.setattr(sys, "stdin", terminal)
+        with keyboard() as keys:
+            assert keys.read(0.0) == ""
+            os.write(other, b"n")
+            assert keys.read(5.0) == "n"
+        assert termios.tcgetattr(own) == before
+    os.close(other)
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+    with keyboard() as keys:
+        assert isinstance(keys, NoKeys)
 
 
 # -- views -----------------------------------------------------------------------------------------------
@@ -236,6 +348,32 @@ def test_a_line_says_everything() -> None:
     )
 
 
+def test_a_full_terminal_has_tall_curves_the_agent_and_the_keys() -> None:
+    raw = io.StringIO()
+    sizes = {"width": 100, "height": 40}
+    console = Console(file=raw, force_terminal=True, color_system="standard", legacy_windows=False, **sizes)
+    view = LiveView(PROBLEM, 10.0, "A title", console, full=True)
+    agent = Agent(1, np.array([0.5, 0.25]), np.array([0.4, 0.2]))
+    seen = look()._replace(in_flight=np.array([7, 8]), agent=agent, paused=True)
+    for height in (40, 20, 8):  # the terminal is made smaller
+        console.size = (100, height)
+        view._past.append(seen)
+        lines = console.render_lines(view._page())
+        assert height - 6 <= len(lines) <= height or height == 8
+        text = "\n".join("".join(part.text for part in line) for line in lines)
+        assert "agent 1: resource 0 0.5 (average 0.4), resource 1 0.25 (average 0.2)" in text
+        assert "PAUSED  space: pause" in text
+        assert "in flight" in text
+    styles = {view._style(j) for j in range(7)}
+    assert len(styles) == 7
+
+
+def test_tall_curves_fill_from_below() -> None:
+    assert tall_curve([0.0, 0.6, 1.2, 9.0], 2, 1.2) == ["  ██", " ███"]
+    assert tall_curve([0.3], 2, 1.2) == [" ", "▄"]
+    assert tall_curve([0.6, 1.2], 2, 1.2, plain=True) == [" #", "##"]
+
+
 def test_sparklines_span_what_they_show() -> None:
     assert sparkline([0.0, 0.5, 1.0]) == "▁▅█"
     assert sparkline([2.0, 2.0]) == "▅▅"
@@ -303,4 +441,4 @@ def test_watch_refuses_what_it_cannot_show() -> None:
     assert "0.0 is not in the range x>0.0" in refusal("watch", "five.toml", "--speed", "0")
     assert "until" in refusal("watch", "five.toml", "--until", "-3")
     with pytest.raises(InputError, match="for processes such as one that watches"):
-        load_scenario(Path("steps.toml")).run(processes=[Monitor(print, 1.0).process])
+        load_scenario(Path("steps.toml")).run(processes=[print])

@@ -20,7 +20,7 @@ def command(first: Path, second: Path, measures: tuple[str, ...]) -> None:
     the measures side by side.  Of studies: the keys that differ, and at each point that both have the
     difference of the means with its 95 % confidence interval, paired where seeds are equal, else by Welch.
     """
-    from aimd_des.cli.study_tables import is_study
+    from aimd_des.utils.folders import is_study
 
     with refusing():
         if is_study(first) and is_study(second):

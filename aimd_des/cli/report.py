@@ -14,7 +14,7 @@ Examples:
 """
 
 
-@click.command("report", epilog=_EPILOG)
+@click.command("report", short_help="Write one HTML file about a run or a study.", epilog=_EPILOG)
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option(
     "--out",
@@ -29,8 +29,8 @@ def command(folder: Path, out: Path | None, overwrite: bool) -> None:
     they come from.  Everything is in the file: it opens in a browser without a network, and can be sent.
     Needs the extra `report`: pip install 'aimd-des[report]'.
     """
-    from aimd_des.cli.study_tables import is_study
     from aimd_des.report import check_page, report_run, report_study, write_page
+    from aimd_des.utils.folders import is_study
 
     path = folder.resolve().with_name(f"{folder.resolve().name}.html") if out is None else out
     with refusing():

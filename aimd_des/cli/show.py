@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from aimd_des.cli.errors import Refusal, refusing
+from aimd_des.cli.printing import paged
 
 
 @click.command("show")
@@ -31,9 +32,11 @@ def command(
 
     Of a run: the scenario, versions, digest, and all measures of each resource.  Of a study: the axes,
     how many runs are there, failed or missing, and at each point the mean of the main measures over the
-    replications, with the half-width of its 95 % confidence interval.
+    replications, with the half-width of its 95 % confidence interval.  What is longer than the terminal
+    is shown page by page.
     """
-    from aimd_des.cli.study_tables import is_study, show_study
+    from aimd_des.cli.study_tables import show_study
+    from aimd_des.utils.folders import is_study
 
     if form and plot:
         raise Refusal(f"--plot: cannot be given together with --{form}; say one of them")
@@ -42,7 +45,8 @@ def command(
             if form or plot:
                 _study_data(folder, measures, axes, form, plot)
             else:
-                show_study(folder, measures, axes)
+                with paged():
+                    show_study(folder, measures, axes)
             return
         for option, given in (("--by", axes), ("--plot", plot)):
             if given:
@@ -54,7 +58,8 @@ def command(
         if form:
             print_data(run_table(load_run(folder), measures), "csv" if form == "csv" else "json")
         else:
-            show_run(load_run(folder), measures)
+            with paged():
+                show_run(load_run(folder), measures)
 
 
 def _study_data(

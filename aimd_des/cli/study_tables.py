@@ -16,11 +16,8 @@ if TYPE_CHECKING:
 # How many of the measures are shown unless they are chosen.
 _MOST_MEASURES = 4
 _MOST_FAILURES = 10
-
-
-def is_study(folder: Path) -> bool:
-    """Tell whether a folder is that of a study."""
-    return (folder / "manifest.json").is_file()
+# From so many rows on, a shorter table is pointed to.
+_MANY_ROWS = 30
 
 
 def chosen_measures(kept: Sequence[str], measures: Sequence[str]) -> list[str]:
@@ -51,6 +48,8 @@ def show_study(folder: Path, measures: Sequence[str] = (), by: Sequence[str] = (
         columns, rows = _means(runs, axes, names)
         title = f"Means {plus_minus()} half-widths of their 95 % confidence intervals"
         print_table(title, columns, rows, labels=len(axes) + 1)
+        if len(rows) > _MANY_ROWS and len(axes) > 1:
+            say(f"{len(rows):,} rows: --by {axes[0]} takes means over the other axes")
     _print_failures(results)
 
 

@@ -1,16 +1,21 @@
 """`aimd-des watch`: a run, seen while it goes on."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from aimd_des.cli.errors import INTERRUPTED, refusing
+from aimd_des.cli.options import seed_option
 from aimd_des.cli.printing import say
 from aimd_des.cli.set_option import changes, check_command, set_option
 from aimd_des.utils.formatting import grouped
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
+    from aimd_des.problem import Problem
     from aimd_des.scenario import Scenario
     from aimd_des.watch import View
 
@@ -18,10 +23,13 @@ _EPILOG = """\b
 Examples:
   aimd-des watch scenarios/paper.toml
   aimd-des watch scenarios/paper.toml --speed 20 --until 1000
+
+Keys: space pauses and goes on; s takes one event, n goes to the next signal; + and -
+double and halve the speed; tab or the digits of a number choose the agent that is shown.
 """
 
 
-@click.command("watch", epilog=_EPILOG)
+@click.command("watch", short_help="Run one scenario, and show it meanwhile.", epilog=_EPILOG)
 @click.argument("scenario", type=click.Path(path_type=Path, dir_okay=False))
 @click.option(
     "--speed",
@@ -29,7 +37,7 @@ Examples:
     help="Units of simulated time per second.  [default: as fast as it goes]",
 )
 @click.option("--until", type=float, help="Replaces the end of the run in the file.")
-@click.option("--seed", type=int, help="Replaces the seed of the file; decides everything random.")
+@seed_option
 @set_option("channel.loss=0.1")
 def command(
     scenario: Path, speed: float | None, until: float | None, seed: int | None, settings: tuple[str, ...]
@@ -52,27 +60,29 @@ def command(
 
 def _watch(scenario: "Scenario", speed: float | None) -> None:
     """Run, show, and say what came out."""
-    from aimd_des.watch import Monitor, last_snapshot
+    from rich.console import Console
 
-    view = _view(scenario)
-    looker = Monitor(view.show, view.interval(speed), speed, sparing=view.sparing)
-    try:
-        with view:
-            result = scenario.run(processes=[looker.process])
-            view.end(last_snapshot(result))
-    except KeyboardInterrupt:
-        say(f"Stopped at time {grouped(looker.reached)} of {grouped(scenario.until)}.", err=True)
-        raise SystemExit(INTERRUPTED) from None
+    from aimd_des.watch import Monitor, NoKeys, keyboard, last_snapshot
+
+    run, console = scenario.simulation().start(scenario.until), Console()
+    with keyboard() if console.is_terminal else nullcontext(NoKeys()) as keys:
+        view = _view(scenario, run.simulation.problem, console, full=not isinstance(keys, NoKeys))
+        looker = Monitor(view.show, view.interval, speed, sparing=view.sparing, keys=keys)
+        try:
+            with view:
+                result = looker.play(run)
+                view.end(last_snapshot(result))
+        except KeyboardInterrupt:
+            reached = f"{grouped(looker.reached)} of {grouped(scenario.until)}"
+            say(f"Stopped at time {reached}.", err=True)
+            raise SystemExit(INTERRUPTED) from None
     say(f"digest {result.digest}")
 
 
-def _view(scenario: "Scenario") -> "View":
+def _view(scenario: "Scenario", problem: "Problem", console: "Console", *, full: bool) -> "View":
     """Choose a picture for a terminal, and lines for anything else."""
-    from rich.console import Console
-
     from aimd_des.watch import LiveView, PlainView
 
-    problem, console = scenario.problem(), Console()
     if console.is_terminal:
-        return LiveView(problem, scenario.until, scenario.title, console)
+        return LiveView(problem, scenario.until, scenario.title, console, full=full)
     return PlainView(problem, scenario.until, say)

@@ -26,6 +26,13 @@ _LINES, _LOOKS = 20, 1000
 _FRAME = 0.1
 # Where a bar of demand ends, in multiples of the capacity.
 _WIDEST = 1.2
+# Where a terminal has sixteen colours: the nearest ones of those of figures may be one and the same.
+_SIXTEEN = ("blue", "red", "green", "magenta", "yellow", "cyan", "bold")
+# Looks that are kept, at most one for each column of the terminal.
+_KEPT = 400
+_KEYS = "space: pause  s: step  n: next signal  +/-: speed  tab, digits: agent  Ctrl-C: end"
+# Lines beside the table and the tall curves, and the width of the column of copies in flight.
+_BESIDE, _IN_FLIGHT = 6, 10
 _EIGHTHS = " ▏▎▍▌▋▊▉"
 _HEIGHTS = "▁▂▃▄▅▆▇█"
 _ASCII_HEIGHTS = "_.-~=*#@"
@@ -107,11 +114,15 @@ class LiveView:
         title: str = "",
         console: Console | None = None,
         clock: Callable[[], float] = real.monotonic,
+        *,
+        full: bool = False,
     ) -> None:
         self._problem, self._until, self._title, self._clock = problem, until, title, clock
         self._console = Console() if console is None else console
-        self._live = Live(console=self._console, auto_refresh=False)
-        self._past: deque[Snapshot] = deque(maxlen=_BROADEST)
+        # The whole terminal, where keys are read: what is drawn has its size at that moment.
+        self._full = full
+        self._live = Live(console=self._console, auto_refresh=False, screen=full)
+        self._past: deque[Snapshot] = deque(maxlen=_KEPT)
         self._drawn = -np.inf
 
     def interval(self, speed: float | None) -> float:
@@ -128,6 +139,8 @@ class LiveView:
         if self._past:
             self._draw()
         self._live.stop()
+        if self._full and self._past:
+            self._console.print(self._picture())
 
     def show(self, look: Snapshot) -> None:
         """Take note of a look, and draw if the last picture is old enough."""
@@ -141,7 +154,7 @@ class LiveView:
         self._draw()
 
     def _draw(self) -> None:
-        self._live.update(self._picture(), refresh=True)
+        self._live.update(self._page() if self._full else self._picture(), refresh=True)
         self._drawn = self._clock()
 
     def _picture(self) -> Group:
@@ -150,6 +163,8 @@ class LiveView:
         resources = [*map(fit, self._problem.resource_names)]
         names = max(cell_len(name) for name in ("resource", *resources))
         left = self._console.width - _NUMBERS - names
+        flight = look.in_flight if left >= 2 * _NARROWEST + _IN_FLIGHT else None
+        left -= 0 if flight is None else _IN_FLIGHT
         curve = left >= 2 * _NARROWEST
         width = int(np.clip(left // 2 if curve else left, _NARROWEST, _BROADEST))
         table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
@@ -158,20 +173,53 @@ class LiveView:
         table.add_column(justify="right", no_wrap=True)
         if curve:
             table.add_column("last looks", no_wrap=True)
-        for title in ("signals", "used", "misalloc."):
+        for title in ("signals", *(["in flight"] if flight is not None else []), "used", "misalloc."):
             table.add_column(title, justify="right", no_wrap=True)
         for j, name in enumerate(resources):
             past = [float(one.demand[j] / one.capacity[j]) for one in list(self._past)[-width:]]
             table.add_row(
                 Text(name),
-                _bar(past[-1], width, _style(j), plain),
+                _bar(past[-1], width, self._style(j), plain),
                 Text(_percent(past[-1]), style="reverse" if past[-1] > 1.0 else ""),
-                *([Text(sparkline(past, plain), style=_style(j))] if curve else []),
+                *([Text(sparkline(past, plain), style=self._style(j))] if curve else []),
                 Text(f"{look.signals[j]:,d}"),
+                *([Text(f"{flight[j]:,d}")] if flight is not None else []),
                 Text(_percent(look.utilisation[j])),
                 Text(_percent(look.misallocation[j])),
             )
         return Group(*self._heading(look), Text(), table)
+
+    def _page(self) -> Group:
+        """Fill the terminal: the picture, a tall curve of each resource, the chosen agent, and the keys."""
+        look, m = self._past[-1], self._problem.n_resources
+        width, plain = max(self._console.width, 1), self._console.options.ascii_only
+        height = (self._console.height - _BESIDE - m) // m - 1
+        curves: list[Text] = []
+        for j, name in enumerate(self._problem.resource_names if height > 0 else ()):
+            past = [float(one.demand[j] / one.capacity[j]) for one in list(self._past)[-width:]]
+            lines = tall_curve(past, height, _WIDEST, plain)
+            curves += [Text(fit(name)), *(Text(line, style=self._style(j)) for line in lines)]
+        keys = Text(f"{'PAUSED  ' if look.paused else ''}{_KEYS}", style="reverse" if look.paused else "")
+        keys.truncate(width)
+        return Group(self._picture(), self._agent_line(look, width), *curves, keys)
+
+    def _agent_line(self, look: Snapshot, width: int) -> Text:
+        """Say what the chosen agent demands, and what it has on average."""
+        if look.agent is None:
+            return Text()
+        shares = [
+            f"{name} {look.agent.demand[j]:.4g} (average {look.agent.average[j]:.4g})"
+            for j, name in enumerate(self._problem.resource_names)
+        ]
+        line = Text(fit(f"agent {self._problem.agent_names[look.agent.number]}: {', '.join(shares)}"))
+        line.truncate(width)
+        return line
+
+    def _style(self, resource: int) -> str:
+        """Give a resource its colour; black is not seen on a black ground."""
+        if self._console.color_system in ("standard", "windows"):
+            return _SIXTEEN[resource % len(_SIXTEEN)]
+        return colour(resource) if colour(resource) != "#000000" else "bold"
 
     def _heading(self, look: Snapshot) -> list[Text | Table]:
         """Say what is run, and how far it is."""
@@ -179,11 +227,6 @@ class LiveView:
         bar = ProgressBar(total=self._until, completed=look.time, width=20)
         clock.add_row(Text(f"time {grouped(look.time)} of {grouped(self._until)}"), bar)
         return [*([Text(fit(self._title), style="bold")] if self._title else []), clock]
-
-
-def _style(resource: int) -> str:
-    """Give a resource its colour; black is not seen on a black ground."""
-    return colour(resource) if colour(resource) != "#000000" else "bold"
 
 
 def _percent(share: float) -> str:
@@ -213,3 +256,14 @@ def sparkline(values: Sequence[float], plain: bool = False) -> str:
     if span <= 0.0:
         return signs[len(signs) // 2] * len(values)
     return "".join(signs[min(int(8 * (value - low) / span), 7)] for value in values)
+
+
+def tall_curve(values: Sequence[float], height: int, top: float, plain: bool = False) -> list[str]:
+    """Draw a curve over several lines, from 0 below to `top` above, with one column for each value."""
+    steps = 1 if plain else 8
+    filled = [round(min(max(value, 0.0), top) / top * height * steps) for value in values]
+    lines = []
+    for row in reversed(range(height)):
+        parts = [min(max(many - row * steps, 0), steps) for many in filled]
+        lines.append("".join((" #" if plain else f"{_EIGHTHS[0]}{_HEIGHTS}")[part] for part in parts))
+    return lines
