@@ -356,3 +356,13 @@ def measures() -> "pd.DataFrame":
     rows = [(one.title, one.unit, one.meaning, one.always, one.name in SHOWN) for one in MEASURES.values()]
     index = pd.Index(list(MEASURES), name="name")
     return pd.DataFrame(rows, index, ["title", "unit", "meaning", "in_summary", "shown"])
+
+
+def summary_frame(values: Mapping[str, npt.NDArray[Any]], names: Sequence[str]) -> "pd.DataFrame":
+    """Put measures into a frame with a row for each resource, and say their units and meanings."""
+    import pandas as pd
+
+    found = pd.DataFrame(values, index=pd.Index(names, name="resource"))
+    found.attrs["units"] = {name: MEASURES[name].unit for name in MEASURED}
+    found.attrs["meanings"] = {name: MEASURES[name].meaning for name in MEASURED}
+    return found

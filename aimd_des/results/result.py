@@ -21,7 +21,7 @@ from aimd_des.problem.problem import Problem
 from aimd_des.results.convergence import convergence_frame, default_looks
 from aimd_des.results.event_log import EventLog
 from aimd_des.results.frames import categorical
-from aimd_des.results.measures import MEASURED, MEASURES, Measured
+from aimd_des.results.measures import MEASURED, MEASURES, Measured, summary_frame
 from aimd_des.results.overload import Opportunities, overload_words, run_away
 from aimd_des.results.representation import shown_result
 from aimd_des.results.run_data import Account, Observations, Piece, Rest, Signals
@@ -107,8 +107,7 @@ class Result(ShowsItself):
         self.observations = observations
         self.account = account
         self.log = log
-        everybody = np.ones(problem.n_agents, dtype=np.bool_)
-        only = Piece(0.0, problem.capacity, everybody, problem.costs)
+        only = Piece(0.0, problem.capacity, np.ones(problem.n_agents, dtype=np.bool_), problem.costs)
         self.history = tuple(pieces) or (only,)
         self.bits_per_signal = bits_per_signal
         self.rest = rest
@@ -138,7 +137,7 @@ class Result(ShowsItself):
 
     @property
     def judged(self) -> str:
-        """The part of the run by which is judged whether demand has run away, in words."""
+        """The part of the run by which is judged whether demand has run away."""
         return "second half of the run" if self.rest is None else "run after its warm-up"
 
     @property
@@ -411,14 +410,7 @@ class Result(ShowsItself):
         InputError
             If the optimum is for another number of agents.
         """
-        import pandas as pd
-
-        found = pd.DataFrame(
-            self.measures(optimum), index=pd.Index(self.problem.resource_names, name="resource")
-        )
-        found.attrs["units"] = {name: MEASURES[name].unit for name in MEASURED}
-        found.attrs["meanings"] = {name: MEASURES[name].meaning for name in MEASURED}
-        return found
+        return summary_frame(self.measures(optimum), self.problem.resource_names)
 
     def measures(
         self, optimum: Optimum | None = None, names: Sequence[str] | None = None
