@@ -147,7 +147,7 @@ def test_the_command_tells_what_differs(emulated: Path, tmp_path: Path) -> None:
 # Tells when the run has got somewhere; its end is a minute away.
 _TOLD = f"""
 from pathlib import Path
-from aimd_des.cli.progress import RunProgress
+from aimd_des.utils.progress import RunProgress
 update = RunProgress.update
 def told(progress, time, events):
     if time > 3.0:
