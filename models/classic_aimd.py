@@ -1,4 +1,4 @@
-r"""Classic AIMD, the paper's section III: one resource, and everybody responds to every capacity event.
+r"""Classic AIMD, the paper's section III: one resource, and all agents respond to every capacity event.
 
 With costs x**2 / 2 and Gamma = 1 the response probability of eq. (prob_x) is average / average, which is
 exactly 1 in floating point, too: every agent that has ever held something responds, and none counts as
@@ -45,11 +45,11 @@ def classic_aimd(
 
     Notes
     -----
-    Costs only serve to make everybody respond.  Where alpha_i / (1 - beta_i) differs from agent to agent
+    Costs only serve to make all agents respond.  Where alpha_i / (1 - beta_i) differs from agent to agent
     their optimum, equal shares, is not what the system tends to: hold it against `theory.event_mean`,
     `theory.event_interval` and `theory.synchronised_utilisation`.  On the discrete clock run it with
-    ``lag=0``: where a signal acts a step late the excess is signalled twice before anybody responds, so
-    that everybody responds twice and beta_i counts as its square.
+    ``lag=0``: where a signal acts a step late the excess is signalled twice before any agent responds, so
+    that all agents respond twice and beta_i counts as its square.
 
     Examples
     --------

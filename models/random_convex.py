@@ -12,7 +12,7 @@ and make up what is lacking to
     df_i / dy^j = 1   at y_i, for every agent and resource.
 
 These are the Karush-Kuhn-Tucker conditions with multipliers nu^j = 1 / s^j, if the capacities are the sums
-of what was drawn.  Costs are strictly convex, so this is the one optimum; nobody is at a bound there.
+of what was drawn.  Costs are strictly convex, so this is the one optimum; no agent is at a bound there.
 Response probabilities at it are Gamma^j nu^j / x_i^j: they differ by a factor of four at most.
 """
 
@@ -114,7 +114,8 @@ def random_convex(
     seed : int
         Decides everything that is drawn, at least 0.
     n_agents : int
-        n.  The first agents stay as they are when more are added, and so does all but the capacities.
+        n.  The first agents stay as they are when more are added, and so does everything except the
+        capacities.
     n_resources : int
         m.  Each number of resources is another draw.
     coupled : bool
@@ -146,7 +147,8 @@ def random_convex(
     -----
     A signal takes (1 - beta) Gamma nu off every agent in the mean, so that there are about
     1 / (0.4 probability (1 - beta) steps) signals per unit of time: with the defaults at most 0.74, few
-    enough for a control unit that looks once per unit.  Smaller arguments may ask for more than there can be.
+    enough for a control unit that samples once per unit.  Smaller arguments may ask for more than there can
+    be.
 
     Examples
     --------
