@@ -65,7 +65,7 @@ class Bursts(NamedTuple):
     start: float
 
     def channel(self, n: int) -> Channel:
-        """Make the channel: links that are one are a single edge, from which a relay reaches everybody."""
+        """Make the channel: links that are one are a single edge, from which a relay reaches all agents."""
         if self.burst == 0.0:
             model = CommonMode(self.loss) if self.common else Bernoulli(self.loss)
             return BroadcastChannel(loss=model)
@@ -136,7 +136,7 @@ def share_of_smallest(problem: Problem, allocation: FloatArray) -> float:
 
 
 class Answer(NamedTuple):
-    """What is run with losses that are spread from 0 to twice a mean, and agents that make good for them."""
+    """What is run with losses that are spread from 0 to twice a mean, and agents that compensate for them."""
 
     way: str  # "nothing", "known loss", or so many bits of a running number
     mean: float
@@ -145,7 +145,7 @@ class Answer(NamedTuple):
 
     @property
     def compensation(self) -> Compensation | None:
-        """How agents make good for loss."""
+        """How agents compensate for loss."""
         if self.way == "nothing":
             return None
         return KnownLoss(_spread(self.mean)) if self.way == "known loss" else EstimatedLoss(int(self.way[0]))
@@ -296,7 +296,7 @@ def _figure(table: pd.DataFrame, size: _Size, seed: int) -> Figure:
 
 
 def _draw_demand(axes: Axes, seed: int) -> None:
-    """Draw total demand of one run each, with the same luck."""
+    """Draw total demand of one run each, with the same random numbers."""
     for place, links in enumerate((_OWN, _COMMON)):
         run = Bursts(links == _COMMON, _LOSS, _SHOWN, _HOLD_OFF, 1200.0, 200.0)
         demand = run_one(run, seed, seed, np.arange(200.0, 1200.0, 0.5)).demand

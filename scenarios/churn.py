@@ -191,7 +191,7 @@ def optimum(draw: int = 0) -> FloatArray:
 
 @lru_cache
 def kinds(draw: int = 0) -> dict[str, list[int]]:
-    """Sort cameras by who comes back, with which costs, and who has stayed."""
+    """Sort cameras into those that come back, by their costs, and those that have stayed."""
     problem = memory_alone(draw=draw)
     return {
         QUADRATIC: [i for i in alike(problem, 1.0) if i in GROUP],
@@ -253,7 +253,7 @@ def _expected(name: str, stay: float) -> float:
 
 
 def _returned(together: _Groups, seed: int) -> pd.DataFrame:
-    """Measure what everybody holds a while after the return, over its share of the optimum."""
+    """Measure what each camera holds a while after the return, over its share of the optimum."""
     rows, known = [], []
     for (name, times), found in together:
         since = times.looks - times.back
@@ -277,7 +277,7 @@ def _returned(together: _Groups, seed: int) -> pd.DataFrame:
 
 
 def _figure(table: pd.DataFrame, together: _Groups, seed: int) -> Figure:
-    """Draw what churn does, and what those do who come back together, in four panels."""
+    """Draw what churn does, and what the cameras do that come back together, in four panels."""
     figure, panels = figures.panels(2, 2, (12.5, 8.6))
     _draw_use(panels[0], table)
     _draw_tracking(panels[1], table)
@@ -355,7 +355,7 @@ def _draw_return(axes: Axes, together: _Groups, seed: int) -> None:
     figures.level(axes, 1.0, "--")
     figures.named(axes, "theory (fluid)", ":", color="black", linewidth=0.9)
     x, y = "time since a quarter is back (periods)", "memory over the optimal share, costs of power 6"
-    figures.dress(axes, "(d) Who has forgotten takes too much", x, y, ylim=(0.0, None))
+    figures.dress(axes, "(d) Cameras that have forgotten take too much", x, y, ylim=(0.0, None))
 
 
 def _findings(table: pd.DataFrame) -> list[str]:

@@ -168,8 +168,8 @@ def _findings(table: pd.DataFrame, until: float) -> list[str]:
           {each(few, "utilisation", 100.0, 1)} and {each(many, "utilisation", 100.0, 1)} % are used.
         - Once settled, the times between two signals scatter by {each(few, "scatter", 100.0, 1)} % of their
           mean with {few} cameras, by {each(many, "scatter", 100.0, 1)} % with {many:,}.
-        - Averages are, in % from the optimum for what is used, {"; ".join(luck)}: a camera's own luck wears
-          off with time, not with company.
+        - Averages are, in % from the optimum for what is used, {"; ".join(luck)}: a camera's random error
+          wears off with time, not with the number of cameras.
     """)
 
 

@@ -70,7 +70,7 @@ _PANELS = (
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
-    """Run memory of the paper's system with different clocks and the same luck."""
+    """Run memory of the paper's system with different clocks and the same random numbers."""
     replications, until = (3, 150.0) if quick else (20, 1500.0)
     cases: list[tuple[dict[str, Any], Run]] = [
         ({"clocks": setting.name}, _run(setting, until)) for setting in _SETTINGS
@@ -108,7 +108,7 @@ def _effect(measure: str, place: int, outcomes: list[list[Measures]]) -> tuple[f
 
 
 def _pooled(outcomes: list[list[Measures]]) -> list[dict[str, Any]]:
-    """Measure shares without the luck of single runs: by the mean of the averages over all runs."""
+    """Measure shares without the random error of single runs: by the mean of the averages over all runs."""
     pairs = zip(_SETTINGS, outcomes, strict=True)
     labelled = [({"clocks": setting.name, "resource": "memory"}, runs) for setting, runs in pairs]
     optima = {_BIAS: None}

@@ -1,10 +1,10 @@
 """What changes when agents grow and answer in continuous time instead of on one clock?
 
 Signals: rho per unit of time against rho / (1 + rho) per step, as on the clock agents that answer do not
-grow.  That the clock uses more of the capacities is the sampling: continuous agents whose control unit looks
-once a period use as much, with the same peaks.  What acts a step later costs the clock some of that again,
-and lifts peaks; continuous agents gain by it.  Shares are farther off on the clock: fewer signals leave more
-noise.
+grow.  That the clock uses more of the capacities is the sampling: continuous agents whose control unit
+samples once a period use as much, with the same peaks.  What acts a step later costs the clock some of that
+again, and lifts peaks; continuous agents gain by it.  Shares are farther off on the clock: fewer signals
+leave more noise.
 """  # noqa: D400 - a question
 
 from collections.abc import Iterable

@@ -52,7 +52,7 @@ BUDGET = {LOSS: 1.5, DELAY: 1.5, BOTH: 2.0, BURSTS: 1.5}
 
 @numba.njit  # type: ignore[untyped-decorator]
 def _inferring(normalization: float, slope: float, average: float, age: float, memory: FloatArray) -> float:
-    """Respond to the first copy of a signal as one who infers its loss from second ones.
+    """Respond to the first copy of a signal as an agent that infers its loss from second ones.
 
     Of signals that are heard at all both copies arrive with probability (1 - p) / (1 + p), and p**2 of all
     signals are not heard.  Memory: when the last signal was heard, how many were, and how many of them twice.
@@ -83,7 +83,7 @@ class Cure(NamedTuple):
         return self.copies * (1 + self.number_bits)
 
     def lost(self, setting: str, loss: FloatArray) -> FloatArray:
-        """Compute who loses which share of the signals: all copies, each for itself or in one burst."""
+        """Compute the share of the signals that each agent loses: all copies, independent or in a burst."""
         return loss if setting == BURSTS else loss**self.copies
 
     def channel(self, setting: str, loss: FloatArray) -> BroadcastChannel:
@@ -179,7 +179,7 @@ class Outcome(NamedTuple):
 
 
 def losses(draw: int) -> FloatArray:
-    """Draw who loses how much, (n,)."""
+    """Draw how much each agent loses, (n,)."""
     return np.random.default_rng([2028, draw]).permutation(np.linspace(0.0, 0.5, _N))
 
 
@@ -219,7 +219,7 @@ def _run(case: Case, problem: Problem, draw: int, seed: int) -> Result:
 
 
 def _totals(result: Result) -> FloatArray:
-    """Take total demand over the capacity at all looks after the start."""
+    """Take total demand over the capacity at all samples after the start."""
     return np.asarray(result.observations.total_demand[:, 0] / result.problem.capacity[0])
 
 

@@ -33,7 +33,7 @@ _RIGHT = 0.7
 _LOOKS = 2
 _PANELS = (
     ("misallocation", 100.0, "distance from the optimum (%)", "(a) Signals on their way put shares wrong"),
-    ("smallest", 100.0, "held by the smallest third (% of optimum)", "(b) Who holds little gets too much"),
+    ("smallest", 100.0, "held by the smallest third (% of optimum)", "(b) Small shares get too large"),
     ("utilisation", 1.0, "mean total demand over capacity", "(c) Beyond 1 / rho demand runs away"),
     ("signals", 1.0, "signals per control period", "(d) Short hold-offs repeat signals"),
 )
@@ -184,7 +184,7 @@ def _findings(table: pd.DataFrame) -> list[str]:
           without latency; at X of 1.2 to 1.6 they are {off.min():.1f} to {off.max():.1f} % off.
         - The smallest third of the cameras holds {say("smallest", 0.0)} % of its optimum without latency,
           and {say("smallest", ten)} % at latency {ten:g} with hold-off {least:g}.
-        - Beyond 1 / rho, {1.0 / rate(memory_alone()):.2f}, demand runs away whatever the latency: with
+        - Beyond 1 / rho, {1.0 / rate(memory_alone()):.2f}, demand runs away at any latency: with
           hold-off 2 to {say("utilisation", 0.0, 2.0)} of the capacity without latency, and to
           {say("utilisation", ten, 2.0)} at latency {ten:g}.
         - The level that demand exceeds for 1 % of the time is the line 1 + n alpha d / C and, in points of

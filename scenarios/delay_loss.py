@@ -200,7 +200,7 @@ def _findings(table: pd.DataFrame) -> list[str]:
     lossless = wide[wide["loss"] == 0.0]
     early, late = (lossless[lossless["latency"] == end] for end in (0.0, wide["latency"].max()))
     return sentences(f"""
-        - The capacity is held where theory says, whatever the latency, at {agree} of the {int(clear.sum())}
+        - The capacity is held where theory says, at any latency, at {agree} of the {int(clear.sum())}
           points that are not within 0.05 of the critical loss
           ({", ".join(f"{name} {_span(wide, name)}" for name in ("continuous", "discrete"))}).
         - Held, mean demand is {_range(wide[held], "utilisation")} of the capacity and the misallocation

@@ -56,7 +56,7 @@ class Case(NamedTuple):
 
 
 class Garage:
-    """Meters all vehicles by the minute; who is full or due leaves, and no charger exceeds its rating.
+    """Meters all vehicles by the minute; full or due ones leave, and no charger exceeds its rating.
 
     Arrivals and departures are whole minutes.
     """
@@ -170,7 +170,7 @@ def _lasted(result: Result) -> FloatArray:
 
 
 def _expected(case: Case, result: Result, vehicles: Vehicles) -> dict[str, float]:
-    """Predict signals, piece by piece, and how far luck alone drives averages at the middle of their time."""
+    """Predict signals, piece by piece, and the random error of averages at the middle of their time."""
     pieces, problem, loss = result.pieces, result.problem, LOSS if case.lossy else 0.0
     middle = 0.5 * sum(SPAN)
     alpha, beta, gamma = problem.increase[0, 0], problem.decrease[0, 0], problem.normalization[0]
@@ -254,7 +254,7 @@ def _figure(table: pd.DataFrame, nights: list[list[Night]]) -> Figure:
     titles = {
         "a": "A night: what the houses leave is used",
         "b": "All are full before they leave",
-        "c": "Averages are off by luck, and late",
+        "c": "Averages are off by random error, and late",
         "d": "Overload of the transformer in a night",
     }
     for name, title in titles.items():
@@ -276,7 +276,7 @@ def _clock(axes: Axes, low: int, high: int, every: int) -> None:
 
 def _draw_day(power: Axes, present: Axes, lines: FloatArray) -> None:
     total, uncontrolled, capacity, here = lines
-    power.fill_between(TIMES, uncontrolled, color="0.86", label="charging if nobody held back")
+    power.fill_between(TIMES, uncontrolled, color="0.86", label="charging if no vehicle held back")
     power.plot(TIMES, total, color=colour(0), linewidth=1.3, label="charging")
     power.plot(TIMES, capacity, color=colour(1), linewidth=1.8, label="capacity left by the houses")
     present.plot(TIMES, here, color=figures.REFERENCE, drawstyle="steps-post")
@@ -303,7 +303,7 @@ def _draw_error(axes: Axes, table: pd.DataFrame, nights: list[list[Night]]) -> N
         axes.errorbar(LOOKS, mean, 2 * error, color=shade, marker=marker, markersize=4.0, label=name)
         luck = 100 * numbers(table, "theory", channel=_LOSSY, measure=_ERROR)[place - 1]
         axes.plot(SPAN, [luck, luck], ":", color=figures.REFERENCE, linewidth=1.8)
-    figures.named(axes, "luck alone, by theory", ":", linewidth=1.8)
+    figures.named(axes, "random error alone, by theory", ":", linewidth=1.8)
     axes.set_ylabel("distance of averages\nfrom the optimum (%)")
     _clock(axes, 360, 900, 120)
 
@@ -344,10 +344,10 @@ def _findings(table: pd.DataFrame) -> list[str]:
         - {100 * mean(_LOSSY, "energy missing"):.1f} % of the energy needed is missing when vehicles leave.
           They are full {both(_LOSSY, _SPARE)} hours early, the last of a night
           {both(_LOSSY, "least hours to spare")} hours.
-        - Where nobody holds back the capacity is exceeded for {mean(_NOBODY, _ABOVE):.0f} minutes of a night,
-          up to {mean(_NOBODY, "peak"):.1f} times; with one bit, late and lossy, for {both(_LOSSY, _ABOVE)}
-          minutes, by up to {100 * mean(_LOSSY, "peak") - 100:.1f} %; with a perfect channel for
-          {both(_PERFECT, _ABOVE)}.
+        - Where no vehicle holds back the capacity is exceeded for {mean(_NOBODY, _ABOVE):.0f} minutes of
+          a night, up to {mean(_NOBODY, "peak"):.1f} times; with one bit, late and lossy, for
+          {both(_LOSSY, _ABOVE)} minutes, by up to {100 * mean(_LOSSY, "peak") - 100:.1f} %; with a perfect
+          channel for {both(_PERFECT, _ABOVE)}.
         - The bad channel takes {ratio:.2f} times the signals, where 1 / (1 - p) is {rate:.2f}. It leaves
           demand nearer to the capacity, {100 * mean(_LOSSY, _USED):.1f} % of it instead of
           {100 * mean(_PERFECT, _USED):.1f} %, and vehicles are full {both(_BAD, _SPARE, 60.0)} minutes
@@ -357,7 +357,7 @@ def _findings(table: pd.DataFrame) -> list[str]:
           {both(_LOW, _SPARE, -60.0)} minutes later.
         - With averages that forget, vehicles are full {both(_OTHER, _SPARE, 60.0)} minutes earlier. These
           averages are {forget:.1f} % from the optimum in force around midnight, and {stay:.1f} % over all of
-          the stay; luck alone is {luck[1]:.1f} and {luck[0]:.1f} %.
+          the stay; random error alone is {luck[1]:.1f} and {luck[0]:.1f} %.
     """)
 
 

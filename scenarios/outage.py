@@ -146,8 +146,8 @@ def _ordinary(latency: float, hold_off: float) -> tuple[float, FloatArray]:
 def expected(case: Outage) -> tuple[float, float]:
     """Predict the mean run-away, and the time from healing until the total is back, from the means alone.
 
-    Signals on their way keep the total at its mean until the latency is over; from then on everybody who is
-    cut off grows. Agents that hear are cut at every hold-off while the total is above the capacity.
+    Signals on their way keep the total at its mean until the latency is over; from then on all agents that
+    are cut off grow. Agents that hear are cut at every hold-off while the total is above the capacity.
     """
     used, probability = _ordinary(case.latency, case.hold_off)
     cut = (1.0 - _PROBLEM.decrease[:, 0]) * probability
@@ -288,7 +288,7 @@ def _draw_totals(axes: Axes, watched: dict[str, list[Found]]) -> None:
     low = axes.get_xaxis_transform()
     axes.text(0.5 * _SHOWN_DURATION, 0.03, "outage", ha="center", color=ink, transform=low)
     x, y = "time since the outage began (periods)", "total demand over capacity"
-    figures.dress(axes, "(a) Up with everybody's growth, down at once", x, y, xlim=(-BEFORE, 50.0))
+    figures.dress(axes, "(a) Up with the growth of all, down at once", x, y, xlim=(-BEFORE, 50.0))
 
 
 def _draw_runaways(axes: Axes, table: pd.DataFrame) -> None:
@@ -301,7 +301,7 @@ def _draw_runaways(axes: Axes, table: pd.DataFrame) -> None:
     axes.plot(ends, bound, ":", color=figures.REFERENCE, linewidth=1.2, label=words)
     figures.named(axes, "theory of the means")
     x, y = "duration of the outage (periods)", "run-away (% of the capacity)"
-    figures.dress(axes, "(b) Run-away, half a saw tooth below its bound", x, y)
+    figures.dress(axes, "(b) Run-away, half a sawtooth below its bound", x, y)
 
 
 def _draw_halves(axes: Axes, found: list[Found]) -> None:
@@ -318,7 +318,7 @@ def _draw_halves(axes: Axes, found: list[Found]) -> None:
     figures.named(axes, "gap that closes at rate alpha / x", "--", linewidth=1.0)
     x, y = "time since the outage began (periods)", "demand over that at the optimum"
     limits: dict[str, Any] = {"xlim": (-BEFORE, _SHOWN_DURATION + AFTER), "ylim": (0.0, None)}
-    figures.dress(axes, "(c) Half are cut off: who hears pays", x, y, **limits)
+    figures.dress(axes, "(c) Half are cut off: the others pay", x, y, **limits)
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
@@ -348,8 +348,8 @@ def _findings(table: pd.DataFrame) -> list[str]:
         - The run-away is at most n alpha (duration + latency), and a hold-off more where a channel heals, if
           one signal was enough before. With hold-off {_SHORT:g} {held[_SHORT]}; with {_LONG:g}
           {held[_LONG]}.
-        - With hold-off {_SHORT:g} and latencies up to 1 the mean run-away is that of the means, half a saw
-          tooth less, to within {gap:.1f} points: {say(ALL, "run-away", 100.0)} % after {_SHOWN_DURATION:g}
+        - With hold-off {_SHORT:g} and latencies up to 1 the mean run-away is that of the means, half a
+          sawtooth less, to within {gap:.1f} points: {say(ALL, "run-away", 100.0)} % after {_SHOWN_DURATION:g}
           periods of silence with latency {_SHOWN_LATENCY:g}. At latency {_FAR:g} it is {far["mean"]:.0f} %,
           where the means have {far["theory"]:.0f}: they leave out that the total swings by itself there.
         - It is back {say(ALL, "time to come back")} periods after those {_SHOWN_DURATION:g} with hold-off
@@ -361,7 +361,7 @@ def _findings(table: pd.DataFrame) -> list[str]:
         - Half of the agents cut off for {_SHOWN_DURATION:g} periods run away by
           {say(PART, "run-away", 100.0)} % with hold-off {_SHORT:g}, as the others give way, and by
           {say(PART, "run-away", 100.0, hold_off=_LONG)} % with {_LONG:g}, where signals come too rarely to
-          give way. With {_SHORT:g} those who hear get {say(PART, "extra of the odd half")} periods of their
+          give way. With {_SHORT:g} those that hear get {say(PART, "extra of the odd half")} periods of their
           share more than without the outage, the half that is cut off
           {say(PART, "extra of the even half")}.
         - A time x / alpha = {PACE:.0f} periods after healing {say(PART, "gap left after x / alpha", 1.0, 2)}

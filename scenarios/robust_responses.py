@@ -282,7 +282,7 @@ def _figure(table: pd.DataFrame, critical: Mapping[str, float]) -> Figure:
             axes.axvline(critical[name], color=colour(place), linewidth=1.0, linestyle="--")
     figures.named(panels[0, 3], "critical loss by theory", "--", linewidth=1.0)
     titles = (
-        "(a) Losses 0 to 0.5: who answers\nmore often gets the right share",
+        "(a) Losses 0 to 0.5: agents that answer\nmore often get the right share",
         "(b) A lower threshold keeps\ndemand below the capacity",
         "(c) Latency: a short hold-off\nputs shares wrong",
         "(d) Loss: a hold-off that adapts\nis as good as a short one",

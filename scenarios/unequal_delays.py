@@ -70,7 +70,7 @@ class Outcome(NamedTuple):
 
 
 def groups(draw: int) -> tuple[IntArray, IntArray, IntArray]:
-    """Draw who is in the first half, who is not, and three of the first."""
+    """Draw the first half of the agents, the others, and three of the first."""
     order = np.random.default_rng([2026, draw]).permutation(N)
     return order[: N // 2], order[N // 2 :], order[:3]
 
@@ -91,7 +91,7 @@ def latencies(mixture: str, mean: float, draw: int) -> FloatArray:
 
 
 def measure(case: Case, draw: int, seed: int) -> Outcome:
-    """Run and measure, with a draw of the costs and of who is late."""
+    """Run and measure, with a draw of the costs and of which agents are late."""
     problem, late_by = memory_alone(draw=draw), latencies(case.mixture, case.latency, draw)
     first, others, three = groups(draw)
     model: Any = Constant(late_by)
@@ -181,11 +181,11 @@ def _figure(table: pd.DataFrame, until: float) -> Figure:
         (("first", "at scattered times"), ("others", "at a constant one"))
     ):
         rows = pick(main, mixture=SCATTERED, measure=group)
-        figures.points(scattered, rows["latency"], rows, place, f"half scattered: who hears {label}")
+        figures.points(scattered, rows["latency"], rows, place, f"half scattered: those that hear {label}")
     for axes in (shares, scattered):
         figures.level(axes, 1.0)
     limits: dict[str, Any] = {"ylim": (0.96, 1.04)}
-    figures.dress(shares, "(a) Who is late gets neither more nor less", x, held, **limits)
+    figures.dress(shares, "(a) Late agents get neither more nor less", x, held, **limits)
     figures.dress(high, "(b) A mixture is milder than its mean", x, "total over capacity, 99 % of the time")
     away = "distance from the optimum for what is used (%)"
     figures.dress(wrong, "(c) Shares are wrong where the total swings", x, away, ylim=(0.0, None))

@@ -42,7 +42,7 @@ AVERAGINGS: dict[str, Averaging] = {
 
 
 class Case(NamedTuple):
-    """Who sees the event, how all average, when it begins and ends, the end, and how often it is looked."""
+    """Cameras that see the event, how all average, its begin and end, the end of the run, the sampling."""
 
     group: str
     averaging: str
@@ -79,7 +79,7 @@ def problem_of(draw: int) -> Problem:
 
 @lru_cache
 def groups(draw: int) -> dict[str, tuple[int, ...]]:
-    """Choose who sees the event: cameras of medium share, with quadratic and with the steepest costs.
+    """Choose the cameras that see the event: of medium share, with quadratic and with the steepest costs.
 
     By their costs; the last group is three cameras with quadratic costs.
     """

@@ -264,7 +264,7 @@ def run_draws(
     quick: bool,
     runs: Path | None = None,
 ) -> list[tuple[_Case, list[list[_Outcome]]]]:
-    """Run cases for draws of whatever they draw, from `seed` on: each case with the outcomes of each draw.
+    """Run cases for their draws, from `seed` on: each case with the outcomes of each draw.
 
     The function takes a case, a draw and a seed.  Cases share draws and seeds, so that their differences are
     paired; draws do not share seeds, so that they are independent.
@@ -283,7 +283,7 @@ def rows_of(
 ) -> list[dict[str, Any]]:
     """List what `run_draws` gives, a row for each run, with its `draw`, which are counted from `first` on.
 
-    A row is what a function of case, draw and outcome makes of them: the fields of both unless given.
+    A row is what a function of case, draw and outcome makes of them; default: the fields of both.
     """
     return [
         {"draw": draw, **(row(case, draw, one) if row else {**case._asdict(), **one._asdict()})}
@@ -302,7 +302,7 @@ def distances(
 ) -> list[dict[str, Any]]:
     """Measure how far the mean of averages is from optima of reweighted costs, or plain ones, by name.
 
-    The mean over replications is free of the luck of single runs.
+    The mean over replications is free of the random error of single runs.
     """
     return [
         estimate(

@@ -1,4 +1,4 @@
-"""Who is there when, where cameras come and go one by one."""
+"""Which cameras are there when, if they come and go one by one."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ def schedule(
 ) -> list[Intervention]:
     """Draw which of n cameras are there when, declared before the run; time 0 finds the long run.
 
-    Draw k of camera i has the address (k, i): runs of the same seed share it, whatever their mean stay.
+    Draw k of camera i has the address (k, i): runs of the same seed share it, for any mean stay.
     Continuous agents have no clocks, so that the stream of the clocks is free for this.
     """
     key = lowlevel.key(seed, lowlevel.Purpose.CLOCK)

@@ -77,7 +77,7 @@ class LoadLoss:
 
 @dataclass(frozen=True)
 class HoldingLoss:
-    """Loss in proportion to what an agent holds, up to a limit; `share` of who holds the capacity over n."""
+    """Loss in proportion to what an agent holds, up to a limit; `share` at the capacity over n."""
 
     share: float
     limit: float
@@ -108,7 +108,7 @@ class _ReadingLoss:
 
 
 class Silence(NamedTuple):
-    """A run in which nobody hears for a while; then signals are lost by a law."""
+    """A run in which no agent hears for a while; then signals are lost by a law."""
 
     law: Law
     hold_off: float
@@ -148,7 +148,7 @@ def load(case: Silence, draw: int, seed: int) -> Load:
 
 
 class Stay(NamedTuple):
-    """A run that nothing but chance takes from the capacity, with loss by a law from the start on."""
+    """A run that only chance takes from the capacity, with loss by a law from the start on."""
 
     law: Law
     hold_off: float
@@ -197,7 +197,7 @@ class Shares(NamedTuple):
 
 
 def shares(case: Holding, draw: int, seed: int) -> Shares:
-    """Run and measure who has how much."""
+    """Run and measure how much each agent has."""
     simulation = sensed(
         system_of(draw),
         case.hold_off,

@@ -194,8 +194,8 @@ def _figure(table: pd.DataFrame, size: _Size, seed: int) -> Figure:
     for place, loss in enumerate((_OWN, _EQUAL)):
         rows = pick(table, measure=_SHARES, loss=loss, length=size.ends[-1])
         figures.points(right, rows["x"], rows, place, f"loss {loss}", fmt="os"[place] + "-")
-    x, y = "loss of who holds the capacity over n", "distance from the optimum for what is used (%)"
-    title = "(c) Who holds more loses more, and takes more"
+    x, y = "loss of an agent that holds the capacity over n", "distance from the optimum for what is used (%)"
+    title = "(c) Agents that hold more lose more, and take more"
     figures.dress(right, title, x, y, ylim=(0.0, None), xlim=(0.0, None))
     figures.legends((left, middle, right))
     return figure
@@ -233,7 +233,7 @@ def _draw_back(axes: Axes, table: pd.DataFrame, size: _Size, seed: int) -> None:
         if np.isfinite(turning):
             axes.axvline(turning, color=colour(place), linestyle=":", linewidth=1.8)
     x, y = "load as the silence ends (capacity = 1)", "share of runs that come back"
-    title = "(b) Who passes the turning load stays away"
+    title = "(b) Demand above the turning load stays away"
     figures.dress(axes, title, x, y, ylim=(-0.05, 1.08), xlim=(0.45, 2.0))
 
 

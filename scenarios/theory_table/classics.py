@@ -57,7 +57,7 @@ def _mixed() -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _fixed_probabilities(until: float, seed: int) -> dict[str, Any]:
-    """Measure shares at events: who responds is drawn apart, so responders are a fair sample."""
+    """Measure shares at events: responses are drawn apart, so responders are a fair sample."""
     alpha, beta, chance = _mixed()
     problem = _problem(alpha, beta, chance, 8.0)
     recording = Recording("end", "end", overshoot=False, events=True)

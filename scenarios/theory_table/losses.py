@@ -1,4 +1,4 @@
-"""Loss: which optimum is reached, how agents make good for it, and how much is survived."""
+"""Loss: which optimum is reached, how agents compensate for it, and how much is survived."""
 
 from functools import partial
 from typing import Any, Literal
@@ -72,7 +72,7 @@ def _heterogeneous_rows(runs: list[Run], outcomes: list[list[Measures]]) -> list
 
 
 def compensated(size: Size) -> Experiment:
-    """Set up runs in which agents know their loss and make good for it.
+    """Set up runs in which agents know their loss and compensate for it.
 
     Gamma and losses are such that no response saturates.
     """

@@ -42,8 +42,8 @@ model](model.md).
   agents' own, over the whole run.
 - A prediction knows the problem and nothing of the run. "First order alone" is the plain formula, at the
   derivative that belongs to the predicted utilisation; all other rows of signals, utilisation and price are
-  `theory.predict`, which also knows that signals find demand at its highest and that teeth are random. For
-  the paper's Gamma of 1/90 the first order alone misses more than 5 % of the signals on one resource;
+  `theory.predict`, which also knows that signals find demand at its highest and that sawtooths are random.
+  For the paper's Gamma of 1/90 the first order alone misses more than 5 % of the signals on one resource;
   halving Gamma halves what is missing.
 - Signals are claimed to 5 % where latency is below one period and loss below 0.8 of the critical loss;
   utilisation to 2 points of the capacity without loss, and its deviation is shown where there is loss.
@@ -52,8 +52,9 @@ model](model.md).
   30 runs has a standard error of 1 to 2 % of it. A slope is that of the mean misallocation on log axes from a
   twentieth of the length on.
 - Distances from an optimum are sums of absolute deviations over the sum, of the mean of the averages over
-  all replications, which takes out the luck of single runs, from the optimum for the capacities in use;
-  errors are those of the jackknife. A distance cannot be 0: what is left of the luck counts as distance.
+  all replications, which takes out the random error of single runs, from the optimum for the capacities in
+  use; errors are those of the jackknife. A distance cannot be 0: what is left of the random error counts as
+  distance.
 - Loss made good for: agent i responds with the probability of `theory.compensated_probability`, which is
   lambda / (1 - p_i) for continuous agents. Gamma is 1/180 and losses go to 0.5 (hold-off 0.25) and on the
   clock to 0.3, so that no response has a probability above 1 and the control unit has opportunities left,
