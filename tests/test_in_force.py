@@ -231,10 +231,10 @@ def test_a_run_that_ends_with_nobody_gives_all_that_there_is(text: str) -> None:
     assert (summary["signals"] > 0).all() == ("crash" in text)
     page = report_run(load_run("results/five"))
     assert page.notes[0].startswith("What theory expects of the misallocation: interventions = ")
-    assert page.notes[1:] == ["Averages against the optimum: nobody is here at the end."]
+    assert page.notes[1:] == ["Averages against the optimum: no agent is here at the end."]
     assert "shares" not in {chart.id for chart in page.charts}
     assert "Utilisation" not in [found.name for found in page.verdicts]
-    assert "nobody is here" in render(page)
+    assert "no agent is here" in render(page)
     said("show", "results/five")
     said("compare", "results/five", "results/five")
 
@@ -361,7 +361,7 @@ def test_figures_of_a_run_with_nobody_can_be_drawn(at: float) -> None:
         figure.canvas.draw()
     for draw_one in (plots.error_histogram, plots.averages_against_optimum):
         (text,) = draw_one(panel(), gone, None, 0).texts
-        assert text.get_text() == "Nobody is here at the end of the run."
+        assert text.get_text() == "No agent is here at the end of the run."
 
 
 def test_figures_of_a_run_in_which_nobody_is_left_are_written() -> None:
@@ -374,8 +374,8 @@ def test_figures_of_a_run_in_which_nobody_is_left_are_written() -> None:
 def test_the_optimum_of_other_agents_is_refused_and_told_to_be_left_out(moved: Result) -> None:
     old = solve_optimum(moved.problem)
     sentence = (
-        r"^shape of optimum.allocation = \(6, 2\): must be \(5, 2\), for those who are here at the end; "
-        r"leave it out, and it is solved for$"
+        r"^shape of optimum.allocation = \(6, 2\): must be \(5, 2\), for the agents that are here at the end"
+        r"; leave it out, and it is solved for$"
     )
     for ask in (moved.summary, lambda optimum: moved.measures(optimum, ["signals"])):
         with pytest.raises(InputError, match=sentence):

@@ -142,7 +142,7 @@ def test_discrete_demand_is_drawn_in_steps() -> None:
 
 
 def test_a_window_with_too_few_looks_says_so(run: Result) -> None:
-    assert "Fewer than two looks" in said(demand_and_signals(empty_axes(), run, start=10.01, end=10.05))
+    assert "Fewer than two samples" in said(demand_and_signals(empty_axes(), run, start=10.01, end=10.05))
 
 
 @pytest.mark.parametrize(
@@ -277,7 +277,7 @@ def test_when_nobody_is_left_it_is_said() -> None:
         interventions=[interventions.Absence(everybody, at=100.0, until=900.0)], recording=Recording("end")
     )
     text = said(averages_against_optimum(empty_axes(), gone, solve_optimum(gone.problem), 0))
-    assert text == "Nobody is here at the end of the run."
+    assert text == "No agent is here at the end of the run."
 
 
 def test_consensus_shows_quantiles_in_multiples_of_the_multiplier(run: Result) -> None:

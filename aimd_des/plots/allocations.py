@@ -35,10 +35,10 @@ def average_allocations(
     Parameters
     ----------
     optimum : Optimum, optional
-        What stands for the optimum of the problem at the end; the one in force at each time unless given.
+        What stands for the optimum of the problem at the end; default: the one in force at each time.
         What it gives these agents is drawn as dashed lines, which end where an agent is away.
     agents : array_like of int, shape (q,), optional
-        Which agents, the same for all resources; unless given, three for each resource (fewer for
+        Which agents, the same for all resources; default: three for each resource (fewer for
         more than three resources), spread over the ranks of what they hold.
     """
     scale = units.scale_for_agents(result.problem)
@@ -75,10 +75,9 @@ def instantaneous_allocations(
     result : Result
         The run, with a tail of at least `last` recorded.
     last : int
-        How many units of time; where the recording has too few looks there, the last of its
-        looks, whenever they were.
+        How many units of time; where the recording has too few samples there, its last samples, at any time.
     agents : array_like of int, shape (q,), optional
-        Which agents, the same for all resources; unless given, for each resource the agent in
+        Which agents, the same for all resources; default: for each resource the agent in
         the middle.
     """
     scale = units.scale_for_agents(result.problem)
@@ -108,7 +107,7 @@ def derivatives(axes: Axes, result: Result, optimum: Optimum | None = None) -> A
     Parameters
     ----------
     optimum : Optimum, optional
-        What stands for the optimum of the problem at the end; the one in force at each time unless given.
+        What stands for the optimum of the problem at the end; default: the one in force at each time.
         Its multipliers, which all derivatives equal at the optimum, are drawn as dashed lines, and those of
         the optimum for what is used, to which derivatives go, as dotted ones.
     """
@@ -155,7 +154,7 @@ def _agreement(look: Observation) -> FloatArray:
 def _levels(
     result: Result, shown: npt.NDArray[np.intp], agents: npt.NDArray[np.intp], optimum: Optimum | None
 ) -> FloatArray:
-    """Say what agents, (m, q), should hold at some looks: shape (looks, m, q)."""
+    """Say what agents, (m, q), should hold at some samples: shape (samples, m, q)."""
 
     def level(look: Observation) -> FloatArray:
         place = np.cumsum(look.present) - 1
@@ -166,7 +165,7 @@ def _levels(
 
 
 def _reference(axes: Axes, times: FloatArray, level: FloatArray, resource: int) -> None:
-    """Draw what an optimum says as a dashed line, with a step wherever another one comes into force."""
+    """Draw what an optimum says as a dashed line, with a step where another one comes into force."""
     axes.plot(
         times, level, "--", color=style.colour(resource), linewidth=1.0, alpha=0.8, drawstyle="steps-post"
     )

@@ -31,7 +31,7 @@ def capacity_at(result: Result, resource: int, times: FloatArray) -> FloatArray:
 def capacity_line(
     axes: Axes, result: Result, resource: int, divisor: float, first: float, last: float
 ) -> None:
-    """Draw the capacity in force as a dashed line, with a step wherever an intervention changes it."""
+    """Draw the capacity in force as a dashed line, with a step where an intervention changes it."""
     changes = [piece.start for piece in result.history if first < piece.start < last]
     times = np.array([first, *changes, last])
     level = capacity_at(result, resource, times) / divisor
@@ -65,8 +65,7 @@ def sum_of_demand(axes: Axes, result: Result, *, last: int = 40) -> Axes:
     result : Result
         The run, with a tail of at least `last` recorded.
     last : int
-        How many units of time; where the recording has too few looks there, the last of its
-        looks, whenever they were.
+        How many units of time; where the recording has too few samples there, its last samples, at any time.
     """
     seen = result.observations
     shown = selection.window(seen.demand_times, last)

@@ -38,7 +38,7 @@ def averages_against_optimum(axes: Axes, result: Result, optimum: Optimum | None
     result : Result
         The run.
     optimum : Optimum or None
-        The centralised solution, for those who are here at the end; None: the one in force.
+        The centralised solution, for the agents that are here at the end; None: the one in force.
     resource : int
         j, counted from 0.
 

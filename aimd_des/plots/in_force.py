@@ -1,4 +1,4 @@
-"""Looks at a run, each held against the problem and the optimum that were in force at the time."""
+"""Samples of a run, each compared with the problem and the optimum that were in force at the time."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -14,15 +14,15 @@ from aimd_des.results.tracking import piece_problem
 from aimd_des.utils.validation import FloatArray
 
 #: What a panel says that would show the agents that are here at the end.
-NOBODY = "Nobody is here at the end of the run."
+NOBODY = "No agent is here at the end of the run."
 #: What a panel over time says that has no number to show.
-NEVER = "Nobody was here at the looks of this panel."
+NEVER = "No agent was here at the samples of this panel."
 
 
 class Observation(NamedTuple):
-    """Those who are here at a time, and what they are held against."""
+    """The agents that are here at a time, and what they are compared with."""
 
-    problem: Problem  # in force, for those who are here
+    problem: Problem  # in force, for the agents that are here
     present: npt.NDArray[np.bool_]  # (n,): who they are
     average: FloatArray  # (k, m): their averages, in units of the resources
     best: Optimum  # of the problem
@@ -40,7 +40,7 @@ def measured(
     measure: Callable[[Observation], npt.ArrayLike],
     *shape: int,
 ) -> FloatArray:
-    """Measure the averages at some looks."""
+    """Measure the averages at some samples."""
     seen, found = result.observations, np.full((len(shown), *shape), np.nan)
     for row, look in enumerate(shown.tolist()):
         piece = result.piece_at(float(seen.allocation_times[look]))

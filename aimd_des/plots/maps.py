@@ -41,7 +41,7 @@ def heat_map(
 ) -> Axes:
     """Draw a measure over two axes of a study, one cell for each pair of values.
 
-    All cells are equally large, whatever the steps between values; ticks are the values.  A cell with
+    All cells are equally large, for any steps between values; ticks are the values.  A cell with
     several rows, such as replications, shows their mean, and one without a number is hatched.
 
     Parameters
@@ -131,7 +131,7 @@ def _name_cells(axis: Axis, values: "pd.Index[Any]") -> None:
 
 
 def _write_numbers(axes: Axes, table: FloatArray, colours: FloatArray) -> None:
-    """Write the values into the cells, in black or white, whichever stands out."""
+    """Write the values into the cells, in black or white, for contrast."""
     size = "small" if table.shape[1] <= 8 else "x-small"
     for (row, column), number in np.ndenumerate(table):
         if np.isfinite(number):

@@ -1,4 +1,4 @@
-"""The network over which broadcasts travel: who is joined to whom, how fast, and how surely."""
+"""The network over which broadcasts travel: which nodes are joined, how fast, and how surely."""
 
 from collections.abc import Hashable, Mapping
 from typing import Any
@@ -54,7 +54,7 @@ def network_map(
         As `aimd_des.topology` takes and makes it.  Both directions between two nodes of a directed graph are
         drawn, each on its right-hand side.
     root : node, optional
-        The control unit's; ``graph.graph["root"]`` unless given.
+        The control unit's; default: ``graph.graph["root"]``.
     latency, loss : str
         The attributes of the edges.
 

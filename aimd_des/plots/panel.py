@@ -17,7 +17,7 @@ def _any_panel(axes: Axes, result: Result, optimum: Optimum | None = None) -> Ax
     result : Result
         The run, with allocations recorded over time.
     optimum : Optimum, optional
-        What stands for the optimum of the problem at the end; the one in force at each time unless given.
+        What stands for the optimum of the problem at the end; default: the one in force at each time.
 
     Returns
     -------

@@ -41,7 +41,7 @@ def paper_figures(
         Best recorded with ``Recording("auto", "auto", tail=100)``: a panel for which too little
         was recorded says so.
     optimum : Optimum, optional
-        What stands for the optimum of the first run's problem at its end; the one in force unless given.
+        What stands for the optimum of the first run's problem at its end; default: the one in force.
     expected : Convergence, optional
         What theory says of the first run, such as `Simulation.convergence`, for a band behind its relative
         error.

@@ -14,7 +14,7 @@ from aimd_des.utils.validation import FloatArray
 
 _LOST_COLOUR = "#D55E00"
 _NO_LOOKS = (
-    "Fewer than two looks at this agent lie here.\nRecord them more densely to see this panel:\n"
+    "Fewer than two samples of this agent lie here.\nRecord them more densely to see this panel:\n"
     "Recording(allocations=0.05, events=True)"
 )
 
@@ -67,9 +67,9 @@ def score(
     start : float
         Where the window begins, in units of time.
     end : float, optional
-        Where it ends; the end of the run unless given.
+        Where it ends; default: the end of the run.
     agents : array_like of int, shape (q,), optional
-        Which agents, from the bottom to the top; all unless given, or a hundred spread evenly over them.
+        Which agents, from the bottom to the top; default: all, or a hundred spread evenly over more.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def agent_timeline(
     Parameters
     ----------
     result : Result
-        The run, with its log and dense looks at agents: ``Recording(allocations=0.05, events=True)``.
+        The run, with its log and dense samples of agents: ``Recording(allocations=0.05, events=True)``.
     agent : int
         i, counted from 0.
     resource : int
@@ -144,7 +144,7 @@ def agent_timeline(
     start : float
         Where the window begins, in units of time.
     end : float, optional
-        Where it ends; the end of the run unless given.
+        Where it ends; default: the end of the run.
 
     Raises
     ------

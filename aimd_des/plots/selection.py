@@ -1,4 +1,4 @@
-"""Which agents and which looks are drawn: all of them are too many for the eye, and often for memory."""
+"""Which agents and which samples are drawn: all are too many for the eye, and often for memory."""
 
 import numpy as np
 import numpy.typing as npt
@@ -24,14 +24,14 @@ def typical_agents(result: Result, count: int = 3) -> IndexArray:
 
 
 def few_looks(result: Result) -> IndexArray:
-    """Choose the looks, spread over the logarithm of time, at which all agents can be looked at."""
+    """Choose the samples, spread over the logarithm of time, at which all agents can be read."""
     size = result.problem.n_agents * result.problem.n_resources
     count = int(np.clip(_BUDGET // size, _FEWEST_LOOKS, _MOST_LOOKS))
     return looks(result.observations.allocation_times, count, log=True)
 
 
 def window(times: FloatArray, length: float, fewest: int = 20) -> IndexArray:
-    """Choose the looks in the last units of time."""
+    """Choose the samples in the last units of time."""
     positions = np.flatnonzero(times >= times[-1] - length)
     if len(positions) < min(fewest, length):
         positions = np.arange(max(len(times) - int(length) - 1, 0), len(times))

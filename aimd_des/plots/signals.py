@@ -16,7 +16,7 @@ _MOST_NAMES = 25
 _MOST_ROWS = 100
 
 _NO_LOOKS = (
-    "Fewer than two looks at total demand lie here.\nRecord them more densely to see this panel:\n"
+    "Fewer than two samples of total demand lie here.\nRecord them more densely to see this panel:\n"
     "Recording(demand=0.1)"
 )
 NO_LOG = "The run kept no log of its events.\nKeep it to see this panel:\nRecording(events=True)"
@@ -39,7 +39,7 @@ def demand_and_signals(axes: Axes, result: Result, *, start: float = 0.0, end: f
     start : float
         Where the window begins, in units of time.
     end : float, optional
-        Where it ends; the end of the run unless given.
+        Where it ends; default: the end of the run.
 
     Raises
     ------
@@ -91,9 +91,9 @@ def signal_raster(
     start : float
         Where the window begins, in units of time.
     end : float, optional
-        Where it ends; the end of the run unless given.
+        Where it ends; default: the end of the run.
     agents : array_like of int, shape (q,), optional
-        Which agents, from the bottom to the top; all unless given, or a hundred spread evenly over them.
+        Which agents, from the bottom to the top; default: all, or a hundred spread evenly over more.
 
     Raises
     ------

@@ -52,7 +52,7 @@ def marked(resource: int, count: int, first: int = 0) -> dict[str, Any]:
 
 
 def plain(text: str) -> str:
-    """Write a text so that it is drawn as it stands, with dollar signs that begin no formula."""
+    """Write a text so that it is drawn unchanged, with dollar signs that begin no formula."""
     shown = text.replace("$", r"\$")
     return f" {shown}" if shown.startswith("_") else shown
 

@@ -97,7 +97,7 @@ class Problem(ShowsItself):
     costs : Costs
         The private costs of all n agents.
     agent_names : sequence of str, optional
-        n different names for the frames; "0", "1", ... unless given.
+        n different names for the frames; default: "0", "1", ...
 
     Attributes
     ----------

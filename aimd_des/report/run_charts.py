@@ -1,4 +1,4 @@
-"""The charts of a run: demand and signals in a window that moves, and who holds what at the end."""
+"""The charts of a run: demand and signals in a window that moves, and what each agent holds at the end."""
 
 from typing import Any
 
@@ -65,20 +65,20 @@ def _window(until: float, part: int) -> tuple[list[alt.Parameter], alt.X, str]:
 
 
 def over_capacity(demand: pd.DataFrame, capacity: pd.DataFrame) -> pd.DataFrame:
-    """Measure totals and averages in capacities, at all looks."""
+    """Measure totals and averages in capacities, at all samples."""
     own = pd.merge_asof(demand, capacity, on="time", by="resource")["capacity"].to_numpy()
     shares = {name: demand[name].to_numpy() / own for name in ("total", "average")}
     return pd.DataFrame({"time": demand["time"], "resource": demand["resource"].astype(str), **shares})
 
 
 def few(demand: pd.DataFrame, resources: int, most: int = _MOST_ROWS, *, log: bool = False) -> pd.DataFrame:
-    """Take as many looks as can be seen."""
+    """Take as many samples as can be seen."""
     kept = looks(demand["time"].to_numpy()[::resources], max(most // resources, 50), log=log)
     return demand.iloc[(kept[:, None] * resources + np.arange(resources)).ravel()]
 
 
 def teeth_are_seen(demand: pd.DataFrame, signals: pd.DataFrame, names: list[str], until: float) -> bool:
-    """Tell whether looks are dense enough for a line between them to be the saw of every resource."""
+    """Tell whether samples are dense enough for a line between them to be the sawtooth of every resource."""
     times = demand["time"].to_numpy()[:: len(names)]
     widest = float(np.diff(times).max(initial=0.0))
     most = signals["resource"].astype(str).value_counts().max() if len(signals) else 0
@@ -96,7 +96,7 @@ def demand_charts(demand: pd.DataFrame, signals: pd.DataFrame, names: list[str],
 
 
 def window_part(demand: pd.DataFrame, signals: pd.DataFrame, names: list[str], until: float) -> int:
-    """Say which part of the run is shown at first: all of it where there are no teeth, or none are seen."""
+    """Say which part of the run is shown at first: all of it where no sawtooth is seen."""
     return _PART if len(signals) and teeth_are_seen(demand, signals, names, until) else 1
 
 
@@ -104,7 +104,7 @@ _DEMAND_TITLE = "total demand (% of the capacity)"
 
 
 def _saw(demand: pd.DataFrame, names: list[str], until: float, part: int) -> Chart:
-    """Show the teeth of the saw."""
+    """Show the sawtooth."""
     parameters, time, inside = _window(until, part)
     rows = demand[["time", "resource"]].assign(level=100.0 * demand["total"])
     pick = picked()
@@ -124,14 +124,14 @@ def _saw(demand: pd.DataFrame, names: list[str], until: float, part: int) -> Cha
     layers = alt.layer(line, level_rule(100.0)).add_params(*parameters)
     text = (
         "Total demand of all agents over the capacity in force, which is the dashed line. "
-        f"{len(demand) // len(names):,} looks are drawn, dense enough to show each tooth."
+        f"{len(demand) // len(names):,} samples are drawn, dense enough to show each period of the sawtooth."
     )
     columns = [Column("time", "time"), Column("resource", "resource"), Column("level", _DEMAND_TITLE)]
     return Chart("demand", "Demand against capacity", text, finished(layers, columns))
 
 
 def _envelope(demand: pd.DataFrame, names: list[str], until: float) -> Chart:
-    """Show between which bounds demand swings, where looks are too far apart for its teeth."""
+    """Show between which bounds demand swings, where samples are too far apart for its sawtooth."""
     parameters, time, inside = _window(until, 1)
     m = len(names)
     pieces = max(len(demand) // m // _LOOKS_A_PIECE, 1)
@@ -158,9 +158,9 @@ def _envelope(demand: pd.DataFrame, names: list[str], until: float) -> Chart:
     layers = alt.layer(area, line.add_params(pick.parameter), level_rule(100.0)).add_params(*parameters)
     text = (
         "The least, the mean and the largest total demand over the capacity in force, which is the dashed"
-        f" line: {pieces:,} pieces of the run, each of {len(demand) // m // pieces:,} looks or so. Looks are"
-        " too far apart for single teeth, and demand goes further than they do; recording.demand makes them"
-        " denser."
+        f" line: {pieces:,} pieces of the run, each of {len(demand) // m // pieces:,} samples or so. Samples"
+        " are too far apart to show the sawtooth, and demand goes further than they do; recording.demand"
+        " makes them denser."
     )
     columns = [
         Column("time", "time"),
@@ -271,4 +271,4 @@ def share_chart(
         "." if for_used is None else " of what is used; what is not used is the planner's to give besides."
     )
     chart = alt.layer(points, line.encode(alt.X("best:Q"), alt.Y("held:Q")))
-    return Chart("shares", "Who holds what", text, finished(chart, columns, 320), wide=False)
+    return Chart("shares", "What each agent holds", text, finished(chart, columns, 320), wide=False)

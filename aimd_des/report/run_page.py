@@ -123,7 +123,7 @@ def _convergence(run: StoredRun, names: list[str], notes: list[str]) -> list[Cha
 
 
 def _shares(run: StoredRun, allocations: pd.DataFrame, names: list[str], notes: list[str]) -> list[Chart]:
-    """Hold averages against the optimum in force at the end, of those who are here then."""
+    """Compare averages with the optimum in force at the end, of the agents that are here then."""
     from aimd_des.report.run_charts import share_chart
 
     what = "Averages against the optimum"
@@ -132,7 +132,7 @@ def _shares(run: StoredRun, allocations: pd.DataFrame, names: list[str], notes: 
         return []
     best = run.frame("optimum")
     if best.empty:
-        notes.append(f"{what}: nobody is here at the end.")
+        notes.append(f"{what}: no agent is here at the end.")
         return []
     last = allocations[allocations["time"] == allocations["time"].max()]
     both = best.merge(last, on=["agent", "resource"], how="left")

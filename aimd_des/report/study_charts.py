@@ -358,7 +358,7 @@ def _ends(frame: pd.DataFrame, number: int, name: str, factor: float) -> list[li
 
 
 def _critical_lines(critical: Critical, axes: Sequence[Along], resources: Sequence[str]) -> list[alt.Chart]:
-    """Draw the critical loss across the map, whichever of its axes is the loss."""
+    """Draw the critical loss across the map, for the loss on either axis."""
     base = alt.Chart(data(_critical_frame(critical, axes, resources)))
     lines = []
     for loss, across, (one, two) in (("along", "other", ("y", "y2")), ("other", "along", ("x", "x2"))):

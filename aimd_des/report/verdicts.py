@@ -11,7 +11,7 @@ from aimd_des.utils.formatting import grouped, percent
 
 #: The three of the verdict, in its order, and what to know of each besides its meaning.
 JUDGED = {
-    "utilisation": "Demand swings below the capacity like the teeth of a saw, so even a run without fault"
+    "utilisation": "Demand swings below the capacity in a sawtooth, so even a run without fault"
     " does not use all of it.",
     "misallocation": "Half of it would have to change hands.",
     "overshoot_peak": "100 % is the capacity itself. What is above comes of signals that are late or lost.",

@@ -97,7 +97,7 @@ class EventLog:
         return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
 
     def state(self) -> dict[str, Any]:
-        """Return the entries so far; they are put aside, and nobody writes there any more."""
+        """Return the entries so far; they are put aside, and nothing is written there any more."""
         if self._numbers:
             self._earlier = (*self._earlier, np.array(self._numbers).reshape(-1, _FIELDS))
             del self._numbers[:]

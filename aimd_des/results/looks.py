@@ -1,4 +1,4 @@
-"""Which of the recorded looks are shown: all of them are too many for the eye, and often for memory."""
+"""Which of the recorded samples are shown: all are too many for the eye, and often for memory."""
 
 import numpy as np
 import numpy.typing as npt
@@ -7,7 +7,7 @@ from aimd_des.utils.validation import FloatArray
 
 
 def looks(times: FloatArray, count: int, *, log: bool = False) -> npt.NDArray[np.intp]:
-    """Choose which of the recorded looks are drawn."""
+    """Choose which of the recorded samples are drawn."""
     first = int(np.searchsorted(times, 0.0, side="right")) if log else 0
     kept = times[first:]
     if not kept.size:

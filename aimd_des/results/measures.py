@@ -42,17 +42,17 @@ class Measured:
 
     @cached_property
     def average(self) -> FloatArray:
-        """Averages of those who are here, shape (n_here, m)."""
+        """Averages of the agents that are here, shape (n_here, m)."""
         return self.everybody[self.last.present]
 
     @cached_property
     def in_force(self) -> Problem:
-        """The problem at the end, for those who are here."""
+        """The problem at the end, for the agents that are here."""
         return piece_problem(self.problem, self.last)
 
     @cached_property
     def best(self) -> FloatArray:
-        """What those who are here should hold, shape (n_here, m)."""
+        """What the agents that are here should hold, shape (n_here, m)."""
         found = self.optimum()
         assert found is not None  # noqa: S101 - asked for where somebody is here
         return found.allocation

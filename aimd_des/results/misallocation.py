@@ -1,4 +1,4 @@
-"""How far averages are from the optimum for what they use: the shares alone, whatever is used."""
+"""How far averages are from the optimum for what they use: the shares alone, for any use."""
 
 import numpy as np
 

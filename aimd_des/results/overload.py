@@ -1,6 +1,6 @@
 """Whether demand has run away from the capacity: one criterion, for Python, command line and report.
 
-Demand that is a little above the capacity in the mean says little alone: a control unit that looks lets it
+Demand that is a little above the capacity in the mean says little alone: a control unit that samples lets it
 overshoot, and still holds it.  It has run away where the control unit signals at nearly every opportunity, or
 in long series, and demand stays high all the same.
 """

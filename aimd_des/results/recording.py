@@ -37,7 +37,7 @@ class Recording:
         Over how many of the last units of time both are kept at every unit, besides the above.
     overshoot : bool
         Whether to integrate total demand exactly: peak, time above capacity, mean excess, and whether it has
-        run away from the capacity, which nobody tells otherwise.
+        run away from the capacity, which is not known otherwise.
         `run_synchronous` always does; it costs nothing there.
     events : bool
         Whether to keep the event log; event-driven runs only.
@@ -103,7 +103,7 @@ class Recording:
         elif np.ndim(value) == 0:
             if until / value > _MOST_LOOKS:
                 raise InputError.of(
-                    name, value, f"at least {until / _MOST_LOOKS:g}", "that many looks fit nowhere"
+                    name, value, f"at least {until / _MOST_LOOKS:g}", "so many samples do not fit into memory"
                 )
             times = np.arange(int(np.ceil(until / value))) * float(value)
         else:

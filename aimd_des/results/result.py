@@ -59,7 +59,7 @@ class Result(ShowsItself):
     log : EventLog, optional
         Every event, if it was asked for.
     pieces : sequence of Piece
-        The problems that were in force one after another; the one problem unless given.
+        The problems that were in force one after another; default: the one problem.
     bits_per_signal : int
         What a signal costs.
     opportunities : Opportunities, optional
@@ -72,7 +72,7 @@ class Result(ShowsItself):
     history : tuple of Piece
         The problems that were in force.
     run_away : ndarray of bool, shape (m,)
-        Whether demand has run away from the capacity; False where nobody can tell.
+        Whether demand has run away from the capacity; False where that is not known.
 
     Warns
     -----
@@ -163,7 +163,7 @@ class Result(ShowsItself):
     def demand(self) -> "pd.DataFrame":
         """Sums over all agents: time, resource, total (demand), average (of the averages).
 
-        Averages of those who are away are in it as they stood when they left; `tracking` leaves them out.
+        Averages of agents that are away are in it as they were when they left; `tracking` leaves them out.
         """
         import pandas as pd
 
@@ -216,7 +216,7 @@ class Result(ShowsItself):
 
     @property
     def optimum(self) -> Optimum | None:
-        """The centralised solution that is in force at the end, for those who are here; None for nobody."""
+        """The centralised solution in force at the end, for the agents that are here; None without any."""
         return self.optimum_of(self.history[-1])
 
     def piece_at(self, time: float) -> Piece:
@@ -235,7 +235,7 @@ class Result(ShowsItself):
         return self.history[bisect_right(self.history, time, key=lambda piece: piece.start) - 1]
 
     def optimum_of(self, piece: Piece, at_end: Optimum | None = None) -> Optimum | None:
-        """Give the optimum that a piece of the run is held against: whoever needs one asks here.
+        """Give the optimum that a piece of the run is compared with, for all callers.
 
         Parameters
         ----------
@@ -247,7 +247,7 @@ class Result(ShowsItself):
         Returns
         -------
         Optimum or None
-            With the allocations of those who were here; None where nobody was.
+            With the allocations of the agents that were here; None where there were none.
 
         Raises
         ------
@@ -262,7 +262,7 @@ class Result(ShowsItself):
         last = self.history[-1]
         shape = (int(last.present.sum()), self.problem.n_resources)
         if at_end.allocation.shape != shape:
-            allowed = f"{shape}, for those who are here at the end"
+            allowed = f"{shape}, for the agents that are here at the end"
             remedy = "leave it out, and it is solved for"
             raise InputError.of("shape of optimum.allocation", at_end.allocation.shape, allowed, remedy)
         return at_end if PieceOptima.key(piece) == PieceOptima.key(last) else self._optima(piece)
@@ -271,7 +271,7 @@ class Result(ShowsItself):
     def pieces(self) -> "pd.DataFrame":
         """What was in force from one intervention to the next, and what total demand did.
 
-        Columns: start, end, resource, capacity, agents (who were here), multiplier and optimal_cost (of the
+        Columns: start, end, resource, capacity, agents (that were here), multiplier and optimal_cost (of the
         optimum for these), utilisation (mean total demand over the capacity), overshoot_peak,
         overshoot_time and overshoot_mean (as in the summary).
         """
@@ -282,7 +282,7 @@ class Result(ShowsItself):
         """The averages against the optimum in force, at the times at which allocations were recorded.
 
         Columns: time, resource, capacity, level (sum of the averages over the capacity), relative_error; of
-        those who are here at the time, while `demand` sums over all.
+        the agents that are here at the time, while `demand` sums over all.
         """
         return tracking_frame(self.problem, self.history, self._optima, self.observations)
 
@@ -330,9 +330,9 @@ class Result(ShowsItself):
         Parameters
         ----------
         measure : {"level", "relative_error", "misallocation"}
-            What has to be small, of those who are here: the distance of the sum of the averages from the
-            capacity, over the capacity; the relative error against the optimum in force; or that against the
-            optimum for what is used, which is solved for at every recorded time.
+            What has to be small, of the agents that are here: the distance of the sum of the averages from
+            the capacity, over the capacity; the relative error against the optimum in force; or that against
+            the optimum for what is used, which is solved for at every recorded time.
         within : float
             How small, between 0 and 1.
         of : {"level", "change"}
@@ -344,8 +344,8 @@ class Result(ShowsItself):
         DataFrame
             Columns: start and end (of what is in force), resource, recovery_time (since the start, in units
             of time), with rows for all problems but the first.  The time is 0 where averages were always
-            within the limit, inf where they do not stay within until the end, and NaN where nobody is here or
-            nothing was recorded.
+            within the limit, inf where they do not stay within until the end, and NaN where no agent is here
+            or nothing was recorded.
 
         Notes
         -----
@@ -391,12 +391,12 @@ class Result(ShowsItself):
         """Measure the run, one row per resource.
 
         Where interventions have changed the problem, averages are held against the one in force at the end,
-        for those who are here then: see `pieces` and `tracking` for the way there.
+        for the agents that are here then: see `pieces` and `tracking` for the way there.
 
         Parameters
         ----------
         optimum : Optimum, optional
-            The centralised solution of that problem; solved for unless given.
+            The centralised solution of that problem; default: solved for.
 
         Returns
         -------
@@ -422,7 +422,7 @@ class Result(ShowsItself):
         optimum : Optimum, optional
             As for `summary`.
         names : sequence of str, optional
-            Which measures; the columns of `summary` unless given.  Those that are left out cost nothing.
+            Which measures; default: the columns of `summary`.  Those that are left out cost nothing.
 
         Returns
         -------

@@ -29,7 +29,7 @@ def is_unchanged(problem: Problem, piece: Piece) -> bool:
 
 
 def piece_problem(problem: Problem, piece: Piece) -> Problem:
-    """Build the problem of a piece: the capacities and costs in force, for those who are here."""
+    """Build the problem of a piece: the capacities and costs in force, for the agents that are here."""
     if is_unchanged(problem, piece):
         return problem
     here = piece.present
@@ -193,7 +193,7 @@ def _distances(
 
 
 def _time_within(times: FloatArray, distance: FloatArray, limit: float) -> float:
-    """Compute from when on a distance stays within a limit: a line between two looks."""
+    """Compute from when on a distance stays within a limit: a line between two samples."""
     if not len(times) or np.isnan(distance).any():
         return np.nan
     outside = np.flatnonzero(distance > limit)

@@ -44,7 +44,7 @@ class Axis(StudyTable):
     Attributes
     ----------
     name : str
-        The column; the key unless given.
+        The column; default: the key.
     key : str, optional
         The key of the scenario that varies, such as "channel.latency".
     values : list of numbers, of strings or of booleans, optional

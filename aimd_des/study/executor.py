@@ -1,4 +1,4 @@
-"""A window of runs on an executor: whoever dies with a worker is tried again alone."""
+"""A window of runs on an executor: a run whose worker died is tried again alone."""
 
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
@@ -74,7 +74,7 @@ class _Window:
         return self.executor
 
     def _fill(self) -> list[Run]:
-        """Keep twice as many runs in flight as there are workers; gives the run that nobody took."""
+        """Keep twice as many runs in flight as there are workers; gives the run that no worker took."""
         while len(self.pending) < 2 * self.pool.workers and not self.halted():
             run = self.due()
             if run is None:
@@ -98,7 +98,7 @@ class _Window:
         return lost
 
     def _try_alone(self, run: Run) -> None:
-        """Run one with nothing beside it, so that it is known who kills workers."""
+        """Run one with nothing beside it, so that it is known which run kills workers."""
         for _ in range(_ATTEMPTS):
             self._ask_for_a_worker()
             future = self._running(1).submit(perform, self.task, run.job())

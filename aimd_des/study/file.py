@@ -85,7 +85,7 @@ def _with_base(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    """Merge tables key by key; one of another kind, and whatever is no table, replaces what was there."""
+    """Merge tables key by key; one of another kind, and all that is no table, replaces what was there."""
     found = dict(below)
     for key, value in above.items():
         old = found.get(key)

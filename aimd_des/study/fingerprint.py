@@ -101,7 +101,7 @@ def _made(value: Any) -> list[Any] | None:
 
 
 def _state(value: Any) -> dict[str, Any] | None:
-    """Take the attributes, but those that are kept from a first look on."""
+    """Take the attributes, except those that are cached after the first access."""
     held = getattr(value, "__dict__", None)
     if held is None:
         return None
@@ -193,7 +193,7 @@ def _names(code: CodeType) -> Iterator[str]:
 
 @cache
 def _source(given: type | CodeType) -> str:
-    """Read the source without comments and formatting; as it stands where it is a part of a line."""
+    """Read the source without comments and formatting; unchanged where it is a part of a line."""
     try:
         text = textwrap.dedent(inspect.getsource(given))
     except (OSError, TypeError):  # typed in by hand: there is the code alone

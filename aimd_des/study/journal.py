@@ -1,6 +1,6 @@
 """Journals: what workers append, a line a run, until the sweep puts the rows of all runs in order.
 
-A worker has a journal of its own, so that nobody else writes between its bytes.  Each line ends with a
+A worker has a journal of its own, so that no other process writes between its bytes.  Each line ends with a
 checksum.  What stands behind the last line is of a process that was killed, or is being written now.
 """
 

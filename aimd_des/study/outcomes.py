@@ -38,7 +38,7 @@ def decoded(content: bytes) -> Any:
 
 
 def _written(value: Any, place: str) -> Any:
-    """Turn a value into what JSON has; all but JSON's own is a mapping that begins with its kind."""
+    """Turn a value into what JSON has; other kinds become a mapping that begins with the kind."""
     kind = type(value)
     if value is None or kind in (bool, int, str) or (kind is float and np.isfinite(value)):
         found: Any = value

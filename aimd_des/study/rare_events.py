@@ -113,7 +113,7 @@ def rare_event(
     within : float
         Greater than 0: how long after `after` it may be reached, in units of time.
     resource : str or int, optional
-        Whose demand or misallocation: the largest of all resources unless given.
+        Whose demand or misallocation. Default: the largest of all resources.
     after : float
         From when on it counts, at least 0, in units of time: leave out the start, or averages that have yet
         to settle.

@@ -39,7 +39,7 @@ def replicate(
     workers: int | None = None,
     out: str | Path | None = None,
 ) -> list[list[_Outcome]]:
-    """Call every job with the same seeds, so that jobs share their luck and differences are paired.
+    """Call every job with the same seeds, so that jobs share their random numbers and differences are paired.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def replicate(
     seed : int
         The first seed, at least 0.
     workers : int, optional
-        Number of processes; as many as there are processors unless given.
+        Number of processes; default: as many as there are processors.
     out : path, optional
         Folder of the outcomes; what is there is not called again.  Then outcomes are data: numbers, strings,
         arrays of them, and lists, tuples, mappings, NamedTuples and frozen dataclasses of such.
@@ -65,7 +65,7 @@ def replicate(
     ------
     InputError
         If a number is out of range, a job cannot be kept or shared, an outcome is no data, or the folder is
-        somebody else's, in use, or damaged.
+        not of a study, in use, or damaged.
     SimulationError
         If a worker process dies.
 
@@ -208,8 +208,9 @@ def jackknife(
 
     Notes
     -----
-    For a measure that takes the luck of single runs for a deviation, such as a distance from an optimum:
-    the mean of the measures would never be 0, the measure of the mean tends to what is left without luck.
+    For a measure that takes the random error of single runs for a deviation, such as a distance from an
+    optimum: the mean of the measures would never be 0, the measure of the mean tends to what is left without
+    random error.
     """
     stack, count = np.stack([np.asarray(value, dtype=np.float64) for value in values]), len(values)
     whole = np.asarray(measure(stack.mean(axis=0)), dtype=np.float64)

@@ -77,9 +77,9 @@ def run_study(
     out : str or Path
         The folder: new, or that of the same study, which may have grown by values and replications.
     executor : concurrent.futures.Executor, optional
-        Where to run, such as a pool of threads or a cluster's; processes of this machine unless given.
+        Where to run, such as a pool of threads or a cluster's; default: processes of this machine.
     workers : int, optional
-        How many runs are carried out at a time; one for each processor unless given.
+        How many runs are carried out at a time; default: one for each processor.
     overwrite : bool
         Whether an earlier study in the folder is removed.
     retry_failed : bool

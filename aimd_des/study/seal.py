@@ -1,7 +1,7 @@
 """Files that carry the digest of their own content: where a bit is turned, reading refuses.
 
 The digest stands inside the file, at a place that readers of the format pass over, so that file and
-digest appear at once and stay together whatever is copied.  It covers all other bytes and the name of
+digest appear at once and stay together when files are copied.  It covers all other bytes and the name of
 the file below its folder: the file of another run is no substitute.
 """
 
@@ -67,7 +67,7 @@ def is_left(name: str) -> bool:
 
 
 def sweep_left(folder: Path) -> None:
-    """Remove what processes that were killed have left; the folder must be ours, and nobody at work."""
+    """Remove what processes that were killed have left; the folder must be ours and not in use."""
     for left in folder.glob(".*.tmp"):
         if is_left(left.name):
             left.unlink(missing_ok=True)

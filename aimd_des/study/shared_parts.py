@@ -25,7 +25,7 @@ _MOST_WARMED = 2
 
 
 class SharedProblem:
-    """A problem, and its optimum as soon as somebody asks for it."""
+    """A problem, and its optimum once it is needed."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem

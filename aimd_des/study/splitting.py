@@ -2,7 +2,7 @@
 
 Levels lie between what is common and what is rare.  A path that reaches one is gone on with several times,
 with draws of its own each time, so that most of the work is done where the event is near.  Both methods are
-unbiased whatever the levels are: fixed effort spends the same number of trials on every level (L'Ecuyer,
+unbiased for any levels: fixed effort spends the same number of trials on every level (L'Ecuyer,
 Demers and Tuffin, ACM TOMACS 17 (2007) 9; Garvels, thesis, Twente 2000, chapter 2), and RESTART splits every
 time a level is passed upwards and ends a retrial that falls below the level it was born at
 (Villen-Altamirano, European Journal of Operational Research 221 (2012) 1).

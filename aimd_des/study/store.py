@@ -174,12 +174,12 @@ class Store:
             yield
 
     def tidy(self) -> None:
-        """Remove what processes that were killed have left; the folder must be ours, and nobody at work."""
+        """Remove what processes that were killed have left; the folder must be ours and not in use."""
         for place in ("", *_FOLDERS):
             sweep_left(self.folder / place)
 
     def check(self, *, overwrite: bool = False) -> None:
-        """Refuse a folder that is none, or somebody else's."""
+        """Refuse a folder that is none, or not of a study."""
         if self.folder.exists() and not self.folder.is_dir():
             raise InputError.of(
                 "output folder", str(self.folder), "a folder", "it is a file; choose another name"

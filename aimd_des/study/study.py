@@ -49,7 +49,7 @@ def place_of(labels: Mapping[str, Value]) -> str:
 
 
 def stored_study(manifest: Mapping[str, Any], folder: Path) -> "Study":
-    """Read the study of a folder, which an earlier version may have written: nobody need be told so."""
+    """Read the study of a folder, which an earlier version may have written; no warning is given."""
     return checked(Study, with_new_keys(manifest["study"], silent=True), str(folder / "manifest.json"))
 
 
@@ -67,7 +67,7 @@ class Precision(StudyTable):
     confidence : float
         Of the interval.
     at_most : int
-        Replications of a point, whatever the interval.
+        Replications of a point, for any interval.
     """
 
     measure: str
@@ -99,7 +99,7 @@ class Study(ShowsItself, StudyTable):
     paired : bool
         Whether replication r has the same seed at every point, so that differences between points are paired.
     measures : list of str, optional
-        The measures to keep; the columns of the summary unless given.  "expected_misallocation", what theory
+        The measures to keep; default: the columns of the summary.  "expected_misallocation", what theory
         expects, is solved for where it is asked for.
     keep : list of str
         Frames of the results to keep besides.

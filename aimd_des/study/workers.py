@@ -1,4 +1,4 @@
-"""Where runs are carried out: processes of our own, or an executor that somebody else made."""
+"""Where runs are carried out: processes of our own, or an executor that the caller made."""
 
 import os
 import signal
@@ -87,7 +87,7 @@ class Processes:
         executor.shutdown(cancel_futures=True)
 
     def end_at_once(self) -> None:
-        """End all processes, whatever they are doing."""
+        """End all processes, at once."""
         self._leash.close()
         # One that is about to be forked, or does not listen yet, would miss its parent, with a traceback.
         server = getattr(forkserver, "_forkserver", None)
@@ -117,7 +117,7 @@ def _deaf() -> Iterator[None]:
 
 
 def _begin(ear: Connection) -> None:
-    """Prepare a worker: Ctrl-C is for the parent, and nobody stays when it is gone."""
+    """Prepare a worker: Ctrl-C is for the parent, and the worker ends with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_follow, args=(ear,), daemon=True).start()
 

@@ -365,7 +365,7 @@ def convergence(
     dynamics : {"discrete", "continuous"}
         Agents that act at ticks of one common clock of period 1, or agents that grow all the time.
     lag : int, optional
-        Steps after which a signal acts on the clock; `latency` rounded up unless given.
+        Steps after which a signal acts on the clock; default: `latency` rounded up.
     latency : float
         As for `predict`.
     period : float
@@ -375,12 +375,12 @@ def convergence(
     loss : float or array_like, shape (n,)
         Probability that a signal is lost on an agent, independent of all else.
     averaging : Averaging, optional
-        How agents average their demand: over all of their past unless given.
+        How agents average their demand. Default: over all of their past.
     response : Response, optional
-        How agents answer signals: `responses.Randomised`, the paper's rule, unless given.
+        How agents answer signals; default: `responses.Randomised`, the paper's rule.
     exact : bool, optional
         Whether averages come from the exact moments of what signals find, which there are for crossings and
-        for the clock.  They are used with up to 200 agents unless said otherwise; else the order 1 / n is
+        for the clock.  By default they are used with up to 200 agents; else the order 1 / n is
         neglected.
 
     Returns

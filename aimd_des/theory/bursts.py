@@ -2,7 +2,7 @@ r"""Losses that are not independent: bursts, on links of their own or all togeth
 
 **Bursts.** A signal that agent i hears finds it with E[x_i | good] = x_i - p alpha_i B, exactly, if signals
 come evenly: B is the mean length of a burst, and x_i the average.  So the balance is that of costs with the
-derivative f_i'(x) (1 - p alpha_i B / x): where costs are quadratic, everybody gets p alpha_i B, and a share
+derivative f_i'(x) (1 - p alpha_i B / x): where costs are quadratic, each agent gets p alpha_i B, and a share
 of the rest.
 
 **Bursts in common.** Total demand y grows at u = n alpha in a burst, of mean length B = 1 / b; else each
@@ -15,8 +15,8 @@ For short bursts that is a queue with one on-off source: exponential, with the m
 (1 - p - rho r) over all time.
 
 **Running numbers.** What an agent that counts gaps in numbers modulo 2**w takes its loss for is a Markov
-chain: how far the latest number that it has read is behind.  What is more than half a period ahead looks
-like an old number, and is counted as heard without a step ahead.
+chain: how far the latest number that it has read is behind.  What is more than half a period ahead is taken
+for an old number, and is counted as heard without a step ahead.
 """
 
 import math
@@ -72,9 +72,9 @@ def burst_shares(problem: Problem, loss: float, burst: float) -> tuple[FloatArra
 
     Notes
     -----
-    Of what a saw below the capacity uses.  To the next order signals find agents with half a tooth more
-    than their mean, which counts as a smaller p alpha B.  Signals are those of agents that all have the
-    increase and decrease of the first.
+    Of what a sawtooth below the capacity uses.  To the next order signals find agents with half the height of
+    a sawtooth more than their mean, which counts as a smaller p alpha B.  Signals are those of agents that
+    all have the increase and decrease of the first.
     """
     loss, burst = _checked(problem, loss, burst)
     increase, capacity = problem.increase[:, 0], float(problem.capacity[0])
@@ -163,9 +163,9 @@ def burst_runaway(
     Notes
     -----
     Iterates on the mean of demand, on which the share c that a signal takes depends.  A burst that finds
-    total demand held, evenly spread over a tooth, crosses the capacity with probability phi.  All agents grow
-    alike in a burst, and fall in proportion after it: what is used is shared as without loss.  Neglects that
-    cuts are random and, for the peak, that bursts follow each other.
+    total demand held, evenly spread over one period of the sawtooth, crosses the capacity with probability
+    phi.  All agents grow alike in a burst, and fall in proportion after it: what is used is shared as without
+    loss.  Neglects that cuts are random and, for the peak, that bursts follow each other.
     """
     loss, burst = _checked(problem, loss, burst)
     for name, value in (("loss", loss), ("burst", burst), ("hold_off", hold_off), ("span", span)):

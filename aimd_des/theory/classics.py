@@ -58,7 +58,7 @@ def event_mean(
     Notes
     -----
     The mean of x_i(k+1) = B_i x_i(k) + alpha_i T(k), with B_i = beta_i with probability lambda_i and 1
-    else, gives lambda_i (1 - beta_i) E x_i = alpha_i E T: exact, whatever the law of T, for responses
+    else, gives lambda_i (1 - beta_i) E x_i = alpha_i E T: exact, for any law of T, for responses
     that are drawn anew at each event, with no latency.  Synchronised agents come nearer to their fixed
     point by the factor of the largest beta_i, at least, from event to event.  Time averages are
     smaller by about alpha_i E T / 2.

@@ -107,9 +107,9 @@ def flow(
     until : float
         Length > 0 of the run, in units of time.
     averaging : Cumulative, Window or Forgetting, optional
-        Of all agents; over all of the past unless given.  A window only where no agent is ever away.
+        Of all agents; default: over all of the past.  A window only where no agent is ever away.
     spells : sequence of Spell
-        Who is away, or weighs its costs otherwise, and when.
+        Which agents are away, or weigh their costs otherwise, and when.
     step : float
         Step > 0 of the solution, in units of time; a part of a window is a multiple of it.
 

@@ -22,7 +22,7 @@ from aimd_des.utils.validation import FloatArray
 def loss_weights(
     loss: npt.ArrayLike, signal_share: npt.ArrayLike = 0.0, believed: npt.ArrayLike = 0.0
 ) -> FloatArray:
-    """Weights of the costs that i.i.d. loss amounts to, (1 - p_i) / (1 - e + e p_i) unless agents make good.
+    """Weights of the costs that i.i.d. loss amounts to; uncompensated, (1 - p_i) / (1 - e + e p_i).
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def loss_weights(
         weights are 1 - p_i.
     believed : array_like
         q_i, what agents with `KnownLoss` or `EstimatedLoss` take their loss for; 0 for agents that do not
-        make good for loss.
+        compensate for loss.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def loss_weights(
 def compensated_probability(
     probability: npt.ArrayLike, loss: npt.ArrayLike, signal_share: npt.ArrayLike = 0.0
 ) -> FloatArray:
-    """Response probability with which an agent makes good for the signals it loses.
+    """Response probability with which an agent compensates for the signals it loses.
 
     Parameters
     ----------

@@ -10,9 +10,9 @@ their averaging: 1 / t over all of the past, a / t with the gain a, 1 / tau with
 
     d theta_i / dt = r (y_i - h_i - theta_i),
 
-h_i being half a saw tooth.  Once the run is much older than the time x / alpha in which agents find new
-shares, y is what the balance makes it for the averages at hand, and only these are followed.  Where signals
-come late the way begins with swings that are no balance: `first_swings` follows them step by step.
+h_i being half the height of the sawtooth.  Once the run is much older than the time x / alpha in which agents
+find new shares, y is what the balance makes it for the averages at hand, and only these are followed.  Where
+signals come late the way begins with swings that are no balance: `first_swings` follows them step by step.
 """
 
 import math
@@ -121,7 +121,7 @@ class Path:
 
     @cached_property
     def _largest_cut(self) -> FloatArray:
-        """Part of its demand that a signal takes of who answers for certain, in the mean, (n, m)."""
+        """Mean part of its demand that a signal takes of an agent that answers for certain, (n, m)."""
         return np.asarray((1.0 - self.setting.problem.decrease) * (1.0 - self.setting.loss))
 
     @cached_property

@@ -81,7 +81,7 @@ def averages_on_the_clock(
 
         (1 - e) (2 alpha E[x | none] + alpha^2) + e p (2 alpha E y + alpha^2) = e (1 - E B^2) E y^2,
 
-    exactly, whatever the lag.
+    exactly, for any lag.
     """
     taken = share * hit * keep * (2.0 - keep) * square
     missed = share * loss * (2.0 * found + increase)

@@ -6,11 +6,12 @@ used.  `predict` iterates the two.  In the balance of growth and cuts
 - a signal finds agent i with y_i, and takes kappa_i y_i of it in the mean, kappa_i = (1 - p_i) (1 - beta_i)
   lambda_i, which is what the agent has added since the last one: rho kappa_i y_i = alpha_i;
 - all y_i add up to what signals find in all, the threshold if the crossing is the signal, and rho follows;
-- averages are below the y_i by half a saw tooth, h_i = alpha_i / (2 rho) (1 + V / D^2), for teeth of D in the
-  mean with the variance V = sum_i (1 - beta_i)^2 q_i (1 - q_i) E y_i^2, q_i = (1 - p_i) lambda_i.
+- averages are below the y_i by half the height of the sawtooth, h_i = alpha_i / (2 rho) (1 + V / D^2), for
+  sawtooths of mean height D with the variance V = sum_i (1 - beta_i)^2 q_i (1 - q_i) E y_i^2, q_i = (1 - p_i)
+  lambda_i.
 
 For exact crossings and few agents the last is replaced by exact moments (`aimd_des.theory.moments`).  Where
-the control unit looks now and then, or holds off, the total alone is followed (`aimd_des.theory.totals`), for
+the control unit samples, or holds off, the total alone is followed (`aimd_des.theory.totals`), for
 what signals find in all and for its mean over time.
 """
 
@@ -103,7 +104,7 @@ def predict(
         d >= 0, common to all agents.  On the clock it counts in whole steps, rounded up: 0 is ``lag=0`` of
         `run_synchronous`, anything up to 1 its ``lag=1``.
     period : float
-        Time between two looks of a control unit that samples, for continuous agents; 0 for one that
+        Time between two samples of a control unit that samples, for continuous agents; 0 for one that
         senses the exact crossing, whose hold-off must then be at least `latency` unless it is given.
     loss : float or array_like, shape (n,)
         Probability that a signal is lost on an agent, independent of all else.
@@ -111,7 +112,7 @@ def predict(
         Hold-off of a control unit that senses crossings, for continuous agents; shorter than the latency
         if you like, but not 0 then.  Signals that repeat are taken into account if it is given.
     response : Response, optional
-        How agents answer signals: `responses.Randomised`, the paper's rule, unless given.
+        How agents answer signals; default: `responses.Randomised`, the paper's rule.
 
     Returns
     -------
@@ -133,8 +134,8 @@ def predict(
     be below 1, and the nearer it comes to 1 the more often total demand stays above the capacity for a while.
     With more agents how cuts of an agent and of the others go together is neglected: the order 1 / n.
 
-    For looks, and where a hold-off is given, the total is followed as a walk, which takes tenths of a second.
-    It knows of agents only what they take together, so with less than ten of them it is rough.
+    For sampling, and where a hold-off is given, the total is followed as a walk, which takes tenths of a
+    second.  It knows of agents only what they take together, so with less than ten of them it is rough.
 
     Not covered are control units that draw whether they signal (`EarlyDetection`): they signal below the
     threshold, at a level that depends on how demand spreads around it, and here signals come where it is

@@ -29,7 +29,7 @@ from aimd_des.utils.validation import FloatArray
 
 
 def check_response(response: Response | None) -> ResponseParameters:
-    """Refuse what is no response, or one that theory knows nothing of; the paper's unless given."""
+    """Refuse what is no response, or one that theory knows nothing of; default: the paper's."""
     given = Randomised() if response is None else response
     validation.instance("response", given, Response, "a response, such as responses.EventNormalised()")
     parameters = given.parameters(1.0)

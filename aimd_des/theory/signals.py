@@ -2,7 +2,7 @@ r"""Signals and what they buy: how often the bit is sent, and how well the capac
 
 All follow from one balance: in the long run an agent gives back what it adds.  With mu the
 derivative of the costs that the agents have in common at their averages, an agent that is reached by
-a signal gives back (1 - beta) * lambda_i * x_i = (1 - beta) * Gamma * mu in the mean, whatever its share:
+a signal gives back (1 - beta) * lambda_i * x_i = (1 - beta) * Gamma * mu in the mean, for any share:
 
     alpha = rho * (1 - beta) * Gamma * mu     with rho the signals per unit of time.
 
@@ -108,11 +108,11 @@ def utilisation(
 
     Notes
     -----
-    Total demand is a saw between C and what one signal leaves of it; the formula is its mean, and
-    alpha drops out.  For continuous agents, control by exact crossings, no latency, and teeth of equal
-    size.  The teeth are random: with variance V of what a signal takes, V / (2 D C) is lost besides,
-    D being the mean of it; that is of the order 1 / n.  On the discrete clock, and where the control unit
-    only samples, overshoot adds to it: see `clock_offset`.
+    Total demand is a sawtooth between C and what one signal leaves of it; the formula is its mean, and
+    alpha drops out.  For continuous agents, control by exact crossings, no latency, and sawtooths of equal
+    height.  The heights are random: with variance V of what a signal takes, V / (2 D C) is lost besides, D
+    being the mean of it; that is of the order 1 / n.  On the discrete clock, and where the control unit only
+    samples, overshoot adds to it: see `clock_offset`.
     """
     n, beta, gamma, mu, total = arguments(
         n_agents=n_agents,
@@ -139,14 +139,14 @@ def price_in_bits(n_agents: npt.ArrayLike, increase: npt.ArrayLike, capacity: np
     Returns
     -------
     ndarray
-        Bits per unit of time, times the share of the capacity that lies idle: to halve the idle
-        share takes twice the signals, whatever the costs are.
+        Bits per unit of time, times the share of the capacity that lies idle: to halve the idle share takes
+        twice the signals, for any costs.
 
     Notes
     -----
-    The saw of `utilisation` falls by D = n alpha / rho at each signal and lacks D / 2 in the mean.  Costs
-    and probabilities have dropped out: for continuous agents that is exact but for random teeth, which
-    raise the price by their squared coefficient of variation.
+    The sawtooth of `utilisation` falls by D = n alpha / rho at each signal and lacks D / 2 in the mean.
+    Costs and probabilities have dropped out: for continuous agents that is exact except for the random
+    heights of the sawtooth, which raise the price by their squared coefficient of variation.
     """
     n, alpha, total = arguments(n_agents=n_agents, increase=increase, capacity=capacity)
     return np.asarray(n * alpha / (2.0 * total))
@@ -169,7 +169,7 @@ def peak_lift(
     latency : array_like
         d, common to all agents, in units of time.
     period : array_like
-        Time between two looks of a control unit that samples; 0 for one that senses the crossing.
+        Time between two samples of a control unit that samples; 0 for one that senses the crossing.
 
     Returns
     -------
@@ -178,7 +178,7 @@ def peak_lift(
 
     Notes
     -----
-    Everybody goes on growing for d after the crossing.  Exact for continuous agents whenever one signal
+    All agents go on growing for d after the crossing.  Exact for continuous agents whenever one signal
     brings demand back below the threshold; where a small cut makes a second one necessary, that
     peak is higher by the growth over the hold-off, less the first cut.  On the discrete clock the
     latency counts in whole steps, rounded up, and the period is 1.  Of latencies that differ see
@@ -219,7 +219,7 @@ def mixture_lift(increase: npt.ArrayLike, latency: npt.ArrayLike, rate: float, h
     sum_i alpha_i (1 - [d_i < t] / (rho r)), until the share rho r of the growth belongs to agents that hear.
     If all latencies are d, it is n alpha d; a mixture is milder than its mean.  For continuous agents and a
     crossing with nothing on its way, in the mean.  Neglects what is still on its way from crossings before,
-    which lowers the peak, and that those who hear first are emptied while the others wait, which raises it
+    which lowers the peak, and that agents that hear first are emptied while the others wait, which raises it
     where the longest latency is not short beside r / ((1 - beta) lambda).
 
     Examples

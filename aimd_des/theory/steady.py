@@ -96,7 +96,7 @@ def steady_total(
     Notes
     -----
     Below the critical loss that is `predict`; beyond it the total of `allocation_at` for the
-    `runaway_multiplier`, with a signal at each opportunity, whatever the latency.
+    `runaway_multiplier`, with a signal at each opportunity, at any latency.
 
     Examples
     --------

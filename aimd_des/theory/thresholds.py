@@ -51,7 +51,7 @@ def safe_threshold(
     latency : float
         d >= 0, common to all agents; on the clock it counts in whole steps, rounded up.
     period : float
-        Time between two looks of a control unit that samples, for continuous agents.
+        Time between two samples of a control unit that samples, for continuous agents.
     hold_off : float, optional
         Hold-off of a control unit that senses crossings, for continuous agents: this or `period` must be
         given.  It may be shorter than the latency, but not 0 then.
@@ -142,18 +142,18 @@ def partition_runaway(
     period: float = 0.0,
     hold_off: float = 0.0,
 ) -> FloatArray:
-    """Bound how far total demand runs above its threshold while nobody hears anything.
+    """Bound how far total demand runs above its threshold while no agent hears anything.
 
     Parameters
     ----------
     problem : Problem
-        Who grows: all its agents.
+        All its agents grow.
     duration : float
         How long no signal gets through, in units of time.
     latency : float
         The longest of the agents' latencies; on the clock in whole steps, rounded up.
     period : float
-        Time between two looks of a control unit that samples, 1 on the clock; 0 for one that senses the
+        Time between two samples of a control unit that samples, 1 on the clock; 0 for one that senses the
         crossing.
     hold_off : float
         Its hold-off then: the first signal after the partition may leave so much later.
@@ -161,7 +161,7 @@ def partition_runaway(
     Returns
     -------
     ndarray, shape (m,)
-        sum_i alpha_i (duration + latency + hold_off), in units of the resources; with looks the duration
+        sum_i alpha_i (duration + latency + hold_off), in units of the resources; with sampling the duration
         counts in whole periods, rounded up, and a period more.
 
     Raises

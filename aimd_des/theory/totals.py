@@ -2,15 +2,15 @@ r"""The total alone: all demand as one number that growth raises and random cuts
 
 Whether total demand exceeds the capacity is decided by its peaks, and those by three things: how far it grows
 until a signal acts, how often one cut is not enough, and which signals are on their way meanwhile.  None
-of them asks who holds what.  In units of the growth of all agents, g = sum_i alpha_i, with W the total
-above its threshold,
+of them depends on what each agent holds.  In units of the growth of all agents, g = sum_i alpha_i, with W the
+total above its threshold,
 
     W grows by 1 per unit of time;  a signal takes X = c (threshold C / g + W) (1 + v Z)
 
 with c the share of the total that a signal takes in the mean, v its coefficient of variation, and Z a gamma
-variate of mean 0, variance 1 and the right skewness; to which comes a slow sway of c, as for a while those
-who hold much are those who answer often.  Many such walks are followed side by side, always with the same
-random numbers, so that what comes out is all but a smooth function of what goes in.
+variate of mean 0, variance 1 and the right skewness; to which comes a slow sway of c, as for a while the
+agents that hold much are those that answer often.  Many such walks are followed side by side, always with the
+same random numbers, so that the results are nearly a smooth function of the arguments.
 """
 
 import math
@@ -114,12 +114,12 @@ def cuts(found: FloatArray, keep: FloatArray, hit: FloatArray) -> list[Cuts]:
 def walk_by_looks(
     limit: float, law: Cuts, period: float, latency: float, lost: float | None = None
 ) -> Levels:
-    """Follow the total under a control unit that looks once a period.
+    """Follow the total under a control unit that samples once a period.
 
     Notes
     -----
-    Looks that see nothing while no signal is on its way are taken in one go.  On the clock they are a stair,
-    which then counts as the line with the same mean.
+    Samples that find no crossing while no signal is on its way are taken at once.  On the clock they are a
+    stair, which then counts as the line with the same mean.
     """
     clock = lost is not None
     lag = math.ceil(latency / period) - (0 if clock else 1)

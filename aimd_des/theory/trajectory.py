@@ -1,4 +1,4 @@
-"""The solution of a differential equation, followed only as far as somebody asks."""
+"""The solution of a differential equation, followed only as far as it is needed."""
 
 from bisect import bisect_left
 from collections.abc import Callable

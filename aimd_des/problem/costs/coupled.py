@@ -31,13 +31,13 @@ class CoupledCosts:
     separable_part : PolynomialCosts
         The part without interaction; it sets n and m.
     quadratic : array_like, shape (n, m, m), optional
-        Q_i, symmetric and positive semidefinite; 0 unless given.
+        Q_i, symmetric and positive semidefinite; default: 0.
     weights : array_like, shape (n, m), optional
-        w_i >= 0; 0 unless given.
+        w_i >= 0; default: 0.
     sum_exponents : sequence of int
-        The powers of the weighted sum, integers >= 1; (2,) unless said.
+        The powers of the weighted sum, integers >= 1; default: (2,).
     sum_coefficients : array_like, shape (n, len(sum_exponents)), optional
-        g_ip >= 0; 0 unless given.
+        g_ip >= 0; default: 0.
 
     Raises
     ------
@@ -106,13 +106,13 @@ class CoupledCosts:
         coefficients : array_like, shape (n, m, len(exponents))
             Of these powers, as for `PolynomialCosts`.
         quadratic : array_like, shape (n, m, m), optional
-            Q_i, symmetric and positive semidefinite; 0 unless given.
+            Q_i, symmetric and positive semidefinite; default: 0.
         weights : array_like, shape (n, m), optional
-            w_i >= 0; 0 unless given.
+            w_i >= 0; default: 0.
         sum_exponents : sequence of int
             The powers of the weighted sum, integers >= 1.
         sum_coefficients : array_like, shape (n, len(sum_exponents)), optional
-            g_ip >= 0; 0 unless given.
+            g_ip >= 0; default: 0.
 
         Returns
         -------

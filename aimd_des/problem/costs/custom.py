@@ -28,8 +28,8 @@ class CustomCosts:
     gradient : callable
         ``gradient(agent, allocation) -> (m,)``: its partial derivatives.
     hessian : callable, optional
-        ``hessian(agent, allocation) -> (m, m)``: its second derivatives; central differences of
-        the gradient unless given.
+        ``hessian(agent, allocation) -> (m, m)``: its second derivatives; default: central differences of the
+        gradient.
     separable : bool
         Whether no f_i couples resources; only tells, nothing is faster for it.
 

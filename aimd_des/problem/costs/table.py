@@ -57,9 +57,9 @@ class CostTable(NamedTuple):
         slopes : array_like, shape (n, m, D)
             The polynomial of each agent and resource, lowest power first; D may be 1, a constant.
         exponentials : array_like, shape (n, m, T, 2), optional
-            Scale and rate of each exponential; none unless given.
+            Scale and rate of each exponential; default: none.
         powers : array_like, shape (n, m, T', 3), optional
-            Scale, exponent and shift of each power; none unless given.
+            Scale, exponent and shift of each power; default: none.
 
         Returns
         -------

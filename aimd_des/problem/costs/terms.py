@@ -33,12 +33,12 @@ class TermCosts:
     slopes : array_like, shape (n, m, D)
         The polynomial c, lowest power first; D may be 1, a constant price.
     exponentials : array_like, shape (n, m, T, 2), optional
-        Scale and rate of each exponential, rates other than 0; none unless given.
+        Scale and rate of each exponential, rates other than 0; default: none.
     powers : array_like, shape (n, m, T', 3), optional
-        Scale, exponent and shift >= 0 of each power; none unless given.  Without a shift the exponent is
+        Scale, exponent and shift >= 0 of each power; default: none.  Without a shift the exponent is
         greater than 0.
     constant : array_like, shape (n, m), optional
-        The part of f_i(0) that belongs to each resource, in units of cost; 0 unless given.
+        The part of f_i(0) that belongs to each resource, in units of cost; default: 0.
 
     Raises
     ------

@@ -26,7 +26,7 @@ class TrackingCosts(TermCosts):
     weights : float or array_like, shape (n, m)
         w > 0, in units of cost per unit of the resource squared.
     price : float or array_like, shape (m,), optional
-        In units of cost per unit of the resource, at least the largest w * target; just that unless given.
+        In units of cost per unit of the resource, at least the largest w * target; default: just that.
 
     Raises
     ------

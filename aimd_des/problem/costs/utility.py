@@ -36,7 +36,7 @@ class UtilityCosts(TermCosts):
         Greater than 0: 1 is proportional fairness, and the larger, the more equal are shares.
     price : float or array_like, shape (m,), optional
         In units of cost per unit of the resource, at least the largest derivative of a utility at 0,
-        w shift**-fairness; just that unless given.
+        w shift**-fairness; default: just that.
 
     Raises
     ------

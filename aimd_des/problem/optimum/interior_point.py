@@ -166,7 +166,7 @@ def _line_search(
     """Halve the step until the barrier function sum_i f_i - sum target log(y) no longer rises steeply.
 
     Slopes decide, not values: near the optimum differences of values are rounding.  nu is taken off
-    the gradient because shares move along the capacity constraint, where it adds nothing but rounding.
+    the gradient because shares move along the capacity constraint, where it adds only rounding.
     """
 
     def slope(shares: FloatArray, gradient: FloatArray) -> float:

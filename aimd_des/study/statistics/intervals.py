@@ -84,7 +84,7 @@ def mean_interval(values: npt.ArrayLike, confidence: float = 0.95) -> Interval:
 
 @described_like(mean_interval)
 def paired_difference(values: npt.ArrayLike, baseline: npt.ArrayLike, confidence: float = 0.95) -> Interval:
-    """Estimate the difference of two means from replications with the same luck.
+    """Estimate the difference of two means from replications with the same random numbers.
 
     Parameters
     ----------

@@ -23,8 +23,8 @@ class BatchMeans:
     interval : Interval
         From the means of the batches, as if these were independent.
     correlation : float
-        Between the means of neighbouring batches.  Clearly above 0 (two over the square root of the number of
-        batches is what luck does), batches are too short, and so is the interval.
+        Between the means of neighbouring batches.  Clearly above 0 (random error is up to two over the square
+        root of the number of batches), batches are too short, and so is the interval.
     """
 
     interval: Interval
@@ -56,7 +56,7 @@ def mser(series: npt.ArrayLike, batch: int = 5) -> int | None:
     -----
     The cut d at which the squared standard error of the rest, sum (y - mean)^2 / (n - d)^2, is least: White,
     Simulation 69 (1997) 323; over means of five, MSER-5, White, Cobb and Spratt, Proc. Winter Simulation
-    Conference 2000, 755.  Near the end of a series the sum is small by chance, hence the first half only.
+    Conference 2000, 755.  Near the end of a series the sum is small by chance, so only the first half counts.
     """
     values = validation.array("series", series, ("n_times",))
     size = validation.integer("batch", batch, low=1)

@@ -57,9 +57,10 @@ def steady_utilisation(
     Notes
     -----
     Where averages are over all of the past, t times their sum A(t) is the integral of total demand, so that
-    the mean over (w, T] is (T A(T) - w A(w)) / (T - w), and likewise between two looks: nothing is sampled.
-    Discrete agents average over ticks 0 to k, where k is the next one, and what counts at k has been held
-    since the tick before: (k + 1) A is the integral up to k, and what lies beyond the look is taken off.
+    the mean over (w, T] is (T A(T) - w A(w)) / (T - w), and likewise between two recorded times: the integral
+    is exact.  Discrete agents average over ticks 0 to k, where k is the next one, and what counts at k has
+    been held since the tick before: (k + 1) A is the integral up to k, and what lies beyond the recorded time
+    is taken off.
     """
     parts = validation.integer("batches", batches, low=2)
     times, integrals = _integrals(result)
@@ -122,7 +123,7 @@ def _integrals(result: Result) -> tuple[FloatArray, FloatArray]:
 
 
 def _even(times: FloatArray) -> int:
-    """Count the looks that lie evenly; the one at the end is left out where it comes early."""
+    """Count the samples that lie evenly; the one at the end is left out where it comes early."""
     gaps = np.diff(times)
     if len(gaps) > 1 and gaps[-1] < np.median(gaps):
         gaps = gaps[:-1]

@@ -29,7 +29,7 @@ def replications_needed(
     confidence : float
         Between 0 and 1.
     at_least, at_most : int
-        Bounds, 2 or more, whatever the values.
+        Bounds, 2 or more, for any values.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def replications_needed(
 
     Notes
     -----
-    The answer depends on nothing but the values up to here, so that neither the number of workers nor the
+    The answer depends only on the values up to here, so that neither the number of workers nor the
     order in which they end changes what is run.  It is the sequential procedure of Law, Simulation Modeling
     and Analysis, section 9.4.1, in steps, with two guards: values that are all equal say nothing about their
     scatter, and where each value is 0 or 1, as for the share of runs in which something happens, there must

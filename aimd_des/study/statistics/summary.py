@@ -33,10 +33,10 @@ def summarise(
     frame : DataFrame
         A row for each run and resource, such as `StudyResults.runs`.
     by : sequence of str, optional
-        Columns that make a point, so that each replication has one row there; all that are neither a measure
-        nor the name of a run, unless given.
+        Columns that make a point, so that each replication has one row there; default: all that are neither a
+        measure nor the name of a run.
     measures : sequence of str, optional
-        Columns to estimate; those of `Result.summary` that are there, unless given.
+        Columns to estimate; default: those of `Result.summary` that are there.
     confidence : float
         Between 0 and 1.
     draws : str, optional
@@ -55,7 +55,8 @@ def summarise(
     ------
     InputError
         If there is no such column, a measure holds no numbers, the confidence is not between 0 and 1, or a
-        replication has several rows at a point: they share their luck, and would count as if they did not.
+        replication has several rows at a point: they share random numbers, and would count as if they did
+        not.
     """
     columns = _columns(frame, measures)
     if draws is None:
@@ -144,7 +145,7 @@ def compare(
     by, measures, confidence
         As for `summarise`.
     pair : str
-        The column in which runs with the same luck agree.
+        The column in which runs with the same random numbers agree.
 
     Returns
     -------
@@ -159,8 +160,8 @@ def compare(
 
     Notes
     -----
-    With the same luck at all points (``paired = true``, which is the rule) what the luck of a replication
-    does to both cancels, and intervals are the narrower for it.
+    With the same random numbers at all points (``paired = true``, the default), the random error that a
+    replication has at both cancels, and intervals are the narrower for it.
     """
     columns = _columns(frame, measures)
     validation.known("pair", pair, list(frame.columns))
