@@ -1,6 +1,6 @@
 """Names and paths that have changed: the old ones go on for two minor releases more, with a warning.
 
-Each old path becomes a module that looks its names up in the new ones, so that old and new names are the
+Each old path becomes a module that finds its names in the new ones, so that old and new names are the
 same objects.
 """
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     class _Finder(MetaPathFinder, Loader):
-        """What Python asks of those who find and load modules; it needs no common ancestor to ask it."""
+        """What Python requires of finders and loaders of modules; they need no common ancestor."""
 else:
     _Finder = object
 

@@ -343,7 +343,7 @@ def test_a_state_in_which_time_cannot_advance_is_an_error(
     assert standstill(problem, control_unit, channel) == (
         "time 8.0, resource memory: after 10000 signals at this instant total demand is still at its "
         f"threshold, and time cannot advance since hold_off = {control_unit.hold_off!r}; set hold_off "
-        "greater than 0, or let signals arrive at once and reach somebody who can respond"
+        "greater than 0, or let signals arrive at once and reach an agent that can respond"
     )
 
 

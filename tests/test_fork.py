@@ -253,7 +253,7 @@ def test_events_that_are_scheduled_from_outside_are_refused() -> None:
 def test_a_run_that_is_over_or_goes_on_cannot_be_forked() -> None:
     run = at(5.0)
     with pytest.raises(
-        SimulationError, match="the run is being advanced: a run that is forked must stand still"
+        SimulationError, match="the run is being advanced: a run that is forked must be stopped"
     ):
         run.advance(watch=lambda time, events: run.fork())
     run = at(5.0)

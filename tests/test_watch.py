@@ -320,7 +320,7 @@ def test_pictures_are_drawn_ten_times_a_second() -> None:
         for k in range(101):
             clock.now = 100.0 + 0.01 * k
             view.show(look(k / 20))
-    assert 10 <= shown().count("last looks") <= 13
+    assert 10 <= shown().count("last samples") <= 13
 
 
 def test_a_view_that_saw_nothing_shows_nothing() -> None:
@@ -408,7 +408,7 @@ def test_a_terminal_gets_a_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     outcome = invoke("watch", "five.toml", "--until", "30", "--speed", "1000")
     assert outcome.exit_code == 0
     assert "five agents, two resources" in outcome.stdout
-    assert "last looks" in outcome.stdout
+    assert "last samples" in outcome.stdout
 
 
 @pytest.mark.parametrize("terminal", [False, True])

@@ -109,7 +109,7 @@ class DrawnLink:
         raise NotImplementedError
 
     def keep_order(self, copies: Copies) -> None:
-        """Let copies that leave now overtake nobody on their links.
+        """Keep copies that leave now from overtaking others on their links.
 
         Parameters
         ----------
@@ -158,9 +158,9 @@ class BroadcastChannel:
     Parameters
     ----------
     latency : Latency, float or array_like, shape (n,)
-        A model of latency, or a constant one in units of time; 0 unless said.
+        A model of latency, or a constant one in units of time; default: 0.
     loss : Loss, float or array_like, shape (n,)
-        A model of loss, or the probability of independent losses; 0 unless said.
+        A model of loss, or the probability of independent losses; default: 0.
     duplication : float or array_like, shape (n,)
         Probability that a copy which is not lost arrives twice, with a latency of its own each time.
     fifo : bool

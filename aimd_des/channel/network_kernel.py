@@ -6,9 +6,9 @@ arcs, so that a broadcast reaches node v at
     t(root) = departure,    t(v) = min of t(u) + latency(u, v) over arcs that lose nothing.
 
 which is the least sum, added from the root on, over all paths that survive.  Rounded sums of numbers
-that are not negative are monotone, so it is the same to the last bit in whatever order arcs are looked
-at.  Nodes are looked at in the order of their nominal distance, again and again until nothing changes;
-a tree needs one round, and v nodes v rounds at most.
+that are not negative are monotone, so it is the same to the last bit in any order of the arcs.  Nodes are
+taken in the order of their nominal distance, again and again until nothing changes; a tree needs one round,
+and v nodes v rounds at most.
 """
 
 from typing import NamedTuple

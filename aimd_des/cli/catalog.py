@@ -40,7 +40,7 @@ _FOLDERS = (".", "scenarios")
 
 @dataclass(frozen=True)
 class Key:
-    """A parameter, as it stands in a scenario file."""
+    """A parameter, as it is written in a scenario file."""
 
     name: str  # how it is called
     required: bool  # whether it must be given

@@ -60,7 +60,7 @@ _UNIT, _PROCESSES = 0.25, 4
 @click.option(
     "--token",
     envvar="AIMD_DES_TOKEN",
-    help="Known to all hosts, and to nobody else; better given by the variable AIMD_DES_TOKEN.",
+    help="A secret that only the hosts know; better given by the variable AIMD_DES_TOKEN.",
 )
 def command(
     scenario: Path | None,
@@ -80,7 +80,7 @@ def command(
     """Run the agents of the file SCENARIO for real: as tasks of processes, with signals as datagrams.
 
     The control unit is a process of its own, which reads the agents' meters and sends one datagram for each
-    signal over the loopback interface.  Whoever receives it makes it late or loses it with the random numbers
+    signal over the loopback interface.  The receiver delays or loses it with the random numbers
     that a simulation has, so that both can be held against each other.  The folder receives what aimd-des run
     writes, and what was measured: delays and losses of the network, lateness of unit and agents, all records.
 

@@ -43,7 +43,7 @@ that cannot go on ends with exit code 1, and what Ctrl-C stops with 130.
 
 
 def _sentence(message: Warning | str, *_: Any, **__: Any) -> str:
-    """Write a warning as errors are written: where it was raised says nothing to whoever runs a command."""
+    """Write a warning as errors are written: where it was raised is left out."""
     return f"Warning: {fit(str(message))}\n"
 
 
@@ -66,7 +66,7 @@ class _Lazy(click.Group):
             warnings.formatwarning = earlier
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a subcommand, which ends with one sentence whatever stops it."""
+        """Run a subcommand; any error ends it with one sentence."""
         try:
             return super().invoke(ctx)
         except click.ClickException as refusal:

@@ -45,7 +45,7 @@ def command(
     """Watch the run that the file SCENARIO describes while it goes on.
 
     For each resource: total demand against capacity as a bar (the mark is the capacity) and as a curve
-    of the last looks, the signals so far, how much of the capacity the averages use, and how wrongly it
+    of the last samples, the signals so far, how much of the capacity the averages use, and how wrongly it
     is shared (misallocation).  Nothing is written: `aimd-des run` keeps the results, and gives the
     same digest.  Where the output is no terminal, twenty lines are printed over the run.  Ctrl-C ends it.
     """

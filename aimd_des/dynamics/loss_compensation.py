@@ -40,7 +40,7 @@ _MOST_BITS = 62
 
 @record
 class CompensationParameters(NamedTuple):
-    """How agents make good for losses, for formulas."""
+    """How agents compensate for losses, for formulas."""
 
     rule: int  # `NOTHING`, `KNOWN` or `ESTIMATED`
     loss: FloatArray  # (n,): what they know

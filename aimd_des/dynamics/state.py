@@ -69,7 +69,7 @@ class State(NamedTuple):
 
 @record
 class AgentParameters(NamedTuple):
-    """The parameters of the agents' rule; nobody but the functions of interventions can write there."""
+    """The parameters of the agents' rule; only the functions of interventions can write there."""
 
     # (m, n): alpha and beta; alpha is 0 while an agent is away.
     increase: FloatArray
@@ -144,7 +144,7 @@ def _compensation_parameters(compensation: Compensation | None, n_agents: int) -
 
 
 def start(n_resources: int, n_agents: int, tick_weight: float, parameters: AgentParameters) -> State:
-    """Give the state before anything has happened: nobody holds anything."""
+    """Give the state before anything has happened: no agent holds anything."""
     shape = (n_resources, n_agents)
     counts = np.zeros((6, *shape), dtype=np.int64)
     return State(

@@ -132,7 +132,7 @@ def _observe_in_turn(
     demand: FloatArray,
     average: FloatArray,
 ) -> None:
-    """Read demand and average of all agents, however they are averaged, and up to whatever moments."""
+    """Read demand and average of all agents, for any way of averaging and up to any moments."""
     for j in range(state.demand.shape[0]):
         for i in range(state.demand.shape[1]):
             now = _moment_of(moment, i)
@@ -168,7 +168,7 @@ def _observe_totals_in_turn(
     demand: FloatArray,
     average: FloatArray,
 ) -> None:
-    """Sum demand and average, however agents are averaged, and up to whatever moments."""
+    """Sum demand and average, for any way of averaging and up to any moments."""
     totals(state, parameters, moment, tick_weight, demand)
     for j in range(state.demand.shape[0]):
         used = 0.0

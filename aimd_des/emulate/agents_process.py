@@ -46,7 +46,7 @@ class Meter:
     sequence: int = field(default=0, init=False)
 
     def read(self) -> None:
-        """Send a reading, where memory is not shared; the next one makes good for one that is lost."""
+        """Send a reading, where memory is not shared; the next one replaces one that is lost."""
         if self.out is not None:
             self.sequence += 1
             sums = tuple(self.intercepts.sum(axis=1).tolist())
@@ -153,7 +153,7 @@ class AgentsProcess(asyncio.DatagramProtocol):
         self.flush()
 
     async def _keep_reading(self, end: float) -> None:
-        """Send readings until the end, so that one which is lost is made good for."""
+        """Send readings until the end, so that a lost one is replaced."""
         while (left := end - self._loop.time()) > 0.0:
             self.meter.read()
             await asyncio.sleep(left if self.meter.out is None else min(_READING, left))

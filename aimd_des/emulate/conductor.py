@@ -1,7 +1,7 @@
 """The conductor of an emulation: it starts the processes, gives the start, and collects what they write down.
 
-A process that has ended, in whatever way, has closed its connection, and one whose conductor has ended stops
-by itself.  Whatever stops a run, all processes are ended, and what was collected is kept.
+A process that has ended, in any way, has closed its connection, and one whose conductor has ended stops
+by itself.  If anything stops a run, all processes are ended, and what was collected is kept.
 """
 
 import mmap

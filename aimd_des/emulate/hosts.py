@@ -63,7 +63,7 @@ class Listener(Conductor):
     address : tuple of str and int
         Where to listen: TCP for the connections, UDP for the readings of meters.
     token : str
-        Without which nobody gets in.
+        Required of every connection.
     watch : callable, optional
         Called with the time of the run now and then.
 

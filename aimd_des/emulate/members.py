@@ -1,7 +1,7 @@
 """What the processes of an emulation do from fork to end: they connect, wait for the start, and run.
 
-A process ends when its work is done, or as soon as its connection to the conductor is gone, whatever has
-happened there: nothing is left running.
+A process ends when its work is done, or as soon as its connection to the conductor is gone, for any reason:
+nothing is left running.
 """
 
 import asyncio

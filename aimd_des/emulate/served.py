@@ -1,4 +1,4 @@
-"""What of a scenario an emulation serves, checked at the door; what it does not is refused by its name."""
+"""What of a scenario an emulation serves, checked before anything runs; the rest is refused by its name."""
 
 import os
 from collections.abc import Mapping

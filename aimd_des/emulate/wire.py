@@ -1,4 +1,4 @@
-"""Datagrams: a signal is one of them, with a token's mark, and whatever else arrives is dropped.
+"""Datagrams: a signal is one of them, with a token's mark, and anything else that arrives is dropped.
 
 Across hosts the readings of meters are datagrams, too.  All go to addresses of this machine unless the user
 names another one.
@@ -47,7 +47,7 @@ class MeterDatagram(NamedTuple):
 
 
 def new_token() -> str:
-    """Make a token that nobody guesses."""
+    """Make a token that cannot be guessed."""
     return secrets.token_hex(16)
 
 

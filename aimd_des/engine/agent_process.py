@@ -219,7 +219,7 @@ class AgentProcess:
     def _probability(
         self, resource: int, slope: float, average: float, demand: float, moment: float
     ) -> float:
-        """Return lambda, in whatever way signals are answered."""
+        """Return lambda, for any response to signals."""
         i, j, row, response, memory = self.agent, resource, self._rows[resource], self._response, self._memory
         age = age_at(moment, row[3][i], self._tick_weight)
         found = (row[6], slope, average, demand, row[4], row[5], age)
@@ -245,7 +245,7 @@ class AgentProcess:
         row[0][i], row[1][i], row[2][i] = demand, folded, moment
 
     def _fold(self, resource: int, moment: float) -> tuple[float, float]:
-        """Compute what is accumulated, and the average, in whatever way demand is averaged."""
+        """Compute what is accumulated, and the average, for any way of averaging."""
         i, averaging, tick_weight = self.agent, self._averaging, self._tick_weight
         demand, accumulated, anchor, origin, increase, _, _ = self._rows[resource]
         line = accumulated[i], demand[i], increase
@@ -268,7 +268,7 @@ class AgentProcess:
         heard[i], first[i], latest[i] = read_number(signal.number, heard[i], first[i], latest[i], period)
 
     def _factor(self, signal: Signal, moment: float) -> float:
-        """Return what makes good for the signals that the agent loses, or estimates that it loses."""
+        """Return what compensates for the signals that the agent loses, or estimates that it loses."""
         # The answer at hand is one of those that the factor is computed from.
         rows, i, j = self.system.rows, self.agent, signal.resource
         rows.answered[j][i] += 1

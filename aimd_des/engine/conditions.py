@@ -1,4 +1,4 @@
-"""The conditions of a run that interventions change, and who wants to know when they do."""
+"""The conditions of a run that interventions change, and the parts that are told of changes."""
 
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ IntArray = npt.NDArray[np.int64]
 
 @dataclass(eq=False)
 class Conditions:
-    """What holds at the moment; the arrays are shared with whoever works on them, and written by `put`."""
+    """What holds at the moment; the arrays are shared with all parts that use them, and written by `put`."""
 
     # Counts beside flags: what has begun twice, such as two partitions of one agent, ends when both have.
     away: BoolArray  # (n,): agents that are not here: they hold nothing, do not grow, and hear nothing

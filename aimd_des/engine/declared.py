@@ -35,7 +35,7 @@ def check_absences(problem: Problem, interventions: Iterable[object]) -> None:
     Parameters
     ----------
     problem : Problem
-        Who shares.
+        The agents that share.
     interventions : iterable of Intervention
         All that are declared, each fit for the problem.
 

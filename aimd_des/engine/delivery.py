@@ -1,4 +1,4 @@
-"""What travels and to whom: the bit, those who take part, and copies on their way."""
+"""What is sent and to which agents: the bit, the members, and copies on their way."""
 
 from bisect import insort
 from collections.abc import Callable, Generator, Mapping
@@ -50,12 +50,12 @@ class Agent(Protocol):
 
 
 class Collective(Protocol):
-    """Agents that are advanced together, when somebody looks, and not one by one.
+    """Agents that are advanced together, when they are read, and not one by one.
 
     Attributes
     ----------
     members : ndarray of bool, shape (n,)
-        Who belongs to it.
+        Which agents belong to it.
     """
 
     @property
@@ -119,7 +119,7 @@ class Carrier:
     Attributes
     ----------
     missed : callable
-        Called with (signal, agent) when a copy has landed where nobody is.
+        Called with (signal, agent) when a copy has landed at an agent that is away.
     """
 
     def __init__(

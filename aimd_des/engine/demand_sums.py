@@ -39,9 +39,9 @@ def _renew(
 class DemandSums:
     """Sums of demand in a binary tree over the agents.
 
-    A demand that changes is added up anew along its branch alone.  A sum is that of two others whatever has
-    changed, and in whatever order: so the total at the root has the same bits for processes and fleets.  They
-    are not those of a sum in the order of agents, in the last places.
+    A demand that changes is added up anew along its branch alone.  A sum is that of two others after any
+    change, and in any order of changes: so the total at the root has the same bits for processes and fleets.
+    They are not those of a sum in the order of agents, in the last places.
     """
 
     def __init__(self, system: System) -> None:

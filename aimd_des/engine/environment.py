@@ -4,7 +4,7 @@ Events are handled by (time, kind, order).  Kinds at one instant:
 
     INTERVENE < DELIVER < SENSE < OBSERVE < ACT
 
-Interventions first, then signals that arrive, then the control unit looks, then observers look,
+Interventions first, then signals that arrive, then the control unit samples, then observers record,
 then agents tick.  Within a kind, agents act in the order of their index, copies land in the order
 of their broadcasts and then of the agents, interventions that are listed take place in the order of the
 list, and everything else keeps the order in which it was scheduled.  Events are scheduled at absolute
@@ -94,7 +94,7 @@ class OrderedEnvironment(simpy.Environment):
     Attributes
     ----------
     tracking : bool
-        Whether `reached` is kept up to date; set before the run by whoever needs it.
+        Whether `reached` is kept up to date; set before the run by the part that needs it.
     """
 
     def __init__(self) -> None:
@@ -144,7 +144,7 @@ class OrderedEnvironment(simpy.Environment):
 
     @property
     def acted(self) -> tuple[float, int]:
-        """When somebody last acted, and the last turn that was over then."""
+        """When an agent last acted, and the last turn that was over then."""
         return self._acted_at, self._acted
 
     def has_acted(self, agent: int | None = None) -> bool:
@@ -153,12 +153,12 @@ class OrderedEnvironment(simpy.Environment):
         Parameters
         ----------
         agent : int, optional
-            i; all agents unless given.
+            i; default: all agents.
 
         Returns
         -------
         bool
-            True once somebody with the same or a later turn has acted at this instant.
+            True once an agent with the same or a later turn has acted at this instant.
         """
         # Turns of agents are their indices: once one has acted, the turns of all before it are over.  Those
         # of all agents are, for certain, only once an ACT that was given no order has happened.
@@ -279,7 +279,7 @@ class OrderedEnvironment(simpy.Environment):
         awaited = {id(begun.process.target) for begun in self._begun.values()}
         for time, _, _, event in self._queue:
             if event.callbacks and id(event) not in awaited and not getattr(event, "owned", False):
-                reason = "free of events that somebody has scheduled from outside, which cannot be copied"
+                reason = "free of events that were scheduled from outside, which cannot be copied"
                 raise InputError.of("run", f"one with an event at {time!r} in store", reason, _INSTEAD)
         # What nobody waits for happens all the same: a step is one event.
         idle = [self.place_of(event) for *_, event in self._queue if not event.callbacks]
@@ -342,8 +342,8 @@ class OrderedEnvironment(simpy.Environment):
         kind : EventKind
             What it is; decides among events at the same time.
         order : int, optional
-            Decides among events of the same time and kind; unless given, the place of an intervention
-            that is listed, else the turn in which it was scheduled.
+            Decides among events of the same time and kind; default: the place of an intervention that is
+            listed, else the turn in which it was scheduled.
 
         Returns
         -------
@@ -399,11 +399,11 @@ class OrderedEnvironment(simpy.Environment):
 
     @property
     def watched(self) -> bool:
-        """Whether anybody wants to know how far the run has come."""
+        """Whether the progress of the run is watched."""
         return self._watch is not None
 
     def report(self, time: float) -> None:
-        """Let whoever watches the run know how far it has come within the present event.
+        """Tell the watcher of the run how far it has come within the present event.
 
         Parameters
         ----------

@@ -43,7 +43,7 @@ class ConstantPieces:
     tick : ndarray, shape (1,)
         Of a clock that all have, the index of the next tick.
     following : bool
-        Whether it follows the ticks itself; set to False before the run by whoever does so instead.
+        Whether it follows the ticks itself; set to False before the run by the part that does so instead.
     stretches : list of Stretch
         What was measured before the problem last changed.
     """
@@ -113,7 +113,7 @@ class ConstantPieces:
             self._sums.resume(state["sums"])
 
     def _changed(self, time: float, resource: int, change: float) -> None:
-        """Close an interval that is cut short from outside; ticks have closed theirs before anybody acts."""
+        """Close an interval that is cut short from outside; ticks have closed theirs before agents act."""
         # Told after the change, which has to be taken out again for the interval before it.
         self._close(resource, change)
 
@@ -336,7 +336,7 @@ class LinearPieces:
 
 
 class Observer:
-    """Looks at the system at the times asked for.
+    """Records the system at the times asked for.
 
     Attributes
     ----------
@@ -349,7 +349,7 @@ class Observer:
     row : ndarray, shape (1,)
         How many of them are kept.
     watching : bool
-        Whether it keeps them itself; set to False before the run by whoever does so instead.
+        Whether it keeps them itself; set to False before the run by the part that does so instead.
     """
 
     def __init__(self, system: System, recording: Recording) -> None:

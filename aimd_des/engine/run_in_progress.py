@@ -95,7 +95,7 @@ class Run:
         Parameters
         ----------
         to : float, optional
-            Not before the present and not after the end, in units of time; the end unless given.
+            Not before the present and not after the end, in units of time; default: the end.
         watch : callable, optional
             As for `Simulation.run`.
 
@@ -178,8 +178,8 @@ class Run:
         Parameters
         ----------
         salt : int, optional
-            At least 0, for other draws from now on: of responses, losses, latencies, duplicates and looks.
-            Clocks keep theirs, and so do copies that are on their way.  The same draws unless given.
+            At least 0, for other draws from now on: of responses, losses, latencies, duplicates and samples.
+            Clocks keep theirs, and so do copies that are on their way. Default: the same draws.
         channel : Channel, optional
             Carries what is sent from now on, and begins as in a new run.
         control_unit : ControlUnit, optional
@@ -252,7 +252,7 @@ class Run:
         if self._result is not None:
             raise SimulationError(f"the run is over at time {self.time!r}: {what} must be in progress")
         if self._going:
-            raise SimulationError(f"the run is being advanced: {what} must stand still, between two pieces")
+            raise SimulationError(f"the run is being advanced: {what} must be stopped, between two pieces")
         if self._failed:
             raise SimulationError(f"the run has failed at time {self.time!r}: start another one")
 

@@ -101,28 +101,28 @@ class Simulation(ShowsItself):
         Discrete agents act at the ticks of their clocks; continuous ones grow all the time and
         answer a signal when it arrives.
     control_unit : ControlUnit, optional
-        `Sampled` with period 1 unless given.
+        Default: `Sampled` with period 1.
     channel : Channel, optional
-        A perfect `BroadcastChannel` (no latency, no loss) unless given.
+        Default: a perfect `BroadcastChannel` (no latency, no loss).
     agents : callable, Fleet, "process" or "fleet"
-        Makes an agent from (index, system), `AgentProcess` unless given; or `Fleet`: all agents in compiled
+        Makes an agent from (index, system), by default `AgentProcess`; or `Fleet`: all agents in compiled
         code, with the same events.  The words of scenario files stand for these two.
     special : mapping of int to callable
         Agents that are not as the others: makes those with these indices from (index, system).
     clocks : Clocks, optional
-        Of discrete agents: tick q at time q for all, unless given.
+        Of discrete agents. Default: tick q at time q for all.
     averaging : Averaging, optional
-        How agents average their demand: `averaging.Cumulative`, the paper's, unless given.
+        How agents average their demand; default: `averaging.Cumulative`, the paper's.
     compensation : Compensation, optional
-        What agents do about signals that they lose; nothing unless given.
+        What agents do about signals that they lose; default: nothing.
     response : Response, optional
-        How agents answer signals: `responses.Randomised`, the paper's rule, unless given.
+        How agents answer signals; default: `responses.Randomised`, the paper's rule.
     interventions : sequence of Intervention
         What changes from outside while the run goes on, see `aimd_des.interventions`.
     seed : int
         At least 0.  Decides responses, losses, latencies and clocks, each from a stream of its own.
     recording : Recording, optional
-        What to keep besides signals and end; totals at a thousand times unless given.
+        What to keep besides signals and end; default: totals at a thousand times.
     processes : sequence of callable
         Your own SimPy processes: each is called with the system and returns a generator.
 
@@ -303,7 +303,7 @@ class Simulation(ShowsItself):
         salts : tuple of int
             Of the forks that have led to the run.
         keys : mapping of Purpose to Key, optional
-            What draws are made with; derived from seed and salts unless given.
+            What draws are made with; default: derived from seed and salts.
 
         Returns
         -------

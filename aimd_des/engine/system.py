@@ -106,13 +106,13 @@ class System(Readings):
     log : EventLog, optional
         Where every event is written.
     averaging : Averaging, optional
-        How agents average their demand; over all of their past unless given.
+        How agents average their demand; default: over all of their past.
     compensation : Compensation, optional
-        What they do about losses; nothing unless given.
+        What they do about losses; default: nothing.
     response : Response, optional
-        How they answer signals; by the paper's rule unless given.
+        How they answer signals; default: by the paper's rule.
     keys : mapping of Purpose to Key, optional
-        What draws are made with; as the seed has it unless given.
+        What draws are made with; default: as the seed has it.
 
     Attributes
     ----------
@@ -218,7 +218,7 @@ class System(Readings):
             tell()
 
     def events(self, since: int = 0) -> "pd.DataFrame":
-        """Read the event log as far as it goes, or what has come since somebody read it.
+        """Read the event log as far as it goes, or the entries since it was read last.
 
         Parameters
         ----------
@@ -318,7 +318,7 @@ class System(Readings):
         return i
 
     def break_line(self, agent: int, resource: int, demand: float) -> None:
-        """Let one agent's demand for one resource go on as a new line; nobody is told.
+        """Let one agent's demand for one resource go on as a new line, without telling other parts.
 
         Parameters
         ----------
@@ -366,7 +366,7 @@ class System(Readings):
         agent : int
             i.
         lost : bool
-            Whether it is lost, since nobody was there; if not, it was delivered.
+            Whether it is lost, since the agent was away; if not, it was delivered.
         """
         # An agent belongs to one of the two; who is no member, or has no such method, is not concerned.
         if self.collective is not None:
@@ -376,7 +376,7 @@ class System(Readings):
             own()
 
     def finish(self) -> None:
-        """Settle what is due by the end, and take note of what landed where nobody was."""
+        """Settle what is due by the end, and take note of what landed at agents that were away."""
         self.settle()
         # Copies that wait for a tick of an agent that is away are still counted as delivered.
         for agent in np.flatnonzero(self.conditions.away).tolist():

@@ -78,7 +78,7 @@ class Readings:
         Parameters
         ----------
         agent : int, optional
-            i; all agents unless given.
+            i; default: all agents.
 
         Returns
         -------

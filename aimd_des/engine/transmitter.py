@@ -75,7 +75,7 @@ class SentSignals(Sequence[Broadcast]):
         return Signals(*map(np.concatenate, columns))
 
     def put_aside(self) -> tuple[Signals, ...]:
-        """Return those so far in pieces to which nobody adds any more."""
+        """Return those so far in pieces to which nothing is added any more."""
         if self._time:
             self._earlier = (*self._earlier, self._own())
             self._time, self._resource, self._number = array("d"), array("q"), array("q")
@@ -262,7 +262,7 @@ class Transmitter:
                 self._carry(sent, arrival, arrives, order)
 
     def missed(self, signal: Signal, agent: int) -> None:
-        """Take note that a copy has landed where nobody is: it is lost after all."""
+        """Take note that a copy has landed at an agent that is away: it is lost after all."""
         # A duplicate is not lost: the account knows one copy of each signal for each agent.
         if signal.copy:
             self.duplicated[signal.resource, agent] -= 1

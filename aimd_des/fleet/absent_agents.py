@@ -20,7 +20,7 @@ def subject(copies: CopiesInFlight, place: int) -> Any:
 
 @formula
 def miss(agents: FleetAgents, resource: int, agent: int, second: bool) -> None:
-    """Take note that a copy has landed where nobody is: it is lost after all."""
+    """Take note that a copy has landed at an agent that is away: it is lost after all."""
     # It was counted as delivered when it was sent, as all are that arrive before the end.  A duplicate that
     # is missed is no loss: the account has one copy of each signal for each agent.
     if second:

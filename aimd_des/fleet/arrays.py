@@ -42,7 +42,7 @@ class ClockArrays(NamedTuple):
 
 @record
 class Answers(NamedTuple):
-    """Answers that somebody wants to know of, in the order in which they were computed."""
+    """Answers that a listener asked for, in the order in which they were computed."""
 
     key: IntArray  # (a,): bits of the time
     rank: IntArray  # (a,): order number of the copy that was answered
@@ -56,7 +56,7 @@ class Answers(NamedTuple):
 
 @formula
 def report(answers: Answers, key: int, rank: int, agent: int, resource: int, change: float) -> None:
-    """Note an answer for those who want to know of it."""
+    """Note an answer for its listeners."""
     # There is always a row.  Only what is sent adds to answers and copies in flight together; it waits where
     # copies have no room (`room`) or answers are more than `TOLD_AT_ONCE`, and there are rows for both.
     row = answers.held[0]
@@ -67,7 +67,7 @@ def report(answers: Answers, key: int, rank: int, agent: int, resource: int, cha
 
 @record
 class CopyAccount(NamedTuple):
-    """Who is here, and what becomes of copies; the arrays are those of the run."""
+    """Which agents are here, and what becomes of copies; the arrays are those of the run."""
 
     away: BoolArray  # (n,): agents that are not here at the moment
     # (m, n): as in `transmission.Transmitter`.
@@ -114,7 +114,7 @@ class ResponseBuffers(NamedTuple):
 
 
 def response_buffers(n_resources: int, n_agents: int) -> ResponseBuffers:
-    """Make the working memory of one run, with nobody's copies due."""
+    """Make the working memory of one run, with no copies due."""
     return ResponseBuffers(
         np.full(n_agents, LAST),  # later than every copy, so the first one found is the earliest so far
         np.zeros(n_agents),

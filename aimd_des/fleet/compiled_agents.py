@@ -56,12 +56,12 @@ TOLD_AT_ONCE = 1 << 16
 class CompiledAgents:
     """The standard agents of a run in compiled code: what an `AgentProcess` each would do, event for event.
 
-    Copies that have arrived are answered when somebody looks, each agent's in the order of time.
+    Copies that have arrived are answered when agents are read, each agent's in the order of time.
 
     Attributes
     ----------
     members : ndarray of bool, shape (n,)
-        Who is part of it.
+        Which agents are part of it.
     agents, integrals : FleetAgents, FleetOvershoot
         What compiled code works on.
     """
@@ -122,7 +122,7 @@ class CompiledAgents:
         system.parts["fleet"] = self
 
     def state(self) -> dict[str, Any]:
-        """Return what is on its way, and what somebody has still to be told of; nothing is copied."""
+        """Return what is on its way, and what listeners have still to be told of; nothing is copied."""
         answers = self.agents.answers
         held = int(answers.held[0])
         told = (answers.key, answers.rank, answers.agent, answers.resource, answers.change)
@@ -186,7 +186,7 @@ class CompiledAgents:
         )
 
     def listen(self) -> None:
-        """Keep answers from now on if somebody wants to know of them, in compiled code or outside."""
+        """Keep answers from now on if there is a listener, in compiled code or outside."""
         listeners = self.system.on_response
         # If only the overshoot listens, answers are folded into it in compiled code.  If anybody else does,
         # all are told, answer by answer in the order of events.

@@ -1,4 +1,4 @@
-"""The looks of a control unit between two events of SimPy, as the processes would take them."""
+"""The samples of a control unit between two events of SimPy, as the processes would take them."""
 
 import numpy as np
 
@@ -62,7 +62,7 @@ def _crowded(agents: FleetAgents, control: FleetControl, channel: FleetChannel) 
 
 @formula
 def _find_moments(agents: FleetAgents, control: FleetControl) -> None:
-    """Find where the agents are in their own time: the time, or their next tick; looks come before ticks."""
+    """Find where the agents are in their own time: the time, or their next tick; samples precede ticks."""
     now = control.now[0]
     if agents.tick_weight > 0.0:
         clocks = agents.clocks

@@ -54,7 +54,7 @@ _SIGNALS = 1 << 14
 
 
 class ControlProcess:
-    """A control unit that has a table: the looks of its process, many of them to an event of SimPy."""
+    """A control unit that has a table: the samples of its process, many of them in an event of SimPy."""
 
     def __init__(
         self,
@@ -272,7 +272,7 @@ class ControlProcess:
         self.channel = self._channel()
 
     def _steer(self) -> int:
-        """Go on with looks to the next event; do what compiled code has stopped for."""
+        """Go on sampling to the next event; do what compiled code has stopped for."""
         env, control, channel, fleet = self.system.env, self.control, self.channel, self.fleet
         # Between two stretches anybody may have begun to listen, and changed demand from outside: that comes
         # before the answers that compiled code will fold into the same integrals.

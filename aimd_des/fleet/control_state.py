@@ -95,7 +95,7 @@ OF_A_UNIT = (
 
 @record
 class Limits(NamedTuple):
-    """How far the looks may go."""
+    """How far sampling may go."""
 
     # Taken anew before every stretch; nothing in them can change during it, since no event is handled then.
     # Time, kind and order number of what is due next besides.

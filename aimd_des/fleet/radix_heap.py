@@ -1,12 +1,11 @@
 """Copies on their way, sorted no further than is needed: a radix heap on the bits of time.
 
-Whoever looks at the agents asks for all copies that are due by then, in any order, and never goes back
-in time.  So a copy is kept by the highest bit in which its time differs from the last look: what
-differs in a lower bit than the present look does is due as a whole, and only one level has to be sorted
-out.  A copy sinks through a few levels in its life, whatever the number of copies on their way.
-(R. K. Ahuja, K. Mehlhorn, J. B. Orlin and R. E. Tarjan, "Faster algorithms for the shortest path
-problem", Journal of the ACM 37, 1990.)  Times are at least 0, and then their bits, read as an integer,
-are in the order of the numbers.
+A reader of the agents asks for all copies that are due by then, in any order, and never goes back
+in time.  So a copy is kept by the highest bit in which its time differs from the last reading: what differs
+in a lower bit than the present reading does is due as a whole, and only one level has to be sorted out.  A
+copy sinks through a few levels in its life, for any number of copies on their way.  (R. K. Ahuja, K.
+Mehlhorn, J. B. Orlin and R. E. Tarjan, "Faster algorithms for the shortest path problem", Journal of the ACM
+37, 1990.)  Times are at least 0, and then their bits, read as an integer, are in the order of the numbers.
 
 What holds between any two calls, for each queue:
 

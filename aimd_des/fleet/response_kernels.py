@@ -1,6 +1,6 @@
 """Agents answer the copies that are due, in dense passes: each its own in the order of time.
 
-Agents touch each other only through the control unit, so between two looks their order does not matter.
+Agents touch each other only through the control unit, so between two samples their order does not matter.
 In every round each agent answers the earliest of its copies that are due, and most have no other.
 """
 
@@ -46,7 +46,7 @@ from aimd_des.utils.jit import deferred, formula
 
 @formula
 def _report(agents: FleetAgents, place: int, resource: int, change: float) -> None:
-    """Note the answer to a copy for those who want to know of it."""
+    """Note the answer to a copy for its listeners."""
     copies = agents.copies
     report(agents.answers, copies.key[place], copies.rank[place], copies.agent[place], resource, change)
 
@@ -185,7 +185,7 @@ def _find_slopes(agents: FleetAgents, queue: int, chosen: int) -> None:
 
 @deferred
 def _remember(agents: FleetAgents, chosen: int) -> None:
-    """Compute what is accumulated, and averages, in whatever way demand is averaged."""
+    """Compute what is accumulated, and averages, for any way of averaging."""
     buffers, state, averaging, tick_weight = (
         agents.buffers,
         agents.state,
@@ -236,7 +236,7 @@ def _cut(agents: FleetAgents, chosen: int) -> None:
 
 @deferred
 def _compensate(agents: FleetAgents, chosen: int) -> None:
-    """Make good for the signals that agents lose, or estimate that they lose."""
+    """Compensate for the signals that agents lose, or estimate that they lose."""
     buffers, state, compensation = agents.buffers, agents.state, agents.parameters.compensation
     for row in range(chosen):
         i, j = agents.copies.agent[buffers.chosen[row]], buffers.resource[row]

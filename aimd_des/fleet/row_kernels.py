@@ -282,7 +282,7 @@ def _answer_piece(agents: FleetAgents, resource: int, first: int, last: int, bou
 
 @formula
 def _report_piece(agents: FleetAgents, resource: int, first: int, last: int, bound: float) -> None:
-    """Note the answers of some agents for those who want to know of them."""
+    """Note the answers of some agents for their listeners."""
     j, rows, buffers, answers = resource, agents.rows, agents.buffers, agents.answers
     arrival = rows.arrival[j][first:last]
     # As `report` has it, without a branch: written in any case, and counted if somebody wants to know of it.
@@ -302,7 +302,7 @@ def _report_piece(agents: FleetAgents, resource: int, first: int, last: int, bou
 
 @formula
 def _miss_absent(agents: FleetAgents, resource: int, time: float, limit: int) -> None:
-    """Take note of copies in the row that have landed where nobody is."""
+    """Take note of copies in the row that have landed at agents that are away."""
     away, anybody = agents.account.away, False
     for i in range(away.shape[0]):
         anybody |= away[i]

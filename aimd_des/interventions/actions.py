@@ -1,4 +1,4 @@
-"""Who takes part and who hears, changed while a run goes on: functions of the system, called by processes.
+"""Which agents take part and hear, changed during a run: functions of the system, called by processes.
 
 What is changed holds from the present event on.  Call these at `EventKind.INTERVENE`, so that everything else
 that happens at the same instant finds the new conditions.  What has begun twice ends when it has ended twice.
@@ -19,7 +19,7 @@ from aimd_des.utils.validation import FloatArray
 def leave(system: System, agent: str | int) -> None:
     """Let an agent go away: what it holds is released in this instant, and it hears nothing.
 
-    Its average stands still.  A signal that has reached it and waits for its next tick is forgotten.
+    Its average stays constant.  A signal that has reached it and waits for its next tick is forgotten.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def cut_off(system: System, agents: Agents) -> None:
     system : System
         The run in progress.
     agents : str, int or sequence of these
-        Who is on the other side: names, or i.
+        Which agents are on the other side: names, or i.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def reconnect(system: System, agents: Agents) -> None:
     system : System
         The run in progress.
     agents : str, int or sequence of these
-        Who: names, or i.
+        Which agents: names, or i.
 
     Raises
     ------

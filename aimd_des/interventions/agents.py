@@ -41,7 +41,7 @@ class _OfAgents:
         Parameters
         ----------
         problem : Problem
-            Who shares.
+            The agents that share.
 
         Raises
         ------
@@ -92,7 +92,7 @@ class Absence(BeginsAt, _OfAgents):
     at : float
         When they leave, at least 0: what they hold is released in that instant.
     until : float, optional
-        When they come back, later than that; never unless given.
+        When they come back, later than that; default: never.
     """
 
     agents: Agents
@@ -124,7 +124,7 @@ class Crash(BeginsAt, _OfAgents):
     at : float
         When they crash, at least 0.
     until : float, optional
-        When they come back, later than that; never unless given.
+        When they come back, later than that; default: never.
     """
 
     agents: Agents
@@ -172,7 +172,7 @@ class UnusualActivity(BeginsAt, _OfAgents):
     at : float
         When it begins, at least 0.
     until : float, optional
-        When it is over, later than that; never unless given.
+        When it is over, later than that; default: never.
     weight : float
         What their costs are multiplied by, greater than 0: below 1 they hold more.  Those of activities at
         the same time are multiplied.

@@ -25,7 +25,7 @@ def note(system: System, entry: Entry, resource: int = -1, agent: int = -1, valu
 
 
 def end_piece(system: System) -> None:
-    """Let everybody close their books on the problem that has been in force."""
+    """Close the records of the problem that has been in force."""
     system.settle()
     for close in system.conditions.on_piece:
         close()

@@ -124,7 +124,7 @@ class CapacityProfile(Planned):
     capacities : array_like, shape (k,)
         C from each time to the next, greater than 0, in units of the resource.
     period : float, optional
-        After which the profile begins anew, such as a day; once only unless given.
+        After which the profile begins anew, such as a day; default: once only.
 
     Raises
     ------
@@ -175,7 +175,7 @@ class CapacityProfile(Planned):
         time, capacity : str
             The columns.
         period : float, optional
-            After which the profile begins anew, such as a day; once only unless given.
+            After which the profile begins anew, such as a day; default: once only.
 
         Returns
         -------

@@ -32,7 +32,7 @@ def set_hold_off(system: System, hold_off: float, longest_hold_off: float | None
     hold_off : float
         At least 0, in units of time.
     longest_hold_off : float, optional
-        Up to where it adapts, as for `Crossing`; it does not adapt unless given.
+        Up to where it adapts, as for `Crossing`; default: it does not adapt.
 
     Raises
     ------
@@ -89,7 +89,7 @@ class ChangeHoldOff(BeginsAt):
     hold_off : float
         How long it holds off from then on, at least 0 and in units of time.
     longest_hold_off : float, optional
-        Up to where it adapts, as for `Crossing`; it does not adapt unless given.
+        Up to where it adapts, as for `Crossing`; default: it does not adapt.
     """
 
     of_hold_off: ClassVar[bool] = True  # by which a run refuses it where there is none
@@ -124,7 +124,7 @@ class ChangeThreshold(BeginsAt):
     threshold : float
         gamma, greater than 0 and at most 1.
     resource : str or int, optional
-        Of which resource; of all unless given.
+        Of which resource; default: of all.
     """
 
     at: float

@@ -27,15 +27,15 @@ class Failover(BeginsAt):
 
     Signals that are on their way arrive; those that would leave meanwhile, after their sensing delay, are
     lost.  Where faults overlap, it is down until the last of them is over.  The new unit knows of no
-    hold-off, and begins with the shortest where hold-offs adapt: one that senses crossings looks at once, one
-    that samples at its next look.
+    hold-off, and begins with the shortest where hold-offs adapt: one that senses crossings does so at once,
+    one that samples at its next sampling instant.
 
     Parameters
     ----------
     at : float
         When it goes down, at least 0.
     duration : float
-        For how long nobody senses, greater than 0.
+        For how long no control unit senses, greater than 0.
     """
 
     at: float
@@ -68,7 +68,7 @@ class Partition(BeginsAt):
     duration : float
         How long it lasts, greater than 0.
     agents : str, int or sequence of these, optional
-        Who is cut off; all agents unless given.
+        Which agents are cut off; default: all.
     """
 
     at: float

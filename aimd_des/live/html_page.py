@@ -34,7 +34,7 @@ def _named(text: str) -> str:
 
 
 def policy(connect: str = "'none'") -> str:
-    """Say what the page may do: run its own script, and ask nobody but its server.
+    """Say what the page may do: run its own script, and ask only its server.
 
     Parameters
     ----------

@@ -111,7 +111,7 @@ def application(base: Scenario, token: str, port: int, pool: ThreadPoolExecutor)
 
     class Guarded(tornado.web.RequestHandler):
         def prepare(self) -> None:
-            """Let nobody in by another name of this machine, or without the token."""
+            """Refuse requests under another name of this machine, or without the token."""
             given = self.get_query_argument("token", "")
             known = hmac.compare_digest(given.encode(), token.encode())
             if self.request.host not in hosts or not known:

@@ -1,7 +1,7 @@
 """What the page may change, and the scenario that its state describes.
 
 The state of a page is data: values of controls from the start, and changes at times.  It names no module and
-no file: an address can make the server run nothing but variants of the scenario with which it was started.
+no file: an address can make the server run only variants of the scenario with which it was started.
 """
 
 import math
@@ -97,9 +97,9 @@ _CHANNEL = Group(
 _UNIT = Group(
     "Control unit",
     (
-        Choice("unit", "It", (("crossing", "senses the crossing"), ("sampled", "looks at times"))),
+        Choice("unit", "It", (("crossing", "senses the crossing"), ("sampled", "samples at times"))),
         Slider("hold_off", "Hold-off", 0.0, 4.0, 0.05, now=True),
-        Slider("period", "Period of looks", 0.1, 4.0, 0.1),
+        Slider("period", "Sampling period", 0.1, 4.0, 0.1),
         Slider("threshold", "Threshold", 0.5, 1.0, 0.01, "%", now=True),
     ),
 )
@@ -166,7 +166,7 @@ class State(NamedTuple):
 
 
 def read_state(data: object) -> State:
-    """Take in the state of a page, which may be anybody's.
+    """Take in the state of a page, which is not trusted.
 
     Raises
     ------

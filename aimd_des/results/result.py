@@ -292,14 +292,14 @@ class Result(ShowsItself):
         Parameters
         ----------
         looks : int, optional
-            At how many recorded times at most, evenly spread over the logarithm of time; 16 unless given,
-            and fewer of more than 6,250 agents, since each is an optimum to be solved.
+            At how many recorded times at most, evenly spread over the logarithm of time; default: 16, and
+            fewer for more than 6,250 agents, since each is an optimum to be solved.
 
         Returns
         -------
         DataFrame
             Columns: time, resource, misallocation, relative_error, and cost_ratio (of all resources
-            together, repeated); of those who are here at the time, against the problem in force.
+            together, repeated); of the agents that are here at the time, against the problem in force.
 
         Raises
         ------
@@ -402,8 +402,8 @@ class Result(ShowsItself):
         -------
         DataFrame
             Index: resource.  Columns: the measures, whose units and meanings `metrics.measures()` lists, and
-            so do ``attrs["units"]`` and ``attrs["meanings"]``.  What is measured of those who are here is NaN
-            where nobody is.
+            so do ``attrs["units"]`` and ``attrs["meanings"]``.  What is measured of the agents that are here
+            is NaN where there are none.
 
         Raises
         ------

@@ -97,7 +97,7 @@ def read_toml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
 
 
 def _text(path: Path) -> str:
-    """Read a file, unless it is so large, or has such keys, that nobody can have meant it."""
+    """Read a file, unless its size or its keys show that it is no scenario."""
     with path.open(encoding="utf-8") as file:
         text = file.read(_LARGEST + 1)
     if len(text) > _LARGEST:

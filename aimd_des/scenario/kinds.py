@@ -173,7 +173,7 @@ def describe(docstring: str | None) -> dict[str, str]:
     --------
     >>> from aimd_des import Sampled
     >>> describe(Sampled.__doc__)["period"]
-    'Time between two looks, greater than 0.'
+    'Time between two samples, greater than 0.'
     """
     text = inspect.cleandoc(docstring or "")
     meanings: dict[str, str] = {}

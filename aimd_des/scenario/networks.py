@@ -38,13 +38,13 @@ def over_network(
     over : {"tree", "flood"}
         Along the tree of shortest paths, or by flooding.
     agents : list of nodes, optional
-        In the order of the agents' index: all nodes but the control unit's unless given.
+        In the order of the agents' index. Default: all nodes except the control unit's.
         The other nodes are relays.
     latency_model : {"constant", "exponential"}
         What an edge's latency is: the same for every broadcast, or the mean of exponential ones.
     mean_burst : float, optional
-        Mean duration of bursts in which an edge loses everything, in units of time; losses are
-        independent unless given.
+        Mean duration of bursts in which an edge loses everything, in units of time; default: losses are
+        independent.
 
     Returns
     -------

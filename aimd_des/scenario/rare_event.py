@@ -20,7 +20,7 @@ class RareEventSettings(Table):
     after : float
         From when on it counts.
     resource : str, optional
-        Of which resource; the largest of all unless given.
+        Of which resource; default: the largest of all.
     measure : {"demand", "misallocation"}
         What reaches the level.
     method : {"fixed_effort", "restart"}

@@ -1,7 +1,7 @@
 """The folder of a run: scenario, summary, frames and figures, as they are written and as they are read back.
 
 The numbers are written first, whole or not at all, and then the figures.  Among the frames is the optimum
-that the run is held against, so that whoever reads a folder need not solve for it again.
+that the run is held against, so that readers of a folder need not solve for it again.
 """
 
 import csv

@@ -97,17 +97,17 @@ class Scenario(ShowsItself, Table, InSentences):
         How agents are represented, which changes no result: a SimPy process each, or all of them in
         compiled code.
     control_unit : table
-        When capacity signals are broadcast: a look at every unit of time unless given.
+        When capacity signals are broadcast. Default: after a sample at every unit of time.
     channel : table
-        How late copies of a signal arrive, and which are lost: at once and none unless given.
+        How late copies of a signal arrive, and which are lost. Default: at once and none.
     clocks : table
-        When discrete agents act: at every whole unit of time unless given.
+        When discrete agents act. Default: at every whole unit of time.
     averaging : table
-        How agents average their demand: over all of their past unless given.
+        How agents average their demand. Default: over all of their past.
     response : table, optional
-        How agents answer signals: by the paper's rule unless given.
+        How agents answer signals. Default: by the paper's rule.
     compensation : table, optional
-        What agents do about signals that they lose; nothing unless given.
+        What agents do about signals that they lose; default: nothing.
     interventions : list of tables
         What changes from outside while the run goes on.
     warm_up, rare_event : table, optional
@@ -212,7 +212,7 @@ class Scenario(ShowsItself, Table, InSentences):
         Returns
         -------
         Scenario
-            Running it gives the same result whatever the defaults become.
+            Running it gives the same result even if the defaults change.
 
         Raises
         ------
@@ -366,7 +366,7 @@ class Scenario(ShowsItself, Table, InSentences):
         processes : sequence of callable
             SimPy processes that take part, as `Simulation` takes them.
         problem : Problem, optional
-            What `problem` returns, for runs that share it; built unless given.
+            What `problem` returns, for runs that share it; default: it is built.
         progress : bool
             As for `Simulation.run`; the synchronous algorithm, which takes no time, shows none.
 

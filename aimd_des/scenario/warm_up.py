@@ -43,7 +43,7 @@ class WarmUpSettings(Table):
     until : float
         When it ends: after 0, and before the end of the run.
     control_unit, channel, response : table, optional
-        In force until then; those of the scenario unless given.
+        In force until then; default: those of the scenario.
     """
 
     until: float

@@ -1,4 +1,4 @@
-"""A folder read back, whatever this program wrote into it."""
+"""A folder read back, of any kind that this program writes."""
 
 from pathlib import Path
 

@@ -1,7 +1,7 @@
 """What all agents do about one resource at one step: averages, totals, draws and answers, in passes.
 
-Nobody is away and all answer at once, so the lines of all agents begin at the same step: the anchor and the
-origin of agent 0 are everybody's.  Rows are filled up, behind the n agents, to whole passes of vector
+No agent is away and all answer at once, so the lines of all agents begin at the same step: they all have the
+anchor and the origin of agent 0.  Rows are filled up, behind the n agents, to whole passes of vector
 instructions, with agents that hold nothing, ask for nothing and never respond.
 """
 
@@ -57,7 +57,7 @@ class StepBuffers(NamedTuple):
 
 @formula
 def _add(totals: Any, demand: float, increase: float, since: float) -> Any:
-    """Add one agent's demand at a step, and at the next ones if nobody answers, to the totals of these."""
+    """Add one agent's demand at a step, and at the next ones if no agent responds, to the totals of these."""
     return (
         totals[0] + demand_at(demand, increase, since, DISCRETE),
         totals[1] + demand_at(demand, increase, since + 1.0, DISCRETE),
@@ -70,7 +70,7 @@ def _add(totals: Any, demand: float, increase: float, since: float) -> Any:
 def add_ahead(
     state: State, parameters: AgentParameters, resource: int, step: int, buffers: StepBuffers
 ) -> None:
-    """Add up demand, in the order of agents, at this step and the next ones, if nobody answers."""
+    """Add up demand, in the order of agents, at this step and the next ones, if no agent responds."""
     # Each addition waits for the one before it, so several sums side by side take little longer than one.
     demand, increase = state.demand[resource], parameters.increase[resource]
     since, totals = step - state.anchor[resource, 0], (0.0, 0.0, 0.0, 0.0)

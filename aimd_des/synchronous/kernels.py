@@ -1,4 +1,4 @@
-"""The compiled steps of Algorithms 1 and 2: the control unit looks, agents answer, observers watch.
+"""The compiled steps of Algorithms 1 and 2: the control unit samples, agents answer, observers record.
 
 Resources meet in the derivatives of coupled costs and nowhere else.  So where costs are separable the steps
 of a whole run are taken resource by resource; else all resources take each step together.
@@ -55,7 +55,7 @@ class StepControl(NamedTuple):
 
 @record
 class RecordBuffers(NamedTuple):
-    """Buffers of the observers; `cursor`, (m, 3): looks of either kind that are done, the next step."""
+    """Buffers of the observers; `cursor`, (m, 3): records of either kind that are done, the next step."""
 
     demand_steps: FloatArray
     total_demand: FloatArray
@@ -221,7 +221,7 @@ def look_together(
     records: RecordBuffers,
     buffers: StepBuffers,
 ) -> bool:
-    """Let the control unit look at all resources; if somebody must act bring all averages to this step."""
+    """Let the control unit sample all resources; if an agent must act bring all averages to this step."""
     anybody = False
     for j in range(state.demand.shape[0]):
         add_ahead(state, parameters, j, step, buffers)

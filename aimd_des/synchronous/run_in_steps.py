@@ -149,7 +149,7 @@ class SynchronousRun:
         Parameters
         ----------
         to : int, optional
-            Not less than have been taken, and at most K; K unless given.
+            Not less than have been taken, and at most K; default: K.
 
         Raises
         ------
@@ -237,7 +237,7 @@ class SynchronousRun:
         Parameters
         ----------
         salt : int, optional
-            At least 0, for other draws from now on; the same ones unless given.
+            At least 0, for other draws from now on; default: the same ones.
         response : Response, optional
             How agents answer from now on; what the one before has kept is gone.
 

@@ -1,6 +1,6 @@
 """Algorithms 1 and 2 of the paper, synchronous and with a perfect channel.
 
-At step k every agent acts on S(k) and its average over x(0)..x(k); the control unit looks at x(k)
+At step k every agent acts on S(k) and its average over x(0)..x(k); the control unit samples x(k)
 and sets S(k+1).  With ``lag=0`` the signal set from x(k) is used at k itself.
 """
 
@@ -38,18 +38,18 @@ def run_synchronous(
     problem : Problem
         What is shared, by how many, at what cost.
     steps : int
-        K >= 1; the run ends in x(K), after K looks of the control unit.
+        K >= 1; the run ends in x(K), after K samples of the control unit.
     seed : int
         At least 0; decides which agents respond to which signal.
     lag : {1, 0}
         1: a signal acts one step after the excess that it reports, as the algorithms are
         printed; 0: in the same step.
     averaging : Averaging, optional
-        How agents average their demand: over all of their past unless given.
+        How agents average their demand. Default: over all of their past.
     response : Response, optional
-        How agents answer signals: by the paper's rule unless given.
+        How agents answer signals. Default: by the paper's rule.
     recording : Recording, optional
-        What to keep besides signals and end; totals at a thousand steps unless given.
+        What to keep besides signals and end; default: totals at a thousand steps.
 
     Returns
     -------

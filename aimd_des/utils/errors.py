@@ -1,6 +1,6 @@
 """The two exceptions of the framework, and its warning.
 
-`InputError` is raised at the door, before anything runs: its message names the field, the
+`InputError` is raised before anything runs: its message names the field, the
 value, what is allowed and the remedy.  `SimulationError` ends a run that cannot go on.
 Both take one message, so that they survive being rebuilt from ``.args`` (SimPy and process
 pools do that).  `OverloadWarning` says that a run did not hold its capacity.

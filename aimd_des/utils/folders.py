@@ -1,4 +1,4 @@
-"""Folders of results: written whole or not at all, and nobody else's is touched."""
+"""Folders of results: written whole or not at all, and no other folder is touched."""
 
 import os
 import shutil
@@ -176,7 +176,7 @@ def _take_place(temporary: Path, place: Place) -> None:
 
 
 def _rename(folder: Path, target: Path) -> None:
-    """Rename a folder; nothing but an empty folder may have its new name."""
+    """Rename a folder; only an empty folder may have its new name."""
     with suppress(OSError):
         target.rmdir()  # of an empty folder: not every system renames over it
     try:

@@ -127,7 +127,7 @@ class _PackageCache(FunctionCache):  # type: ignore[misc]  # numba has no type i
         """Let no other process compile this kernel: it waits, and then finds the code on the disk.
 
         The system gives the lock up with the process.  A kernel is locked before those it calls, and none
-        calls itself, so nobody waits in a circle.
+        calls itself, so no processes wait for each other.
         """
         with ExitStack() as held:
             with suppress(OSError):  # what can be read need be neither written nor locked
@@ -152,7 +152,7 @@ class _NoCache(NullCache):  # type: ignore[misc]  # numba has no type informatio
         self._announced = announced
 
     def alone(self) -> AbstractContextManager[None]:
-        """Do not wait for others, who can leave nothing here."""
+        """Do not wait for other processes, which can leave nothing here."""
         return nullcontext()
 
     def load_overload(self, sig: Any, target_context: Any) -> None:
@@ -162,7 +162,7 @@ class _NoCache(NullCache):  # type: ignore[misc]  # numba has no type informatio
 
 
 def _announce(announced: str, once: str = ", which is done once on a machine") -> None:
-    """Say what is compiled: the first of many kernels speaks for all but those that take long."""
+    """Say what is compiled: the first of many kernels speaks for all except those that take long."""
     what = announced or ("" if _TOLD else _FORMULAS)
     if what and what not in _TOLD:
         _TOLD.add(what)
@@ -183,7 +183,7 @@ def _cache_for(function: Callable[..., Any], announced: str) -> Any:
 
 
 def formula(function: _Function) -> _Function:
-    """Mark a function of numbers that kernels compile and processes call as it stands."""
+    """Mark a function of numbers that kernels compile and processes call unchanged."""
     return cast(_Function, register_jitable(**_SEMANTICS, **_PART, forceinline=True)(function))
 
 
@@ -216,7 +216,7 @@ def _compiled(function: _Function, announced: str = "", *, apart: bool = False, 
 
 
 def _interpreted(function: _Function) -> _Function:
-    """Run a kernel as it stands, with machine arithmetic: divisions by zero and overflows are no errors."""
+    """Run a kernel uncompiled, with machine arithmetic: divisions by zero and overflows are no errors."""
 
     @wraps(function)
     def run(*args: Any, **named: Any) -> Any:
@@ -233,7 +233,7 @@ def instruction(plain: _Function) -> Callable[[Callable[..., Any]], _Function]:
 
 
 def built(signature: Any, build: Callable[..., Any]) -> Callable[[_Function], _Function]:
-    """Let kernels call a function of one number as what is built in its place; elsewhere it is as it stands.
+    """Let kernels call what is built in place of a function of one number; elsewhere it is unchanged.
 
     For what compiled code can do in fewer instructions than Numba makes of the function, or in instructions
     that LLVM makes vectors of.

@@ -8,7 +8,7 @@ _Array = TypeVar("_Array", bound=npt.NDArray[Any])
 
 
 def locked(array: _Array) -> _Array:
-    """Let nobody write into an array but `put`."""
+    """Let only `put` write into an array."""
     array.setflags(write=False)
     return array
 
@@ -16,8 +16,8 @@ def locked(array: _Array) -> _Array:
 def put(array: npt.NDArray[Any], where: Any, value: Any) -> None:
     """Write into an array that is locked: for the functions of `interventions` alone.
 
-    Who holds the array sees the change.  A part that writes there itself would be obeyed by those who look
-    and not by those who have copied, and no log would tell of it.
+    Parts that hold the array see the change.  A part that writes there itself would be obeyed by parts that
+    read the array and not by those that have copied it, and no log would tell of it.
     """
     array.setflags(write=True)
     array[where] = value
@@ -25,7 +25,7 @@ def put(array: npt.NDArray[Any], where: Any, value: Any) -> None:
 
 
 def carry_over(kept: npt.NDArray[Any], fresh: npt.NDArray[Any]) -> None:
-    """Fill an array of zeros that nobody has written to with what another one holds."""
+    """Fill an array of zeros that was not written to with what another one holds."""
     # What is not written to takes no memory, and most counts of most runs are 0.
     if kept.any():
         fresh[...] = kept

@@ -1,7 +1,7 @@
 """Parts of compiled code, and kernels that are compiled apart from their callers, at their first call.
 
 Numba optimises each function that it compiles, makes machine code of it and keeps that on the disk, also
-where nothing but a copy of it inside its callers is ever run.  A *part* stops earlier: it is typed and
+where only a copy of it inside its callers is ever run.  A *part* stops earlier: it is typed and
 becomes LLVM's code, which each caller takes in and optimises with its own.
 
 A *deferred* kernel is the opposite: machine code of its own, which all callers share.  They hold a place for
@@ -101,7 +101,7 @@ class _EnterPart(LoweringPass):  # type: ignore[misc]
         LoweringPass.__init__(self)
 
     def run_pass(self, state: Any) -> bool:
-        """Enter it under an object of its own, which nobody can call."""
+        """Enter it under an object of its own, which cannot be called."""
         lowered = state["cr"]
         # Only machine code is handed its environment, by which it reaches Python; all code declares one.
         environment = state.targetctx.get_env_name(lowered.fndesc)

@@ -1,4 +1,4 @@
-"""The registry of parts: whatever files name by a kind is entered here, ours and the user's alike.
+"""The registry of parts: all that files name by a kind is entered here, ours and the user's alike.
 
 It is imported by every module that has such a part, and imports nothing that takes time.
 """

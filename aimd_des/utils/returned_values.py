@@ -1,6 +1,6 @@
 """Checks of what parts of one's own hand back, at the place of the call, naming the part's class and method.
 
-What is built in is trusted: these stand where the framework calls what may be anybody's.
+What is built in is trusted: these stand where the framework may call a user's part.
 """
 
 from collections.abc import Generator, Iterator, Sequence
@@ -27,7 +27,7 @@ def said_by(part: object, method: str = "") -> str:
 
 
 def check(part: Any, *against: object) -> None:
-    """Let a part hold its parameters against something; whatever it raises is a refusal."""
+    """Let a part check its parameters against something; anything that it raises is a refusal."""
     try:
         part.check(*against)
     except InputError:

@@ -3,10 +3,9 @@
 Every stream descends from one seed: ``SeedSequence(seed, spawn_key=(purpose,))`` gives a Philox
 key; in a fork with draws of its own, the spawn key has its salts besides.  The uniform number of agent i for
 broadcast b of resource j is word i mod 4 of block (i div 4 + 1, lane, j, b) of Philox-4x64-10 (Salmon,
-Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011).  It is the same number in
-whatever order things are processed and however many other agents there are; ``numpy.random.Philox`` produces
-the very same bits.  The lane is 0 but where one broadcast needs several numbers for an agent (a second copy,
-a rejected draw).
+Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011).  It is the same number in any
+order of processing and with any number of other agents; ``numpy.random.Philox`` produces the very same bits.
+The lane is 0 but where one broadcast needs several numbers for an agent (a second copy, a rejected draw).
 """
 
 from enum import IntEnum

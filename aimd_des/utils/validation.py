@@ -1,4 +1,4 @@
-"""Checks at the door: each returns the clean value or raises an `InputError` that names the field."""
+"""Checks of arguments: each returns the clean value or raises an `InputError` that names the field."""
 
 import math
 import os

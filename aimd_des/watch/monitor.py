@@ -63,7 +63,7 @@ class Monitor:
     Attributes
     ----------
     reached : float
-        The time of the last look, in units of simulated time.
+        The time of the last sample, in units of simulated time.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Monitor:
         self._rests_until = -math.inf
 
     def play(self, run: Run) -> Result:
-        """Take the run to its end, and look on."""
+        """Take the run to its end, and observe."""
         run.system.transmitter.on_leave.append(self._left)
         self._anchor = self._clock(), run.time
         looks = 0  # since the interval was last chosen

@@ -42,13 +42,13 @@ _NUMBERS = 41
 
 
 class View(Protocol):
-    """Shows looks; a context within which the run goes on."""
+    """Shows samples; a context within which the run goes on."""
 
-    #: Whether looks come so often that not all of them need all measures.
+    #: Whether samples come so often that not all of them need all measures.
     sparing: bool
 
     def interval(self, speed: float | None) -> float:
-        """Say how much simulated time lies between the looks that it wants."""
+        """Say how much simulated time lies between the samples that it wants."""
         ...
 
     def __enter__(self) -> Self:
@@ -76,7 +76,7 @@ class PlainView:
         self._problem, self._until, self._write = problem, until, write
 
     def interval(self, speed: float | None) -> float:
-        """Ask for twenty looks over the run."""
+        """Ask for twenty samples over the run."""
         return self._until / _LINES
 
     def __enter__(self) -> Self:
@@ -126,7 +126,7 @@ class LiveView:
         self._drawn = -np.inf
 
     def interval(self, speed: float | None) -> float:
-        """Ask for a look for each picture, or a thousand where nobody knows how fast it goes."""
+        """Ask for a sample for each picture, or a thousand where the speed is unknown."""
         return self._until / _LOOKS if speed is None else speed * _FRAME
 
     def __enter__(self) -> Self:
@@ -172,7 +172,7 @@ class LiveView:
             table.add_column(title, no_wrap=True)
         table.add_column(justify="right", no_wrap=True)
         if curve:
-            table.add_column("last looks", no_wrap=True)
+            table.add_column("last samples", no_wrap=True)
         for title in ("signals", *(["in flight"] if flight is not None else []), "used", "misalloc."):
             table.add_column(title, justify="right", no_wrap=True)
         for j, name in enumerate(resources):

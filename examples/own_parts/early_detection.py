@@ -25,7 +25,7 @@ class SmoothedDetection:
     weight : float
         Of the newest load in the smoothed one, greater than 0 and at most 1.
     period : float
-        Between two looks, greater than 0, in units of time.
+        Between two samples, greater than 0, in units of time.
     """
 
     low: float = 0.8
@@ -41,8 +41,8 @@ class SmoothedDetection:
         checks.number("SmoothedDetection.period", self.period, low=0.0, low_open=True)
 
     def process(self, system: System) -> ProcessGenerator:
-        """Look, and signal or not."""
-        # A draw has an address, the resource and the look, so it is the same whatever happened before.
+        """Sample, and signal or not."""
+        # A draw has an address, the resource and the sample, so it does not depend on what happened before.
         key = system.keys[Purpose.SENSING]
         smoothed = np.zeros(system.problem.n_resources)
         for look in count():

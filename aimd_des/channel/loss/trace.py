@@ -25,7 +25,7 @@ _REMEDY = "one row for each broadcast, and either no columns or one for each age
 @brief
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """Broadcast k of a run loses the copies that row k of a record says, whatever the seed.
+    """Broadcast k of a run loses the copies that row k of a record says, for any seed.
 
     Broadcasts for all resources are counted together, from 0, in the order in which they are sent.
 
@@ -65,7 +65,7 @@ class Trace:
             The file; its first line holds the names of the columns.
         columns : str or sequence of str, optional
             A name: that column holds for all agents.  Several names: the columns of agents 0, 1, ...
-            All columns of the file, as those of the agents, unless given.
+            Default: all columns of the file, as those of the agents.
         repeat : bool
             Whether the record begins anew after its last row, as for `Trace`.
 

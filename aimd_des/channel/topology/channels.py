@@ -139,9 +139,9 @@ def tree(
         Every edge has attributes `latency`, at least 0 and in units of time, and `loss`, a probability.
         Edges of a directed graph lead in their direction only.
     root : node, optional
-        The control unit's node; ``graph.graph["root"]`` unless given.
+        The control unit's node; default: ``graph.graph["root"]``.
     agents : sequence of nodes, optional
-        In the order of the agents' index; all nodes but the root, in the graph's order, unless given.
+        In the order of the agents' index; default: all nodes except the root, in the graph's order.
         The other nodes are relays, which forward and do not respond.
     latency : callable
         Gets the latencies of all arcs as one array, shape (a,), and returns a model for arcs as a

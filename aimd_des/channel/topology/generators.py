@@ -96,7 +96,7 @@ def grid(
     rows, columns : int
         At least 1 each, and at least 2 nodes; nodes are named (row, column), from (0, 0).
     root : tuple of int
-        The control unit's node; a corner unless said.
+        The control unit's node; default: a corner.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What a control unit is to a run, and the tables by which compiled code takes its looks."""
+"""What a control unit is to a run, and the tables by which compiled code takes its samples."""
 
 from collections.abc import Callable
 from typing import NamedTuple, Protocol, runtime_checkable
@@ -29,7 +29,7 @@ class ControlUnit(Protocol):
 
 
 class SampledTable(NamedTuple):
-    """A control unit that looks at ``phase + q * period``, and signals at each look with a probability.
+    """A control unit that samples at ``phase + q * period``, and signals at each sample with a probability.
 
     The probability is 0 up to `low` times the threshold, rises linearly, and is 1 from `high` times the
     threshold on.  If `low` and `high` are equal, it is 1 above it and 0 at it.
@@ -37,7 +37,7 @@ class SampledTable(NamedTuple):
     Attributes
     ----------
     period, phase : float
-        Time between two looks, greater than 0, and time of the first look, at least 0.
+        Time between two samples, greater than 0, and time of the first sample, at least 0.
     sensing_delay : float
         How long after a look its signals leave the control unit, at least 0.
     low, high : float

@@ -55,7 +55,7 @@ def within(hold_off: float, shortest: float, longest: float) -> float:
 
 
 class Unanswered:
-    """What total demand would be if nobody had answered since the last signal, whatever else has changed.
+    """What total demand would be if no agent had responded since the last signal; all other changes count.
 
     Attributes
     ----------
@@ -99,9 +99,9 @@ class Crossing:
         counts from the crossing.
     longest_hold_off : float, optional
         Lets the hold-off adapt between `hold_off`, which must then be greater than 0, and this.  Where
-        demand is still at the threshold at its end, it is doubled if nobody has answered yet, and halved if
-        the signal was answered and did not suffice.  Keep it below the mean time between the signals that are
-        needed, 1 over `theory.signal_rate`: beyond, too few can be sent whatever the latency.
+        demand is still at the threshold at its end, it is doubled if no agent has responded yet, and halved
+        if agents have responded and that did not suffice.  Keep it below the mean time between the signals
+        that are needed, 1 over `theory.signal_rate`: beyond, too few can be sent at any latency.
 
     Notes
     -----
@@ -200,7 +200,7 @@ def standstill(system: System, resource: int, hold_off: float) -> str:
         f"time {system.env.now!r}, resource {name}: after {MOST_AT_ONE_INSTANT} signals at this instant "
         "total demand is still at its threshold, and time cannot advance since hold_off = "
         f"{hold_off!r}; set hold_off greater than 0, or let signals arrive at once and reach "
-        "somebody who can respond"
+        "an agent that can respond"
     )
 
 

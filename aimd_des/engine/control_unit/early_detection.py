@@ -16,28 +16,28 @@ from aimd_des.utils.shown import brief
 class EarlyDetection(SampledUnit):
     """A control unit that signals at random, the more probably the higher total demand is.
 
-    It looks at ``phase + q * period``.  At each look it signals for each resource with the probability
+    It samples at ``phase + q * period``.  At each sample it signals for each resource with the probability
     ``(total / threshold - low) / (high - low)``, cut off at 0 and at 1.
 
     Parameters
     ----------
     period : float
-        Time between two looks, greater than 0.
+        Time between two samples, greater than 0.
     low : float
         Up to this share of the threshold it never signals; at least 0.
     high : float
         From this share of the threshold on it always signals; greater than `low`.
     phase : float
-        Time of the first look, at least 0.
+        Time of the first sample, at least 0.
     sensing_delay : float
-        How long after a look its signals leave the control unit, at least 0; a partition, or a fault of the
+        How long after a sample its signals leave the control unit, at least 0; a partition, or a fault of the
         control unit, cuts those that leave while it lasts.
 
     Notes
     -----
-    The decision on a resource at look q is drawn at the address (resource, q): it is the same draw whatever
-    happens elsewhere in the run, and however the agents are represented.  Floyd and Jacobson (1993) average
-    the queue before they compare it; here total demand is compared as it is at the look.
+    The decision on a resource at sample q is drawn at the address (resource, q): it depends neither on other
+    events of the run nor on whether agents are processes or a fleet.  Floyd and Jacobson (1993) average the
+    queue before they compare it; here total demand is compared as it is at the sample.
 
     Examples
     --------
@@ -65,7 +65,7 @@ class EarlyDetection(SampledUnit):
             object.__setattr__(self, name, value)
 
     def table(self) -> SampledTable:
-        """Say when the unit looks, and between which shares of the threshold the probability rises.
+        """Say when the unit samples, and between which shares of the threshold the probability rises.
 
         Returns
         -------

@@ -45,7 +45,7 @@ class SampledUnit:
     """
 
     def table(self) -> SampledTable:
-        """Say when the unit looks, and with which probability it signals.
+        """Say when the unit samples, and with which probability it signals.
 
         Returns
         -------
@@ -65,7 +65,7 @@ class SampledUnit:
         Returns
         -------
         Opportunities
-            Its looks.
+            Its sampling instants.
         """
         table = self.table()
         clock = Clock(table.period, table.phase)
@@ -77,7 +77,7 @@ class SampledUnit:
 
 
 class Looks:
-    """The looks of a control unit in one run."""
+    """The sampling instants of a control unit in one run."""
 
     def __init__(self, control_unit: SampledUnit, system: System) -> None:
         table = table_of(control_unit)
@@ -136,12 +136,12 @@ def asked(
 @brief
 @dataclass(frozen=True)
 class Sampled(SampledUnit):
-    """A control unit that looks at ``phase + q * period``, and signals where demand is above its threshold.
+    """A control unit that samples at ``phase + q * period``, and signals where demand is above its threshold.
 
     Parameters
     ----------
     period : float
-        Time between two looks, greater than 0.
+        Time between two samples, greater than 0.
     phase : float
         Time of the first look, at least 0.
     sensing_delay : float
@@ -161,7 +161,7 @@ class Sampled(SampledUnit):
         object.__setattr__(self, "sensing_delay", delay)
 
     def table(self) -> SampledTable:
-        """Say when the unit looks.
+        """Say when the unit samples.
 
         Returns
         -------
