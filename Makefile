@@ -22,7 +22,7 @@ paper: $(READY)  ## the paper's experiment: figures and tables, in results/paper
 test: $(READY)  ## all tests, the slow ones too
 	@$(BIN)/python -m pytest -n auto --dist worksteal
 
-lint: $(LINT_READY)  ## style, format and types, and the prose of the pages
+lint: $(LINT_READY)  ## style, format and types, and the prose of pages and code
 	@$(BIN)/ruff check
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy

@@ -1,9 +1,11 @@
-"""Checks the prose of the pages, for `make lint`: `python -m tests.prose`.
+"""Checks the prose of the pages and of the code, for `make lint`: `python -m tests.prose`.
 
 The pages are those of `docs`, the README and CONTRIBUTING. The rules are few: short sentences, plain words,
 short source lines, and captions that name what is shown. Code, output and formulas are not prose.
+Docstrings and messages of the code must use plain words, too.
 """
 
+import ast
 import re
 import sys
 from collections.abc import Iterator
@@ -14,6 +16,10 @@ ROOT = Path(__file__).resolve().parents[1]
 
 # Pages that do not fulfil the rules yet. A page of this list that fulfils them is a finding: take it out.
 PENDING = frozenset({"docs/theory_table.md"})
+
+PACKAGES = ("aimd_des", "models", "scenarios")
+# Values in published tables, which stay as they are.
+LABELS = frozenset({"everybody is cut off", "those who stayed"})
 
 SENTENCE_WORDS = 35
 LINE_CHARACTERS = 120
@@ -38,6 +44,9 @@ BANNED = {
     r"whither|thereof|wherever|whence|hence": "say 'where' or 'so'",
 }
 _BANNED = {re.compile(rf"\b(?:{pattern})\b", re.IGNORECASE): remedy for pattern, remedy in BANNED.items()}
+
+_PARAMETER = re.compile(r"^ *[\w*, ]+ : .*$", re.MULTILINE)
+_BLOCK = re.compile(r"(?:[^\n]*\S[^\n]*\n?)+")
 
 # First words of a caption without a subject: "How many", "With latency", "Seen from".
 _NO_SUBJECT = re.compile(
@@ -82,6 +91,21 @@ def pages() -> list[Path]:
     made = {"_build", "_examples", "gallery"}
     found = [path for path in docs.rglob("*.md") if not made & set(path.relative_to(docs).parts)]
     return [*sorted(found), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+
+
+def modules() -> list[Path]:
+    """All modules of the packages whose docstrings and messages people read."""
+    return sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+
+
+def texts(source: str) -> Iterator[Paragraph]:
+    """Paragraphs of the string constants of a module with more than one word, without names of parameters."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value not in LABELS:
+            text = node.value if len(node.value.split()) > 1 else ""
+            for block in _BLOCK.finditer(text):
+                start = node.lineno + text.count("\n", 0, block.start())
+                yield Paragraph(start, " ".join(_PARAMETER.sub("", block[0]).split()))
 
 
 def _prose(page: str) -> Iterator[tuple[int, str]]:
@@ -167,27 +191,38 @@ def _captions(page: str) -> Iterator[Finding]:
                 yield Finding(number, f"caption {text!r}: name what is shown, then what to see in it")
 
 
+def _banned(paragraph: Paragraph) -> Iterator[Finding]:
+    words = plain(paragraph.text)
+    for pattern, remedy in _BANNED.items():
+        for match in pattern.finditer(words):
+            yield Finding(paragraph.line, f"{match[0]!r}: {remedy}")
+
+
+def code_findings(source: str) -> list[Finding]:
+    """Words of a module's strings that break the rules, with the first line of their paragraph."""
+    return sorted(found for paragraph in texts(source) for found in _banned(paragraph))
+
+
 def findings(page: str) -> list[Finding]:
     """Everything that breaks a rule, in the order of the lines."""
     found = [*_long_lines(page), *_captions(page)]
-    for number, text in paragraphs(page):
-        words = plain(text)
-        for sentence in sentences(words):
+    for paragraph in paragraphs(page):
+        number, text = paragraph
+        for sentence in sentences(plain(text)):
             if (count := _words(sentence)) > SENTENCE_WORDS:
                 begin = " ".join(sentence.split()[:6])
                 found.append(
                     Finding(number, f"sentence of {count} words, at most {SENTENCE_WORDS}: {begin} …")
                 )
-        for pattern, remedy in _BANNED.items():
-            found += [Finding(number, f"{match[0]!r}: {remedy}") for match in pattern.finditer(words)]
+        found += _banned(paragraph)
     return sorted(found)
 
 
 def report(contents: dict[str, str], pending: frozenset[str]) -> list[str]:
-    """One line for each finding; a page in `pending` is free, and must need it."""
+    """One line for each finding in pages and modules; a page in `pending` is free, and must need it."""
     lines = [f"{name}: is in PENDING and there is no such page" for name in sorted(pending - set(contents))]
     for name, page in contents.items():
-        found = findings(page)
+        found = code_findings(page) if name.endswith(".py") else findings(page)
         if name not in pending:
             lines += [f"{name}:{line}: {what}" for line, what in found]
         elif not found:
@@ -197,7 +232,8 @@ def report(contents: dict[str, str], pending: frozenset[str]) -> list[str]:
 
 def main() -> int:
     """Print the findings; 1 where there are any."""
-    named = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in pages()}
+    paths = [*pages(), *modules()]
+    named = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in paths}
     lines = report(named, PENDING)
     sys.stdout.write("".join(f"{line}\n" for line in lines))
     return 1 if lines else 0

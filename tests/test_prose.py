@@ -2,7 +2,19 @@
 
 import pytest
 
-from tests.prose import PENDING, findings, pages, paragraphs, plain, report, sentences
+from tests.prose import (
+    LABELS,
+    PENDING,
+    ROOT,
+    code_findings,
+    findings,
+    modules,
+    pages,
+    paragraphs,
+    plain,
+    report,
+    sentences,
+)
 
 PLAIN = "The control unit samples total demand and broadcasts a signal.\n"
 
@@ -90,6 +102,38 @@ def test_pending_pages_are_free_and_must_need_it() -> None:
         "a.md: fulfils the rules; take it out of PENDING",
         "b.md:1: 'Nobody': name the agents, the users or the part",
     ]
+
+
+def test_banned_words_of_strings_are_found_with_their_line() -> None:
+    source = '''"""First line.
+
+    The rest is for nobody, unless
+    given.
+    """
+
+who = looks = "looks"  # neither names nor comments are read, whatever they say
+message = f"total {who} is read by somebody"
+'''
+    found = [(line, what.split(":")[0]) for line, what in code_findings(source)]
+    assert found == [(3, "'nobody'"), (3, "'unless given'"), (8, "'somebody'")]
+    assert report({"a.py": source}, frozenset())[0].startswith("a.py:3: 'nobody': ")
+
+
+def test_code_in_strings_and_labels_are_free() -> None:
+    source = "\n".join(
+        [
+            '"""Run with `looks` of ``who``.\n\nlooks : int\n    When.\n"""',
+            *(f"{label!r}" for label in LABELS),
+        ]
+    )
+    assert code_findings(source) == []
+
+
+def test_modules_of_all_packages_are_read_and_labels_are_used() -> None:
+    names = {path.relative_to(ROOT).as_posix() for path in modules()}
+    assert {"aimd_des/engine/simulation.py", "models/tcp_flows.py", "scenarios/outage.py"} <= names
+    strings = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "scenarios").rglob("*.py"))
+    assert all(f'"{label}"' in strings for label in LABELS)
 
 
 def test_the_pages_are_there() -> None:
