@@ -146,24 +146,26 @@ def _expected(measure: str, setting: _Setting, runs: list[Measures]) -> float:
 
 def _figure(table: pd.DataFrame) -> Figure:
     figure, panels = figures.panels(1, 4, (14.0, 4.4), sharey=True)
-    for place, (axes, (measure, factor, label, title)) in enumerate(zip(panels, _PANELS, strict=True)):
-        _draw(axes, pick(table, measure=measure), factor, colour(place))
+    for axes, (measure, factor, label, title) in zip(panels, _PANELS, strict=True):
+        _draw(axes, pick(table, measure=measure), factor)
         figures.dress(axes, title, label, numbers="x")
     shared_legend(figure)
     return figure
 
 
-def _draw(axes: Axes, rows: pd.DataFrame, factor: float, ink: str) -> None:
+def _draw(axes: Axes, rows: pd.DataFrame, factor: float) -> None:
     height = -np.arange(len(rows))
     middle, noise = factor * rows.iloc[0]["mean"], factor * rows.iloc[0]["replication_std"]
     error = 2.0 * factor * rows["effect_error"].fillna(rows["standard_error"])
     if np.isfinite(noise):
-        words = "in phase: mean ± std of single runs"
+        words = "± std of single runs in phase"
         axes.axvspan(middle - noise, middle + noise, color="0.88", label=words)
-    axes.axvline(middle, color=figures.REFERENCE, linewidth=1.0)
-    axes.errorbar(factor * rows["mean"], height, xerr=error, fmt="o", color=ink, markersize=6.0, capsize=2.5)
-    expected = factor * rows["theory"]
-    axes.plot(expected, height, "|", color="black", markersize=15.0, markeredgewidth=1.8, label="theory")
+    axes.axvline(middle, color=figures.REFERENCE, linewidth=1.0, label="mean in phase")
+    look: dict[str, Any] = {"fmt": "o", "color": colour(0), "markersize": 5.0, "capsize": 2.5}
+    axes.errorbar(factor * rows["mean"], height, xerr=error, label="mean ± 2 standard errors", **look)
+    # Open, so that a mean inside it stays visible, and no upright line, as the mean in phase is one.
+    hollow: dict[str, Any] = {"fillstyle": "none", "color": "black", "markersize": 11.0}
+    axes.plot(factor * rows["theory"], height, "D", markeredgewidth=1.5, label="theory", **hollow)
     axes.set_yticks(height, rows["clocks"])
 
 
