@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
-from matplotlib.colors import LogNorm, Normalize, TwoSlopeNorm
+from matplotlib.colors import CenteredNorm, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
@@ -34,23 +34,23 @@ class _Map(NamedTuple):
 
     measure: str  # column of the means
     label: str  # beside the colours, with the unit
-    message: str  # what the map shows at a glance
+    title: str  # the quantity, without its unit
     scale: str  # how values become colours
 
 
 _MAPS = (
-    _Map("utilisation", "mean demand over capacity", "above the line demand runs away", "around 1"),
-    _Map("misallocation", "misallocation (%)", "shares stay right", "log"),
-    _Map("overshoot_mean", "mean excess over capacity (%)", "what latency costs", "log"),
-    _Map("signals", "signals per control period", "loss is paid in signals", "linear"),
-    _Map("saturated", "responses cut off at 1 (%)", "only where demand runs away", "linear"),
+    _Map("utilisation", "mean demand over capacity", "mean demand", "around 1"),
+    _Map("misallocation", "misallocation (%)", "misallocation", "log"),
+    _Map("overshoot_mean", "mean excess over capacity (%)", "mean excess", "log"),
+    _Map("signals", "signals per control period", "signals", "linear"),
 )
+# What is printed: the maps, and what is next to nothing for most points, which is no map.
+_PRINTED = {shown.measure: shown.label for shown in _MAPS} | {"saturated": "responses cut off at 1 (%)"}
 _LEAST = 0.1  # percent: what is smaller has one colour
 
 
 _FILE = Path(__file__).with_suffix(".toml")
 _AXES = ["dynamics", "latency", "loss"]
-_MEASURES = [shown.measure for shown in _MAPS]
 # Above this share of the opportunities the control unit signals at practically every one.
 _RUN_AWAY = 0.99
 # The quick size: replications, units of time, latencies and losses.
@@ -109,7 +109,7 @@ def _table(frame: pd.DataFrame) -> pd.DataFrame:
         misallocation=100.0 * frame["misallocation"],
         overshoot_mean=100.0 * frame["overshoot_mean"],
     )
-    return summarise(shown, [*_AXES, "resource"], _MEASURES)
+    return summarise(shown, [*_AXES, "resource"], list(_PRINTED))
 
 
 def _critical() -> dict[tuple[str, str], float]:
@@ -143,7 +143,7 @@ def _shown(table: pd.DataFrame) -> pd.DataFrame:
         {
             **{name: [str(value) for value in wide[name]] for name in ("dynamics", "resource")},
             **{name: [f"{value:g}" for value in wide[name]] for name in ("latency", "loss")},
-            **{shown.label: [f"{value:.3g}" for value in wide[shown.measure]] for shown in _MAPS},
+            **{label: [f"{value:.3g}" for value in wide[measure]] for measure, label in _PRINTED.items()},
         }
     )
 
@@ -153,7 +153,7 @@ def _draw(means: pd.DataFrame, critical: Mapping[str, float], resource: str) -> 
 
     Means have a row for each point: dynamics, latency, loss and the measures.
     """
-    figure = Figure(figsize=(10.4, 14.0), layout="constrained")
+    figure = Figure(figsize=(10.4, 11.4), layout="constrained")
     figure.suptitle(
         f"{resource} of the paper's system; the line is the loss that is survived, by theory",
         fontsize="medium",
@@ -163,11 +163,13 @@ def _draw(means: pd.DataFrame, critical: Mapping[str, float], resource: str) -> 
         norm = _norm(means[shown.measure].to_numpy(), shown.scale)
         for axes, (dynamics, loss) in zip(row, critical.items(), strict=True):
             mesh = _draw_map(axes, means[means["dynamics"] == dynamics], shown, norm, loss)
-            axes.set_title(f"{dynamics}: {shown.message}", loc="left", fontsize="medium")
+            axes.set_title(f"{dynamics}: {shown.title}", loc="left", fontsize="medium")
         bar = figure.colorbar(
             mesh, ax=list(row), pad=0.015, extend="min" if shown.scale == "log" else "neither"
         )
         bar.set_label(shown.label)
+        if shown.scale == "around 1":  # the capacity is the middle of the colours, not of the values
+            bar.ax.set_ylim(means[shown.measure].min(), means[shown.measure].max())
         if shown.scale == "log":
             bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     return figure
@@ -177,7 +179,7 @@ def _norm(values: FloatArray, scale: str) -> Normalize:
     if scale == "log":
         return LogNorm(_LEAST, max(float(values.max()), 10.0 * _LEAST))
     if scale == "around 1":
-        return TwoSlopeNorm(1.0, min(float(values.min()), 0.9), max(float(values.max()), 1.1))
+        return CenteredNorm(1.0, max(float(np.abs(values - 1.0).max()), 0.1))
     return Normalize(0.0, max(float(values.max()), 1e-9))
 
 
