@@ -7,7 +7,7 @@ as much loss as a short one, and saves signals under latency, if it is bounded b
 grow beyond saves them by letting demand run away.
 """  # noqa: D400 - a question
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -41,6 +41,8 @@ _UNITS = {
     f"0.25 to {_LOOSE:g}": Crossing(0.25, longest_hold_off=_LOOSE),
 }
 
+# Colour and mark of each hold-off, the same wherever it is drawn; those of 1 and 2 are disk and bandwidth.
+_PLACES = {"fixed 0.5": 0, "fixed 0.25": 3, "fixed 1": 4, f"0.25 to {_TIGHT:g}": 5, f"0.25 to {_LOOSE:g}": 6}
 
 _NOTHING, _KNOWN = "nothing", "known"
 _LABELS = ["panel", "setting", "at", "resource"]
@@ -270,109 +272,121 @@ def _of_hold_off(table: pd.DataFrame, panel: str, setting: str, at: float, measu
 
 
 def _figure(table: pd.DataFrame, critical: Mapping[str, float]) -> Figure:
-    """Draw compensation of loss, thresholds, and hold-offs with their critical losses, in four columns."""
-    figure = Figure(figsize=(13.0, 10.0), layout="constrained")
-    panels = figure.subplots(3, 4, sharex="col")
-    _draw_losses(panels[:2, 0], table)
-    _draw_thresholds(panels[:2, 1], table[table["panel"] == "threshold"])
-    _draw_hold_offs(panels[:, 2], table[table["panel"] == "latency"], "latency (control periods)")
-    _draw_hold_offs(panels[:, 3], table[table["panel"] == "loss"], "probability of loss, the same for all")
-    for name, place in (("fixed 0.25", 0), ("fixed 1", 1)):
-        for axes in panels[:, 3]:
-            axes.axvline(critical[name], color=colour(place), linewidth=1.0, linestyle="--")
-    figures.named(panels[0, 3], "critical loss by theory", "--", linewidth=1.0)
+    """Draw four groups of panels, each with its legend below: (a) and (b) above (c) and (d)."""
+    figure = Figure(figsize=(11.0, 14.0), layout="constrained")
+    grid = figure.subplots(5, 2)
+    losses, thresholds, latency, loss = map(list, (grid[:2, 0], grid[:2, 1], grid[2:, 0], grid[2:, 1]))
+    _draw_losses(losses, table)
+    _draw_thresholds(thresholds, table[table["panel"] == "threshold"])
+    _draw_hold_offs(latency, table[table["panel"] == "latency"], "latency (control periods)")
+    _draw_hold_offs(loss, table[table["panel"] == "loss"], "probability of loss, the same for all")
+    for axes in loss:
+        for name in ("fixed 0.25", "fixed 1"):
+            axes.axvline(critical[name], color=colour(_PLACES[name]), linewidth=1.2, linestyle="--")
+    figures.named(loss[0], "critical loss by theory", "--", linewidth=1.2)
     titles = (
-        "(a) Losses 0 to 0.5: agents that answer\nmore often get the right share",
-        "(b) A lower threshold keeps\ndemand below the capacity",
-        "(c) Latency: a short hold-off\nputs shares wrong",
-        "(d) Loss: a hold-off that adapts\nis as good as a short one",
+        "(a) Losses from 0 to 0.5: answering more often",
+        "(b) Threshold 1 and the one from theory",
+        "(c) Hold-offs over latency",
+        "(d) Hold-offs over loss",
     )
-    for column, title in enumerate(titles):
-        panels[0, column].set_title(title, loc="left", fontsize="medium")
-        handles, labels = panels[0, column].get_legend_handles_labels()
-        # The first two columns have two panels, and their names where a third would be.
-        place, below = (panels[2, column], 0.75) if column < 2 else (panels[2, column], -0.22)
-        look: dict[str, Any] = {"fontsize": "small", "frameon": False, "handlelength": 1.6}
-        place.legend(handles, labels, loc="upper left", bbox_to_anchor=(-0.1, below), **look)
-        if column < 2:
-            place.set_axis_off()
-            panels[1, column].tick_params(labelbottom=True)
-    for axes in panels.flat:
-        figures.frame(axes)
+    for group, title in zip((losses, thresholds, latency, loss), titles, strict=True):
+        group[0].set_title(title, loc="left", fontsize="medium")
+        _share(group)
     return figure
 
 
-def _bars(
-    axes: Axes, rows: pd.DataFrame, place: int, label: str = "", *, scale: float = 1.0, joined: bool = True
-) -> None:
-    look: dict[str, Any] = {
-        "linestyle": ":" if joined else "none",
-        "linewidth": 0.8,
-        "markersize": 6.5 - place,
-    }
-    figures.points(axes, rows["at"], rows, place, label, scale=scale, **look)
+def _share(group: Sequence[Axes]) -> None:
+    """Let panels above each other have one horizontal axis, and one legend under the lowest."""
+    *upper, lowest = group
+    for axes in upper:
+        axes.sharex(lowest)
+        axes.tick_params(labelbottom=False)
+    for axes in group:
+        figures.frame(axes)
+    handles, labels = group[0].get_legend_handles_labels()
+    look: dict[str, Any] = {"fontsize": "small", "frameon": False, "handlelength": 2.0, "ncols": 2}
+    lowest.legend(handles, labels, loc="upper center", bbox_to_anchor=(0.5, -0.22), **look)
 
 
-def _draw_losses(panels: "np.ndarray[tuple[int], np.dtype[np.object_]]", table: pd.DataFrame) -> None:
+def _draw_losses(panels: Sequence[Axes], table: pd.DataFrame) -> None:
     ways = list(dict.fromkeys(table.loc[table["panel"].str.startswith("loss, "), "setting"]))
+    # A colour and mark for each resource; on the clock it is open.
     kinds = [
-        ("continuous", "memory"),
-        ("continuous", "disk"),
-        ("continuous", "bandwidth"),
-        ("discrete", "memory"),
+        ("continuous", "memory", 0),
+        ("continuous", "disk", 1),
+        ("continuous", "bandwidth", 2),
+        ("discrete", "memory", 0),
     ]
     top, bottom = panels
-    for place, (dynamics, resource) in enumerate(kinds):
+    for k, (dynamics, resource, place) in enumerate(kinds):
         rows = table[(table["panel"] == f"loss, {dynamics}") & (table["resource"] == resource)].copy()
-        rows["at"] = rows["setting"].map(ways.index) + 0.12 * (place - 1.5)
-        off, label = pick(rows, measure=_OFF), f"{dynamics}, {resource}"
-        _bars(top, off, place, label, scale=100.0, joined=False)
-        top.plot(off["at"], 100 * off["theory"].where(off["theory"] > 0.004), "_k", markersize=10)
-        _bars(bottom, pick(rows, measure="bits"), place, joined=False)
-    figures.named(top, "theory", "_", color="black", markersize=10)
-    figures.level(top, 2.0)
-    for axes, label in ((top, "distance from the optimum (%)"), (bottom, "bits per unit of time")):
+        rows["at"] = rows["setting"].map(ways.index) + 0.16 * (k - 1.5)
+        look: dict[str, Any] = {
+            "linestyle": "none",
+            "fillstyle": "none" if dynamics == "discrete" else "full",
+        }
+        off = pick(rows, measure=_OFF)
+        figures.points(top, off["at"], off, place, f"{dynamics}, {resource}", scale=100.0, **look)
+        top.plot(off["at"], 100 * off["theory"].where(off["theory"] > 0.004), "_k", markersize=12)
+        bits = pick(rows, measure="bits")
+        figures.points(bottom, bits["at"], bits, place, **look)
+    figures.named(top, "theory", "_", color="black", markersize=12)
+    for axes, label in ((top, "distance from\nthe optimum (%)"), (bottom, "bits per unit of time")):
         axes.set_yscale("log")
         axes.set_ylabel(label)
         figures.number_axis(axes.yaxis)
-    bottom.set_xticks(range(len(ways)), ways, rotation=40)
+    bottom.set_xticks(range(len(ways)), ways)
     bottom.set_xlabel("what agents know of their loss")
 
 
-def _draw_thresholds(panels: "np.ndarray[tuple[int], np.dtype[np.object_]]", table: pd.DataFrame) -> None:
+def _draw_thresholds(panels: Sequence[Axes], table: pd.DataFrame) -> None:
+    """Draw a colour and mark for each hold-off; the threshold from theory is open."""
     top, bottom = panels
-    for place, name in enumerate(dict.fromkeys(table["setting"])):
-        rows = table[table["setting"] == name]
-        _bars(top, pick(rows, measure="above"), place, name, scale=100.0)
+    for name in dict.fromkeys(table["setting"]):
+        rows, place = table[table["setting"] == name], _PLACES[f"fixed {name.rsplit(maxsplit=1)[-1]}"]
+        face = "none" if "safe" in name else "full"
+        _joined(top, pick(rows, measure="above"), place, name, scale=100.0, fillstyle=face)
         used = pick(rows, measure="used")
-        _bars(bottom, used, place, scale=100.0)
+        _joined(bottom, used, place, scale=100.0, fillstyle=face)
         figures.theory(bottom, used["at"], used, place, scale=100.0)
     figures.level(top, 1.0)
+    figures.named(top, "1 % of the time, as promised", ":", linewidth=1.0)
     figures.named(top, "theory")
-    top.set_ylabel("time above the capacity (%)")
-    bottom.set_ylabel("mean total demand (% of the capacity)")
+    top.set_yscale("symlog", linthresh=1.0)
+    top.set_yticks([0, 1, 10, 100], ["0", "1", "10", "100"])
+    top.set_ylim(0.0, 100.0)
+    top.set_ylabel("time above\nthe capacity (%)")
+    bottom.set_ylabel("mean total demand\n(% of the capacity)")
     bottom.set_xlabel("latency (control periods)")
-    for axes in panels:
-        figures.number_axis(axes.yaxis)
+    for axis in (bottom.xaxis, bottom.yaxis):
+        figures.number_axis(axis)
 
 
-def _draw_hold_offs(
-    panels: "np.ndarray[tuple[int], np.dtype[np.object_]]", table: pd.DataFrame, what: str
-) -> None:
-    for axes, measure, scale in zip(
-        panels, ("used", "bits", "misallocation"), (1.0, 1.0, 100.0), strict=True
-    ):
-        for place, name in enumerate(dict.fromkeys(table["setting"])):
-            rows = pick(table, setting=name, measure=measure)
-            _bars(axes, rows, place, f"hold-off {name}", scale=scale)
+def _draw_hold_offs(panels: Sequence[Axes], table: pd.DataFrame, what: str) -> None:
+    names = (
+        ("used", 100.0, "mean total demand\n(% of the capacity)"),
+        ("bits", 1.0, "bits per unit of time"),
+        ("misallocation", 100.0, "distance from\nthe optimum (%)"),
+    )
+    for axes, (measure, scale, label) in zip(panels, names, strict=True):
+        for name in dict.fromkeys(table["setting"]):
+            rows, place = pick(table, setting=name, measure=measure), _PLACES[name]
+            # Where curves lie on each other the later, smaller marks leave the earlier ones visible.
+            size = {"fixed 0.25": 10.0, f"0.25 to {_LOOSE:g}": 4.5}.get(name, 7.0)
+            _joined(axes, rows, place, f"hold-off {name}", scale=scale, markersize=size)
             figures.theory(axes, rows["at"], rows, place, scale=scale)
+        axes.set_ylabel(label)
         figures.number_axis(axes.yaxis)
-    figures.level(panels[0], 1.0)
+    figures.level(panels[0], 100.0)
     figures.named(panels[0], "theory")
-    panels[0].set_ylabel("mean total demand over capacity")
-    panels[1].set_ylabel("bits per unit of time")
-    panels[2].set_ylabel("distance from the optimum (%)")
-    panels[2].set_xlabel(what)
+    figures.number_axis(panels[-1].xaxis)
+    panels[-1].set_xlabel(what)
+
+
+def _joined(axes: Axes, rows: pd.DataFrame, place: int, label: str = "", **look: Any) -> None:
+    """Draw means over latency or loss, with a dotted line from one to the next."""
+    figures.points(axes, rows["at"], rows, place, label, linestyle=":", linewidth=0.8, **look)
 
 
 def _pick(table: pd.DataFrame, panel: str, setting: str, measure: str) -> pd.DataFrame:

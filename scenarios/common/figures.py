@@ -26,7 +26,7 @@ __all__ = [
     "theory",
 ]
 
-MARKS = "os^DvP"
+MARKS = "os^DvPX"
 
 
 def panels(rows: int, columns: int, size: tuple[float, float], **how: Any) -> tuple[Figure, list[Axes]]:
