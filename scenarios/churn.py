@@ -278,12 +278,15 @@ def _returned(together: _Groups, seed: int) -> pd.DataFrame:
 
 def _figure(table: pd.DataFrame, together: _Groups, seed: int) -> Figure:
     """Draw what churn does, and what the cameras do that come back together, in four panels."""
-    figure, panels = figures.panels(2, 2, (12.5, 8.6))
-    _draw_use(panels[0], table)
-    _draw_tracking(panels[1], table)
-    _draw_shares(panels[2], table)
-    _draw_return(panels[3], together, seed)
-    figures.legends(panels)
+    figure = Figure(figsize=(12.5, 9.4), layout="constrained")
+    # Use and signals have an axis each, one above the other, in the place of one panel.
+    rows: list[Any] = [["use", "tracking"], ["signals", "tracking"], ["shares", "return"]]
+    panels = figure.subplot_mosaic(rows, height_ratios=[1.0, 1.0, 2.0])
+    _draw_use(panels["use"], panels["signals"], table)
+    _draw_tracking(panels["tracking"], table)
+    _draw_shares(panels["shares"], table)
+    _draw_return(panels["return"], together, seed)
+    figures.legends([panels[name] for name in ("use", "tracking", "shares", "return")])
     return figure
 
 
@@ -301,18 +304,20 @@ def _dress(axes: Axes, title: str, label: str) -> None:
     figures.dress(axes, title, y=label, ylim=(0.0, None), **x)
 
 
-def _draw_use(axes: Axes, table: pd.DataFrame) -> None:
+def _draw_use(top: Axes, bottom: Axes, table: pd.DataFrame) -> None:
     stays = _moving(table, KEPT, "signals")["stay"]
     grid = np.geomspace(stays.min(), stays.max(), 24)
-    words = {"utilisation": "mean total demand over capacity", "signals": "signals per period"}
-    for place, (name, label) in enumerate(words.items(), start=2):
-        figures.points(axes, stays, _moving(table, KEPT, name), place, label)
-        axes.plot(grid, [getattr(steady(stay), name) for stay in grid], color=colour(place), linewidth=1.4)
-    axes.axvline(CRITICAL_STAY, color=figures.REFERENCE, linewidth=1.0, linestyle="--")
-    label, ink = "critical stay\nC / (n alpha)", figures.REFERENCE
-    axes.text(CRITICAL_STAY * 1.04, 0.5, label, fontsize="small", color=ink)
-    figures.named(axes, "theory")
-    _dress(axes, "(a) Use gives way late, signals long before", "share of capacity; signals")
+    for axes, name in ((top, "utilisation"), (bottom, "signals")):
+        figures.points(axes, stays, _moving(table, KEPT, name), 0, "mean over draws ± 2 standard errors")
+        axes.plot(grid, [getattr(steady(stay), name) for stay in grid], color=colour(0), linewidth=1.4)
+        axes.axvline(CRITICAL_STAY, color=figures.REFERENCE, linewidth=1.0, linestyle="--")
+    figures.named(top, "theory", color=colour(0), linewidth=1.4)
+    figures.named(top, "critical stay C / (n alpha)", "--", linewidth=1.0)
+    _dress(top, "(a) Use gives way late, signals long before", "mean demand\nover capacity")
+    _dress(bottom, "", "signals per period")
+    top.sharex(bottom)
+    top.set_xlabel("")
+    top.tick_params(labelbottom=False)
 
 
 def _draw_tracking(axes: Axes, table: pd.DataFrame) -> None:
