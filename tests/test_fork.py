@@ -48,7 +48,7 @@ def in_a_piece(configuration: Configuration, where: tuple[float, int]) -> Run:
     return run
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(FORKED, WHERE, st.booleans(), st.floats(0.0, 1.0))
 def test_a_fork_and_what_it_is_taken_of_end_as_the_run(
     configuration: Configuration, where: tuple[float, int], fork_first: bool, again: float

@@ -53,7 +53,7 @@ def plain_peaks(simulation: Simulation, count: int) -> Any:
 )
 def test_it_is_the_share_of_plain_runs_that_reach_the_level(changes: dict[str, Any], method: Any) -> None:
     simulation = late_cameras(**changes)
-    peaks = plain_peaks(simulation, 300)[:, 1]
+    peaks = plain_peaks(simulation, 150)[:, 1]
     level = float(np.quantile(peaks, 0.9))
     found = rare_event(
         simulation,
@@ -63,7 +63,7 @@ def test_it_is_the_share_of_plain_runs_that_reach_the_level(changes: dict[str, A
         resource="disk",
         method=method,
         trials=20,
-        repetitions=10,
+        repetitions=6,
         step=0.5,
     )
     plain = mean_interval((peaks >= level).astype(float))
@@ -85,7 +85,7 @@ def test_the_same_arguments_give_the_same_estimate_and_other_seeds_another() -> 
 def test_what_is_rarer_pays_more() -> None:
     """Far out in the tail plain runs would have to simulate many times as much for the same error."""
     asked: dict[str, Any] = {"within": WITHIN, "after": AFTER, "resource": "disk", "trials": 40}
-    found = rare_event(late_cameras(), level=1.2, repetitions=4, **asked)
+    found = rare_event(late_cameras(), level=1.2, repetitions=3, **asked)
     assert 0.0 < found.probability < 5e-3
     assert found.gain > 2.0
     runs = (1.0 - found.probability) / (found.probability * found.relative_error**2)

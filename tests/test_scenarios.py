@@ -64,7 +64,7 @@ FIGURES = {
 }
 
 # The claims at a tenth of the size of the table in the docs: seeds 0 to 3.
-SMALL = Size(4, 600.0, 200.0, 3000, critical_until=300.0, halvings=6, agents=240, long=1e5, accuracy=0.01)
+SMALL = Size(4, 400.0, 130.0, 2000, critical_until=300.0, halvings=6, agents=240, long=1e5, accuracy=0.01)
 # Standard errors by which a mean may lie beyond a bound on which the truth itself lies: by Student's t
 # with 3 degrees of freedom, once in 200.
 Z = 6.0

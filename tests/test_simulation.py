@@ -304,7 +304,7 @@ def test_an_end_that_is_none_is_refused(until: Any) -> None:
         ({"seed": 1.5}, "seed = 1.5: must be an integer of at least 0"),
         (
             {"seed": 0, "agents": "AgentProcess"},
-            "agents = 'AgentProcess': must be a class or function that makes an agent",
+            "agents = 'AgentProcess': must be one of process, fleet",
         ),
     ],
 )

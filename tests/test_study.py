@@ -423,7 +423,7 @@ def test_a_run_is_held_against_the_problem_at_its_end() -> None:
     for interventions in ([], [step]):
         scenario = expand(study(scenario={**BASE, "interventions": interventions}))[0].scenario
         result = quietly(scenario.run)
-        found.append(summary_of(result, names, SharedProblem(scenario.problem()), list))
+        found.append(summary_of(result, names, SharedProblem(scenario.problem()), list, dict))
         for name, values in result.measures(names=names).items():
             assert found[-1][name] == pytest.approx(values.tolist(), rel=1e-9)
     assert found[0]["relative_error"] != pytest.approx(found[1]["relative_error"], rel=0.1)

@@ -106,8 +106,10 @@ def test_looks_follow_interventions() -> None:
     step = interventions.CapacityStep(0, at=10.0, capacity=0.5 * PROBLEM.capacity[0])
     gone = interventions.Absence(PROBLEM.agent_names, at=20.0, until=900.0)
     seen, result = looks(5.0, interventions=[step, gone], agents=Fleet, **CONTINUOUS)
-    assert [look.capacity[0] / PROBLEM.capacity[0] for look in seen] == [1.0, 1.0] + [0.5] * 6
-    assert seen[4].demand.tolist() == [0.0, 0.0]
+    # A sample shows what was until its instant: the change at 10 is in the one at 15.
+    assert [look.capacity[0] / PROBLEM.capacity[0] for look in seen] == [1.0, 1.0, 1.0] + [0.5] * 5
+    assert seen[4].demand.tolist() != [0.0, 0.0]
+    assert seen[5].demand.tolist() == [0.0, 0.0]
     assert np.isnan(last_snapshot(result).misallocation).all()
     assert np.isnan(last_snapshot(result).utilisation).all()
 
