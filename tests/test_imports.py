@@ -34,7 +34,6 @@ COMMANDS: dict[str, set[str]] = {
     "validate one.toml": CHECKED,
     "validate study.toml": CHECKED,
     "list": CHECKED | {"rich"},
-    "schema": CHECKED,
     "schema study": CHECKED,
     "run one.toml --out one --no-figures": CHECKED | FRAMES | EXPECTED | {"rich"},
     "show one": CHECKED | {"rich"},

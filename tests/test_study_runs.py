@@ -508,6 +508,9 @@ def half():
     return len(list(Path("out").rglob(".*.tmp")))
 
 def sweep():
+    # A sweep that is killed while it asks for a worker takes the server of workers along.
+    forkserver.ensure_running()
+    alone.add(forkserver._forkserver._forkserver_pid)
     child = os.fork()
     if child == 0:
         # It runs, but is no child of this process, which therefore cannot ask for it.
