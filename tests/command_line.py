@@ -62,8 +62,8 @@ def words(text: str) -> list[list[str]]:
 
 
 def everything() -> set[str]:
-    """All files and folders below the working directory, hidden ones too."""
-    return {str(path) for path in Path().rglob("*")}
+    """All files and folders below the working directory, hidden ones too, but for Python's byte code."""
+    return {str(path) for path in Path().rglob("*") if "__pycache__" not in path.parts}
 
 
 def refusal(*arguments: str) -> str:

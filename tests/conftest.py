@@ -24,7 +24,7 @@ from aimd_des.study.workers import _ONE_THREAD
 ROOT = Path(__file__).resolve().parents[1]
 
 # The same examples at every run; `--hypothesis-profile explore` looks for new ones.
-settings.register_profile("project", derandomize=True, deadline=None, database=None, max_examples=20)
+settings.register_profile("project", derandomize=True, deadline=None, database=None, max_examples=15)
 settings.register_profile("explore", deadline=None, database=None, max_examples=1000)
 settings.load_profile("project")
 

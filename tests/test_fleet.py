@@ -41,13 +41,13 @@ from tests.support.configurations import Configuration, assert_same, both, confi
 # -- any configuration -----------------------------------------------------------------------------------
 
 
-@settings(max_examples=40)
+@settings(max_examples=30)
 @given(configurations())
 def test_a_fleet_does_what_processes_do(configuration: Configuration) -> None:
     assert_same(*configuration.both())
 
 
-@settings(max_examples=20)
+@settings(max_examples=12)
 @given(
     configurations(
         problem=st.builds(random_problem, st.integers(0, 999), st.integers(70, 200), st.just(2)),
@@ -127,7 +127,7 @@ class Deaf:
         yield from ()
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(configurations(until=st.just(12.0)), st.data())
 def test_processes_and_a_fleet_in_one_simulation(configuration: Configuration, data: st.DataObject) -> None:
     agents = st.integers(0, configuration.problem.n_agents - 1)
@@ -147,7 +147,7 @@ def meddle(system: System) -> ProcessGenerator:
         assert system.average(0, 0) >= 0.0
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(configurations(until=st.just(12.0)))
 def test_processes_that_meddle(configuration: Configuration) -> None:
     # Bursts of loss take broadcasts in the order of time only, and these are sent without delay.

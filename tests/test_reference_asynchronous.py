@@ -283,7 +283,7 @@ def with_one_channel(configuration: Configuration) -> Configuration:
 
 
 @pytest.mark.parametrize("dynamics", ["discrete", "continuous"])
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(data=st.data())
 def test_the_framework_does_what_the_reference_does(dynamics: str, data: st.DataObject) -> None:
     configuration = with_one_channel(data.draw(plain_configurations(dynamics)))

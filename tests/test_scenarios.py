@@ -282,7 +282,7 @@ def noise(runs: list[Measures]) -> Any:
 @pytest.mark.slow
 @pytest.mark.parametrize("experiment", [losses.heterogeneous, losses.compensated])
 def test_loss_that_differs_leads_to_the_predicted_optimum(experiment: Callable[[Size], Any]) -> None:
-    made = experiment(replace(SMALL, until=1200.0, start=400.0, steps=6000))  # noise hides the far ones else
+    made = experiment(replace(SMALL, until=900.0, start=300.0, steps=4500))  # noise hides the far ones else
     outcomes = replicate(made.jobs, SMALL.replications, seed=0, workers=1)
     table = frame(made.rows(outcomes))
     near = table[table["claim"] == "at most 2 %"]
