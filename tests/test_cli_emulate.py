@@ -156,18 +156,8 @@ def told(progress, time, events):
 RunProgress.update = told
 {PROGRAM}
 """
-_LONG = (
-    "mine.toml",
-    "--unit",
-    "0.1",
-    "--processes",
-    "2",
-    "--out",
-    "real",
-    "--no-figures",
-    "--set",
-    "until=600",
-)
+_QUICK = ("--unit", "0.1", "--processes", "2", "--out", "real", "--no-figures")
+_LONG = ("mine.toml", *_QUICK, "--set", "until=600")
 
 
 def begun() -> tuple[Fork, list[int]]:
@@ -258,13 +248,7 @@ def test_processes_that_join_hold_the_agents() -> None:
         *short,
         "--listen",
         address,
-        "--unit",
-        "0.1",
-        "--processes",
-        "2",
-        "--out",
-        "real",
-        "--no-figures",
+        *_QUICK,
         **known,
     )
     until(lambda: "Waiting for 2 processes to join" in listens.stderr.read_text(encoding="utf-8"))

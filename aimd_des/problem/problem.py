@@ -164,9 +164,12 @@ class Problem(ShowsItself):
         >>> problem.replace(resources=[replace(first, capacity=20.0), *others]).capacity.tolist()
         [20.0, 20.0, 25.0]
         """
-        if self.agent_names == tuple(map(str, range(self.n_agents))):
-            parts = {"agent_names": None, **parts}
-        return replaced(self, parts)
+        return replaced(self, {"agent_names": None, **parts} if self.named_by_index else parts)
+
+    @property
+    def named_by_index(self) -> bool:
+        """Whether agents have the names that they have where none are given: "0", "1", ..."""
+        return self.agent_names == self._names_of_agents(None)
 
     def _shown(self) -> Shown:
         heads = ["resource", "capacity", "threshold", "increase", "decrease", "normalization"]

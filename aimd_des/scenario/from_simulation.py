@@ -59,7 +59,7 @@ def _agents(simulation: Simulation) -> str:
 
 
 def _problem(problem: Problem) -> dict[str, Any]:
-    if problem.agent_names != tuple(map(str, range(problem.n_agents))):
+    if not problem.named_by_index:
         raise InputError.of("agent_names", problem.agent_names, "left out to be saved", _REMEDY)
     return {
         "resources": [_fields(resource, _RESOURCE) for resource in problem.resources],
