@@ -20,8 +20,10 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
     "mathml",
     "scenario_gallery",
+    "signatures",
     "tutorial_notebook",
     "sphinx_gallery.gen_gallery",
 ]
@@ -35,13 +37,16 @@ html_math_renderer = "mathml"
 nitpicky = True
 nitpick_ignore_regex = [("py:class", ".*"), ("py:exc", "pydantic.*"), ("py:obj", "random_optimum")]
 
-# Docstrings write names in single backticks, and types in words.
+# Docstrings write names in single backticks, and types in words; signatures have the hints of the source.
 default_role = "code"
 autodoc_typehints = "none"
+maximum_signature_line_length = 88
+python_display_short_literal_types = True
 autodoc_preserve_defaults = True
 autodoc_member_order = "bysource"
 napoleon_google_docstring = False
-napoleon_use_ivar = False
+napoleon_use_param = False  # names that share a text are one entry, as in the source
+napoleon_custom_sections = [("Attributes", "params_style")]
 napoleon_use_rtype = False
 
 sphinx_gallery_conf = {

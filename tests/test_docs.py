@@ -13,8 +13,10 @@ from types import ModuleType
 import pytest
 from docutils import nodes
 
-from aimd_des import __version__
+from aimd_des import BroadcastChannel, Resource, Study, __version__
+from aimd_des.lowlevel import Run
 from aimd_des.results.measures import FIRST, MEASURES
+from aimd_des.theory import Prediction, predict
 from scenarios.common.command import command
 from tests.test_public_names import FACES, TOP
 
@@ -79,7 +81,10 @@ def test_every_public_name_is_in_the_api() -> None:
     assert len(public_names()) > 80
     ours = {name for name in described if name.startswith("aimd_des.")}
     assert public_names() == ours
-    assert described - listed <= {"models.random_convex.random_optimum"}
+    values = set(
+        re.findall(r"^\.\. (?:auto|py:)data:: ([\w.]+)$", text, re.MULTILINE)
+    )  # no docstring to list
+    assert described - listed <= values | {"models.random_convex.random_optimum"}
     assert listed - described == set()
 
 
@@ -262,6 +267,34 @@ def test_formulas_that_would_be_misread_are_refused(text: str) -> None:
     assert len(seen) == 1
     assert mathml._formula(nodes.math("x", r"\frac{1}{2}\,\dot{x}")).startswith("<math")
     assert len(seen) == 1
+
+
+def test_signatures_have_the_hints_of_the_source_with_links() -> None:
+    written = extension("signatures").signature
+    capacity = "increase: float | FloatArray, decrease: float | FloatArray, normalization: float"
+    assert written("class", Resource)[0].startswith(
+        f"(name: str, capacity: float, {capacity}, threshold: float = 1.0"
+    )
+    assert written("class", BroadcastChannel)[0].startswith(
+        "(latency: ~aimd_des.latency.Latency | ArrayLike = Constant(0.0), loss:"
+    )
+    assert "axes: list[~aimd_des.study.Axis] = []" in written("class", Study)[0]
+    taken, returned = written("function", predict)
+    assert taken.startswith(
+        "(problem: ~aimd_des.Problem, dynamics: Literal['discrete', 'continuous'] = 'discrete', *,"
+    )
+    assert returned == "~aimd_des.theory.Prediction"
+    assert written("method", Run.save) == ("(path: str | Path)", "")
+    assert written("class", Prediction) == ("", "")  # users do not make it
+
+
+def test_greek_letters_are_spelled_in_prose_alone() -> None:
+    lines = ["alpha_i > 0, `beta` and Gamma.", "lambda, mu : float", ".. math::", "", "    alpha", "mu"]
+    assert extension("signatures")._spell(lines) == [
+        r":math:`\alpha_{i}` > 0, `beta` and :math:`\Gamma`.",
+        *lines[1:-1],
+        r":math:`\mu`",
+    ]
 
 
 @pytest.mark.parametrize("accent", ["bar", "dot", "hat"])
