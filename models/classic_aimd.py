@@ -48,8 +48,8 @@ def classic_aimd(
     Costs only serve to make all agents respond.  Where alpha_i / (1 - beta_i) differs from agent to agent
     their optimum, equal shares, is not what the system tends to: hold it against `theory.event_mean`,
     `theory.event_interval` and `theory.synchronised_utilisation`.  On the discrete clock run it with
-    ``lag=0``: where a signal acts a step late the excess is signalled twice before any agent responds, so
-    that all agents respond twice and beta_i counts as its square.
+    ``lag=0``. If a signal acts a step late, the excess is signalled twice before any agent responds; all
+    agents respond twice, and beta_i counts as its square.
 
     Examples
     --------

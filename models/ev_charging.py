@@ -170,10 +170,11 @@ def daily_base_load(step: int = 15) -> tuple[FloatArray, FloatArray]:
 
     Notes
     -----
-    Synthetic: 0.30 kW, and sum_k h_k exp((cos(a (t - t_k)) - 1) / (a w_k)^2), a = 2 pi / 1440, which is a
-    Gaussian bump of height h and width w, closed to a circle of one day (after R. von Mises).  h = 0.25 kW,
-    w = 75 minutes at 7:45, and h = 0.65 kW, w = 120 minutes at 18:30.  The file `base_load.csv` beside
-    the scenarios holds the values for ``step=15``, rounded to 0.1 W.
+    Synthetic: 0.30 kW, and the sum over k of ``h_k exp((cos(a (t - t_k)) - 1) / (a w_k)^2)`` with ``a = 2
+    pi / 1440``. Each term is a Gaussian bump of height h and width w, closed to a circle of one day
+    (after R. von Mises). The bumps have h = 0.25 kW, w = 75 minutes at 7:45, and h = 0.65 kW, w = 120
+    minutes at 18:30. The file `base_load.csv` beside the scenarios holds the values for ``step=15``,
+    rounded to 0.1 W.
 
     Examples
     --------

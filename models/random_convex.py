@@ -131,8 +131,8 @@ def random_convex(
     Returns
     -------
     Problem
-        Resources "resource 0" and so on without a unit, with capacities of about 0.1 to 10 per agent and
-        0.4 <= beta < 0.7.  alpha and beta are the same for all agents, so that averages tend to the optimum.
+        Resources "resource 0" and so on, without a unit. Capacities are about 0.1 to 10 per agent, and
+        0.4 <= beta < 0.7. As alpha and beta are the same for all agents, averages tend to the optimum.
 
     Raises
     ------
@@ -145,10 +145,10 @@ def random_convex(
 
     Notes
     -----
-    A signal takes (1 - beta) Gamma nu off every agent in the mean, so that there are about
-    1 / (0.4 probability (1 - beta) steps) signals per unit of time: with the defaults at most 0.74, few
-    enough for a control unit that samples once per unit.  Smaller arguments may ask for more than there can
-    be.
+    A signal takes (1 - beta) Gamma nu off every agent in the mean, so there are about 1 / (0.4
+    probability (1 - beta) steps) signals per unit of time. With the defaults that is at most 0.74, few
+    enough for a control unit that samples once per unit.  Smaller arguments may ask for more than there
+    can be.
 
     Examples
     --------

@@ -2,13 +2,14 @@
 
 The pages are those of `docs`, the README and CONTRIBUTING. The rules are few: short sentences, plain words,
 short source lines, and captions that name what is shown. Code, output and formulas are not prose.
-Docstrings and messages of the code must use plain words, too.
+Docstrings and messages of the code must use plain words, too, and docstrings of classes and functions short
+sentences.
 """
 
 import ast
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -46,6 +47,7 @@ BANNED = {
 _BANNED = {re.compile(rf"\b(?:{pattern})\b", re.IGNORECASE): remedy for pattern, remedy in BANNED.items()}
 
 _PARAMETER = re.compile(r"^ *[\w*, ]+ : .*$", re.MULTILINE)
+_UNDERLINE = re.compile(r" *[-=]{3}[-= ]*")
 _BLOCK = re.compile(r"(?:[^\n]*\S[^\n]*\n?)+")
 
 # First words of a caption without a subject: "How many", "With latency", "Seen from".
@@ -108,6 +110,34 @@ def texts(source: str) -> Iterator[Paragraph]:
                 yield Paragraph(start, " ".join(_PARAMETER.sub("", block[0]).split()))
 
 
+def _parts(docstring: str) -> Iterator[tuple[int, str]]:
+    """Lines of prose with their numbers from 0; empty where they are titles, examples, blocks and tables."""
+    block = example = table = False
+    depth = 0
+    lines = docstring.splitlines()
+    for number, line in enumerate(lines):
+        text, indent = line.strip(), len(line) - len(line.lstrip())
+        title = _UNDERLINE.fullmatch("".join(lines[number + 1 : number + 2]))
+        block = block and (not text or indent > depth)
+        example = bool(text) and (example or text.startswith(">>>"))
+        table = bool(text) and (table or text.startswith("===="))
+        if block or example or table or title or _UNDERLINE.fullmatch(line) or _PARAMETER.fullmatch(line):
+            yield number, ""
+        elif text.startswith(".. ") or text.endswith("::"):
+            block, depth = True, indent
+            yield number, "" if text.startswith(".. ") else text
+        else:
+            yield number, line
+
+
+def described(source: str) -> Iterator[Paragraph]:
+    """Paragraphs of the docstrings of classes and functions: a text of a parameter is one."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and (docstring := ast.get_docstring(node)):
+            first = node.body[0].lineno
+            yield from _joined((first + number, text) for number, text in _parts(docstring))
+
+
 def _prose(page: str) -> Iterator[tuple[int, str]]:
     """Lines outside code and directives with their numbers; inside them, empty lines."""
     fence = ""
@@ -123,8 +153,8 @@ def _prose(page: str) -> Iterator[tuple[int, str]]:
         yield number, ""
 
 
-def paragraphs(page: str) -> list[Paragraph]:
-    """Prose of a page: paragraphs, items of lists, and cells of tables."""
+def _joined(lines: Iterable[tuple[int, str]]) -> list[Paragraph]:
+    """Join numbered lines into paragraphs, items of lists, and cells of tables."""
     found: list[Paragraph] = []
     begun: list[str] = []
     start = 0
@@ -134,7 +164,7 @@ def paragraphs(page: str) -> list[Paragraph]:
             found.append(Paragraph(start, " ".join(begun)))
             begun.clear()
 
-    for number, line in _prose(page):
+    for number, line in lines:
         if line.startswith("|"):
             end()
             found += [Paragraph(number, cell.strip()) for cell in line.strip("|").split("|")]
@@ -151,6 +181,11 @@ def paragraphs(page: str) -> list[Paragraph]:
             begun.append(line.strip())
     end()
     return found
+
+
+def paragraphs(page: str) -> list[Paragraph]:
+    """Prose of a page: paragraphs, items of lists, and cells of tables."""
+    return _joined(_prose(page))
 
 
 def plain(text: str) -> str:
@@ -198,23 +233,25 @@ def _banned(paragraph: Paragraph) -> Iterator[Finding]:
             yield Finding(paragraph.line, f"{match[0]!r}: {remedy}")
 
 
+def _long_sentences(paragraph: Paragraph) -> Iterator[Finding]:
+    for sentence in sentences(plain(paragraph.text)):
+        if (count := _words(sentence)) > SENTENCE_WORDS:
+            begin = " ".join(sentence.split()[:6])
+            what = f"sentence of {count} words, at most {SENTENCE_WORDS}: {begin} …"
+            yield Finding(paragraph.line, what)
+
+
 def code_findings(source: str) -> list[Finding]:
-    """Words of a module's strings that break the rules, with the first line of their paragraph."""
-    return sorted(found for paragraph in texts(source) for found in _banned(paragraph))
+    """What breaks the rules in a module's strings, with the first line of their paragraph."""
+    words = [found for paragraph in texts(source) for found in _banned(paragraph)]
+    return sorted(words + [found for paragraph in described(source) for found in _long_sentences(paragraph)])
 
 
 def findings(page: str) -> list[Finding]:
     """Everything that breaks a rule, in the order of the lines."""
     found = [*_long_lines(page), *_captions(page)]
     for paragraph in paragraphs(page):
-        number, text = paragraph
-        for sentence in sentences(plain(text)):
-            if (count := _words(sentence)) > SENTENCE_WORDS:
-                begin = " ".join(sentence.split()[:6])
-                found.append(
-                    Finding(number, f"sentence of {count} words, at most {SENTENCE_WORDS}: {begin} …")
-                )
-        found += _banned(paragraph)
+        found += [*_long_sentences(paragraph), *_banned(paragraph)]
     return sorted(found)
 
 

@@ -119,6 +119,35 @@ message = f"total {who} is read by somebody"
     assert report({"a.py": source}, frozenset())[0].startswith("a.py:3: 'nobody': ")
 
 
+def test_long_sentences_of_docstrings_are_found_with_their_line() -> None:
+    long = "\n    ".join(["word " * 20] * 2)
+    source = f'''def function(x: int) -> int:
+    """Say.
+
+    Parameters
+    ----------
+    x : int
+        {long}.
+
+    Short::
+
+        {long}
+
+    >>> {"word " * 40}
+
+    .. math::
+
+        {long}
+    """
+'''
+    assert [tuple(one) for one in code_findings(source)] == [
+        (7, "sentence of 40 words, at most 35: word word word word word word …")
+    ]
+    halves = source.replace(long, f"{'word ' * 20}\n    y : int\n        {'word ' * 20}", 1)
+    assert code_findings(halves) == []  # the text of a parameter is one
+    assert code_findings(f"message = {'word ' * 40!r}") == []
+
+
 def test_code_in_strings_and_labels_are_free() -> None:
     source = "\n".join(
         [

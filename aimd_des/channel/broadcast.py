@@ -70,9 +70,9 @@ class Copies(NamedTuple):
 class Link(Protocol):
     """A channel in one run; it may remember what was before.
 
-    One whose runs can be forked and saved has two methods besides: ``state()`` returns what it remembers, a
-    dict of numbers, strings, lists and arrays, and ``resume(state)`` takes that in at the start of another
-    run, without writing to it.
+    If its runs can be forked and saved, it has two more methods. ``state()`` returns what it remembers: a
+    dict of numbers, strings, lists and arrays. ``resume(state)`` reads that at the start of another run,
+    without writing to it.
     """
 
     def transmit(self, broadcast: Broadcast, departure: float) -> Copies:

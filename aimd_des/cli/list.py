@@ -20,9 +20,9 @@ def command(topic: str | None, as_json: bool) -> None:
     compensation, interventions and costs.
 
     Models are those of the package `models` on the Python path or in the working directory, scenarios
-    those of its folder `scenarios` and the scenario files beside them.  The other topics are kinds that
-    a scenario file can name, each with its keys, what holds unless they are given, and what they mean;
-    parts of your own are found in modules of the working directory and of packages that declare them.
+    those of its folder `scenarios` and the scenario files beside them.  The other topics are kinds that a
+    scenario file can name, each with its keys, their defaults and their meanings. Parts of your own are
+    found in modules of the working directory and of packages that declare them.
     """
     with refusing():
         found = {name: entries(name) for name in ([topic] if topic else TOPICS)}

@@ -50,10 +50,10 @@ def command(
     """Play with the system that the file SCENARIO describes, in the browser.
 
     Without a file it is the paper's cameras, as continuous agents.  The page shows the agents round the
-    control unit and every copy of a signal on its way, total demand against capacity, and how wrongly it is
-    shared; it plays, pauses, steps, and changes the system while it runs.  What was played can be saved as a
-    scenario file that repeats it to the last bit.  The server listens on this machine only; Ctrl-C ends it.
-    Needs the extra `live`: pip install 'aimd-des[live]'.
+    control unit, every copy of a signal on its way, total demand against capacity, and the misallocation.
+    It plays, pauses, steps, and changes the system while it runs.  What was played can be saved as a
+    scenario file that repeats it to the last bit.  The server listens on this machine only; Ctrl-C ends
+    it. Needs the extra `live`: pip install 'aimd-des[live]'.
     """
     from aimd_des.live import check_server, default_scenario, serve
     from aimd_des.scenario import load_scenario, validate_scenario, with_settings

@@ -67,11 +67,11 @@ def command(
 ) -> None:
     """Run the system that the file SCENARIO describes, and write what came out.
 
-    The folder receives scenario.toml (the run, every value spelled out), summary.csv (a row for
-    each resource), signals.parquet, demand.parquet and allocations.parquet (tidy frames), capacity.parquet
-    and optimum.parquet (what they are held against), convergence.parquet (misallocation over time, and what
-    theory expects of it), figures, run.json (digest, seed, versions), and SHA256SUMS (a checksum of
-    each file).  The same scenario and seed give the same digest.
+    The folder receives scenario.toml (the run, every value spelled out), run.json (digest, seed,
+    versions), figures, and SHA256SUMS (a checksum of each file). Tables are summary.csv (a row for each
+    resource), signals.parquet, demand.parquet and allocations.parquet. Their references are
+    capacity.parquet, optimum.parquet, and convergence.parquet (misallocation over time, measured and
+    expected).  The same scenario and seed give the same digest.
 
     A run with --checkpoint that was ended goes on with --resume, to the same bytes: the same command with
     both may be repeated until it is through.

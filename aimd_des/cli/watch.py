@@ -44,10 +44,10 @@ def command(
 ) -> None:
     """Watch the run that the file SCENARIO describes while it goes on.
 
-    For each resource: total demand against capacity as a bar (the mark is the capacity) and as a curve
-    of the last samples, the signals so far, how much of the capacity the averages use, and how wrongly it
-    is shared (misallocation).  Nothing is written: `aimd-des run` keeps the results, and gives the
-    same digest.  Where the output is no terminal, twenty lines are printed over the run.  Ctrl-C ends it.
+    For each resource it shows total demand as a bar (the mark is the capacity) and as a curve of the last
+    samples. Numbers beside them are the signals so far, the part of the capacity that averages use, and
+    the misallocation.  Nothing is written: `aimd-des run` keeps the results, and gives the same digest.
+    Where the output is no terminal, twenty lines are printed over the run.  Ctrl-C ends it.
     """
     from aimd_des.scenario import load_scenario
 

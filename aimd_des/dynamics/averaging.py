@@ -247,7 +247,7 @@ class Averaging(Protocol):
 @built_in("averaging", "cumulative")
 @dataclass(frozen=True)
 class Cumulative:
-    """All of the past counts alike: the paper's average, eq. (average_eqn)."""
+    """All of the past counts alike: the paper's average, equation (average_eqn)."""
 
     def parameters(self, tick_weight: float) -> AveragingParameters:
         """Return what the formulas need."""

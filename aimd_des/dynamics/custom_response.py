@@ -45,12 +45,12 @@ class CustomResponse:
     Parameters
     ----------
     probability : callable
-        Returns lambda, at least 0 and finite, from what its parameters name: ``normalization`` (Gamma),
-        ``slope`` (derivative of the private cost at the averages), ``average``, ``demand`` (what the signal
-        has found), ``increase``, ``decrease``, ``age`` (for how long the agent has been active), ``agent``
-        and ``resource`` (indices, as floats); last of all ``memory``, where numbers are kept.  Plain
-        Python serves agents that are processes; `Fleet` and `run_synchronous` need it compiled by
-        ``numba.njit``.  It is not called while the average is 0: lambda is 0 then.
+        Returns lambda, at least 0 and finite. It gets what its parameters name: ``normalization``
+        (Gamma), ``slope`` (derivative of the private cost at the averages), ``average``, ``demand`` (at
+        the signal), ``increase`` and ``decrease``. Other names are ``age`` (for how long the agent has
+        been active), and ``agent`` and ``resource`` (indices, as floats). If numbers are kept, ``memory``
+        is the last one.  Plain Python serves agents that are processes; `Fleet` and `run_synchronous`
+        need it compiled by ``numba.njit``.  It is not called while the average is 0: lambda is 0 then.
     cut : {"drawn", "fractional", "full"}
         What becomes of demand: it is multiplied by beta with probability lambda; by 1 - (1 - beta) lambda; or
         by beta when the sum of lambda passes a whole number.

@@ -247,7 +247,12 @@ class Response(Protocol):
 @built_in("response", "randomised")
 @dataclass(frozen=True)
 class Randomised:
-    """The paper's rule: demand is multiplied by beta with probability lambda, eq. (prob_x)."""
+    r"""The paper's rule, equation (prob_x): demand is multiplied by beta with probability lambda.
+
+    .. math::
+
+        \lambda_i^j = \Gamma^j\,\frac{\partial_j f_i(\bar{x}_i)}{\bar{x}_i^j}
+    """
 
     def parameters(self, tick_weight: float) -> ResponseParameters:
         """Return what the formulas need."""
@@ -260,11 +265,12 @@ class Randomised:
 class EventNormalised:
     """As the paper's rule, with the average demand found by signals in the place of the average over time.
 
-    lambda = Gamma f'(average) / v, where v is the average of the demand that the agent had when it answered
-    signals, the present one included.  It is averaged as demand is, counted in signals: over all of
-    them; over the latest ones of a window, in parts of whole signals; with forgetting, by one over the
-    time constant for each signal; or with gain a, where the newest of k has the weight min(1, a / k).
-    While no lambda exceeds 1, averages settle at the optimum for what is used, without the paper's bias.
+    lambda = Gamma f'(average) / v, where v is the average of the demand that the agent had when it
+    answered signals, the present one included.  It is averaged as demand is, counted in signals: over all
+    of them, or over the latest ones of a window, in parts of whole signals. With forgetting each signal
+    has the weight of one over the time constant. With gain a the newest of k has the weight min(1, a /
+    k). While no lambda exceeds 1, averages settle at the optimum for what is used, without the paper's
+    bias.
     """
 
     def parameters(self, tick_weight: float) -> ResponseParameters:

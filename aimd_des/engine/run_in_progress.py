@@ -197,8 +197,8 @@ class Run:
         Raises
         ------
         InputError
-            If agents are processes, or anything else of the run is; if a part of one's own cannot say what
-            it remembers; or an argument is none that `Simulation` takes, or would act before now.
+            If agents or other parts of the run are processes, or a part of one's own cannot say what it
+            remembers. If an argument is none that `Simulation` takes, or would act before now.
         SimulationError
             If the run has failed, is over, or is being advanced.
         """

@@ -254,9 +254,9 @@ class Simulation(ShowsItself):
         Raises
         ------
         InputError
-            If the end is no positive number, a time to be recorded or an intervention lies beyond it, a value
-            for each agent is given somewhere and their number is not n, or a part of one's own hands back
-            what it cannot.
+            If the end is no positive number, or a time to be recorded or an intervention lies beyond it.
+            If values for each agent are not n in number, or a part of one's own returns a value outside
+            its range.
         SimulationError
             If simulated time cannot advance.
 
@@ -401,9 +401,9 @@ class Simulation(ShowsItself):
         ------
         InputError
             If theory does not cover the system: interventions, processes and agents of one's own,
-            compensation, networks, random latencies, latencies that differ, losses that depend on each other,
-            duplicates, own clocks, control units other than `Sampled` and `Crossing`; and as
-            `theory.convergence` does.
+            compensation, own clocks, and control units other than `Sampled` and `Crossing`. Of channels
+            it does not cover networks, latencies that are random or differ, losses that depend on each
+            other, and duplicates. Also as `theory.convergence` does.
         SimulationError
             If the steady state is not found.
         """

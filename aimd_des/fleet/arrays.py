@@ -81,11 +81,11 @@ class ResponseBuffers(NamedTuple):
     """Working memory, so that nothing is allocated per event.
 
     `first_key`, `first_arrival` and `first_rank`, shape (n,), are of the earliest copy of each agent
-    among those that are due; `uniform`, (n,), is a row of draws; `average`, (m,), and `gradient` are of
-    the agent at hand, the latter with one place more, for what a gradient of one's own may not return.  Of
-    copies that are answered together, those of a block or of a piece of a row, shape (PIECE,): `chosen` are
-    their places, `resource` what they are about (in a row, whether the agent responds), and all after it what
-    the answers are computed from.
+    among those that are due. `uniform`, (n,), is a row of draws. `average`, (m,), and `gradient` are of
+    the agent at hand; `gradient` has one place more, for what a gradient of one's own may not return. The
+    other arrays, shape (PIECE,), are of copies that are answered together: those of a block or of a piece
+    of a row. `chosen` are their places, `resource` what they are about (in a row, whether the agent
+    responds). All after it is what the answers are computed from.
     """
 
     first_key: IntArray

@@ -68,9 +68,8 @@ def weigh(system: System, agents: Agents, weight: float, *, by: Hashable = None)
     weight : float
         Greater than 0; 1 is as without.
     by : hashable, optional
-        The source of the weight.  Of one source, the latest weight of an agent is the one that counts;
-        weights of several sources are multiplied, and when one of them is 1 again it is as if it had never
-        been another.
+        The source of the weight.  Of one source, the latest weight of an agent counts. Weights of several
+        sources are multiplied; a weight of 1 removes that of its source.
 
     Raises
     ------

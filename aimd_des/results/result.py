@@ -330,9 +330,10 @@ class Result(ShowsItself):
         Parameters
         ----------
         measure : {"level", "relative_error", "misallocation"}
-            What has to be small, of the agents that are here: the distance of the sum of the averages from
-            the capacity, over the capacity; the relative error against the optimum in force; or that against
-            the optimum for what is used, which is solved for at every recorded time.
+            What has to be small, of the agents that are present. With "level" it is the distance of the
+            sum of the averages from the capacity, over the capacity. With "relative_error" it is the
+            error against the optimum in force. With "misallocation" it is the error against the optimum
+            for what is used, which is solved for at every recorded time.
         within : float
             How small, between 0 and 1.
         of : {"level", "change"}
@@ -490,9 +491,8 @@ class Result(ShowsItself):
         Raises
         ------
         InputError
-            If the folder is taken; or a scenario file cannot say what was run, which holds for functions and
-            parts of one's own that are not registered, and for results of pieces, forks and
-            `run_synchronous`.
+            If the folder is taken, or a scenario file cannot describe the run. It cannot describe
+            functions and parts of one's own that are not registered, pieces, forks and `run_synchronous`.
         """
         registered("save")(self, folder, overwrite=overwrite, figures=figures)
 

@@ -291,8 +291,8 @@ class Scenario(ShowsItself, Table, InSentences):
         Raises
         ------
         InputError
-            If there is no such model, or its parameters or the costs are refused, or there is no agent or
-            resource as an intervention names, or a number of values is not that of the agents.
+            If there is no such model, or its parameters or the costs are refused. If an intervention
+            names an agent or resource that is not there, or a number of values is not that of the agents.
         """
         return self.built()[0]
 

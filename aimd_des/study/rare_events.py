@@ -147,9 +147,9 @@ def rare_event(
     Notes
     -----
     Clocks and costs are those of the simulation: the probability is that for this system, over its random
-    responses, losses and latencies.  Splitting pays where a level is come to step by step, over levels that
-    are each passed by a tenth to a half of the paths; it does not where one draw decides, such as one long
-    outage of the channel.
+    responses, losses and latencies.  Splitting saves time where paths reach a level step by step, and a
+    tenth to a half of them pass each level in between. It does not where one draw decides, such as one
+    long outage of the channel.
 
     Examples
     --------

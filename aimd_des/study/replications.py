@@ -71,9 +71,9 @@ def replicate(
 
     Notes
     -----
-    A folder has one JSON file a call, with a checksum.  It is known by the name of the job, its source with
-    all of one's own that it refers to, its arguments, the seed, and the version of results: where one of them
-    changes, the job is called again.  Reading a folder runs no code of it.
+    A folder has one JSON file a call, with a checksum.  Its key is made of the job's name, arguments and
+    source (with all of one's own that it refers to), the seed, and the version of results. Where one of
+    them changes, the job is called again.  Reading a folder runs no code of it.
     """
     replications = validation.integer("replications", replications, low=1)
     seed = validation.integer("seed", seed, low=0)
@@ -209,8 +209,8 @@ def jackknife(
     Notes
     -----
     For a measure that takes the random error of single runs for a deviation, such as a distance from an
-    optimum: the mean of the measures would never be 0, the measure of the mean tends to what is left without
-    random error.
+    optimum. The mean of the measures would never be 0; the measure of the mean tends to the deviation
+    without random error.
     """
     stack, count = np.stack([np.asarray(value, dtype=np.float64) for value in values]), len(values)
     whole = np.asarray(measure(stack.mean(axis=0)), dtype=np.float64)

@@ -23,7 +23,11 @@ _SWEEPS = 500
 def reweighted_optimum(
     problem: Problem, weights: npt.ArrayLike, *, capacity: npt.ArrayLike | None = None
 ) -> Optimum:
-    """Minimise sum_i w_i f_i instead of sum_i f_i.
+    r"""Minimise the weighted sum of costs.
+
+    .. math::
+
+        \min_x \sum_i w_i f_i(x_i)
 
     Parameters
     ----------

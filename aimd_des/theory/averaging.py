@@ -73,14 +73,14 @@ def recovery_time(
     Notes
     -----
     With ``w = within C1 / |C0 - C1|``, the part of the step that may be left: t0 (w**(-1 / a) - 1) with a
-    gain, W (1 - w) for a window, tau log(1 / w) with forgetting.  A run that is younger than its memory has
-    less to forget: a window is then an average over all of the run until it is full, and forgetting,
+    gain, W (1 - w) for a window, tau log(1 / w) with forgetting.  A run that is younger than its memory
+    has less to forget. A window is then an average over all of the run until it is full. Forgetting,
     normalised by the weights there are, takes tau log((1 - q + w q) / w) with q = exp(-t0 / tau).
 
-    A ramp is a step at its middle M, but for a gain, which sees the power mean of its ages, (mean
-    age**a)**(1 / a), for forgetting, which sees the average of an exponential and is tau log(sinh(D / 2 tau)
-    / (D / 2 tau)) later, and for a window that has left the first part of the ramp behind: what remains of
-    the ramp, squared, over 2 D W is what may be left, after W + 2 M - sqrt(4 M W w).
+    A ramp is a step at its middle M, with three exceptions. A gain sees the power mean of its ages, (mean
+    age**a)**(1 / a). Forgetting sees the average of an exponential and is tau log(sinh(D / 2 tau) / (D /
+    2 tau)) later. A window may have left the first part of the ramp behind: then the rest of the ramp,
+    squared, over 2 D W may be left, after W + 2 M - sqrt(4 M W w).
 
     Exact for the total of the averages if total demand follows the capacity at once.  It needs the time
     ``|C0 - C1| / (n alpha)`` to rise and a few signals to fall; agents find their new shares of it with the
@@ -134,7 +134,11 @@ def _mean_age(begin: float, ramp: float, steps: int | None, power: float) -> flo
 
 
 def elasticity(problem: Problem, allocation: npt.ArrayLike) -> FloatArray:
-    """Compute how steep the derivatives of the costs are, e = x f'' / f'.
+    r"""Compute how steep the derivatives of the costs are.
+
+    .. math::
+
+        e = \frac{x f''}{f'}
 
     Parameters
     ----------
@@ -169,7 +173,7 @@ def averaging_spread(
     elasticity: npt.ArrayLike = 1.0,
     probability: npt.ArrayLike = 0.0,
 ) -> FloatArray:
-    """Coefficient of variation of an agent's average in the steady state.
+    r"""Coefficient of variation of an agent's average in the steady state.
 
     Parameters
     ----------
@@ -201,12 +205,15 @@ def averaging_spread(
 
     Notes
     -----
-    With v = (1 - beta) / (1 + beta), the squared coefficient of variation of demand, and kappa = alpha / x,
-    the rate at which it forgets, that of the average is v / (1 + kappa tau), or 2 v / (kappa W) (1 - (1 -
-    exp(-kappa W)) / (kappa W)): for long memories as much for W = 2 tau.  With an elasticity the average
-    acts back on the response probability, to the power e - 1, and what remains is, linearised,
+    Demand has the squared coefficient of variation v = (1 - beta) / (1 + beta), and forgets at the rate
+    kappa = alpha / x. That of the average is v / (1 + kappa tau) with forgetting. With a window it is 2 v
+    / (kappa W) (1 - (1 - exp(-kappa W)) / (kappa W)): for long memories as much for W = 2 tau. With an
+    elasticity the average acts back on the response probability, to the power e - 1, and what remains is,
+    linearised,
 
-        (1 - beta) / (2 e (1 + kappa tau) - (1 - beta) (1 + e kappa tau)),
+    .. math::
+
+        \frac{1 - \beta}{2 e (1 + \kappa \tau) - (1 - \beta)(1 + e \kappa \tau)},
 
     next to 1 / e of the above.  Where signals come evenly and are answered with lambda, what is certain
     makes no noise: a long memory sees (1 - lambda) / (1 - lambda (1 - beta) / 2)**2 of it, and a short
@@ -255,9 +262,9 @@ def share_rates(problem: Problem, allocation: npt.ArrayLike) -> FloatArray:
     Notes
     -----
     With averages that forget with time constant tau, a deviation that leaves the total as it is dies away
-    like exp(-s t / tau) with these s; with averages over all of the run like t**-s.  They are the roots of
-    sum_i x_i / (e_i - s) = 0, so there is one between any two neighbouring elasticities e_i = x_i f_i'' /
-    f_i': costs of one and the same power q have all rates e = q - 1, and quadratic ones 1, the rate of the
+    like exp(-s t / tau) with these s; with averages over all of the run like t**-s.  They are the roots
+    of sum_i x_i / (e_i - s) = 0, so there is one between any two neighbouring elasticities e_i (see
+    `elasticity`). Costs of one power q have all rates e = q - 1; quadratic ones have 1, the rate of the
     total itself.  A window has no such rates, but e - 1 is its feedback as well.
 
     Linear; for memories that are long against the time x_i / alpha_i in which agents find a new share, and

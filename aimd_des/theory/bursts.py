@@ -72,9 +72,9 @@ def burst_shares(problem: Problem, loss: float, burst: float) -> tuple[FloatArra
 
     Notes
     -----
-    Of what a sawtooth below the capacity uses.  To the next order signals find agents with half the height of
-    a sawtooth more than their mean, which counts as a smaller p alpha B.  Signals are those of agents that
-    all have the increase and decrease of the first.
+    Of what a sawtooth below the capacity uses.  To the next order, signals find agents with more than
+    their mean, by half the height of a sawtooth; p alpha B then counts as smaller.  Signals are those of
+    agents that all have the increase and decrease of the first.
     """
     loss, burst = _checked(problem, loss, burst)
     increase, capacity = problem.increase[:, 0], float(problem.capacity[0])

@@ -63,10 +63,10 @@ def churn(problem: Problem, stay: float, present: float, latency: float = 0.0) -
 
     Notes
     -----
-    An agent gains alpha and loses h (1 - beta) lambda x by signals and x / T by going: it tends to
-    f'(x) + c x = alpha / k with k = h (1 - beta) Gamma and c = 1 / (k T), as if a square were added to all
-    costs.  The total lies below the capacity as the work in a queue: by what signals take (with vacations),
-    and by what agents take along that leave (Pollaczek and Khinchine).
+    An agent gains alpha, and loses h (1 - beta) lambda x by signals and x / T by going. It tends to f'(x)
+    + c x = alpha / k with k = h (1 - beta) Gamma and c = 1 / (k T), as if a square were added to all
+    costs.  The total lies below the capacity as the work in a queue: by what signals take (with
+    vacations), and by what agents take along that leave (Pollaczek and Khinchine).
 
     For exponential stays and absences, and averages that are kept.  Neglects that the number of those present
     wanders, and that it takes a while to learn an average.

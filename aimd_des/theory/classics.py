@@ -39,7 +39,11 @@ def event_mean(
     decrease: npt.ArrayLike,
     probability: npt.ArrayLike = 1.0,
 ) -> FloatArray:
-    """Mean share at capacity events, C a_i / sum(a) with a_i = alpha_i / (lambda_i (1 - beta_i)).
+    r"""Mean share at capacity events.
+
+    .. math::
+
+        C\,\frac{a_i}{\sum_k a_k}, \quad a_i = \frac{\alpha_i}{\lambda_i (1 - \beta_i)}
 
     Parameters
     ----------
@@ -57,11 +61,11 @@ def event_mean(
 
     Notes
     -----
-    The mean of x_i(k+1) = B_i x_i(k) + alpha_i T(k), with B_i = beta_i with probability lambda_i and 1
-    else, gives lambda_i (1 - beta_i) E x_i = alpha_i E T: exact, for any law of T, for responses
-    that are drawn anew at each event, with no latency.  Synchronised agents come nearer to their fixed
-    point by the factor of the largest beta_i, at least, from event to event.  Time averages are
-    smaller by about alpha_i E T / 2.
+    In x_i(k+1) = B_i x_i(k) + alpha_i T(k), B_i is beta_i with probability lambda_i and else 1. So
+    lambda_i (1 - beta_i) E x_i = alpha_i E T. That is exact for any law of T, for responses that are
+    drawn anew at each event, with no latency.  Synchronised agents come nearer to their fixed point by
+    the factor of the largest beta_i, at least, from event to event.  Time averages are smaller by about
+    alpha_i E T / 2.
     """
     alpha, beta, chance = _per_agent(increase=increase, decrease=decrease, probability=probability)
     (total,) = arguments(capacity=capacity)
@@ -75,7 +79,11 @@ def event_interval(
     decrease: npt.ArrayLike,
     probability: npt.ArrayLike = 1.0,
 ) -> FloatArray:
-    """Mean time between capacity events, C / sum_i alpha_i / (lambda_i (1 - beta_i)).
+    r"""Mean time between capacity events.
+
+    .. math::
+
+        \frac{C}{\sum_i a_i}, \quad a_i = \frac{\alpha_i}{\lambda_i (1 - \beta_i)}
 
     Parameters
     ----------
@@ -101,7 +109,11 @@ def event_interval(
 
 
 def synchronised_utilisation(increase: npt.ArrayLike, decrease: npt.ArrayLike) -> FloatArray:
-    """Share of the capacity that synchronised agents use, (1 + beta) / 2 if all are alike.
+    r"""Share of the capacity that synchronised agents use.
+
+    .. math::
+
+        \frac{1 + \beta}{2} \quad \mathrm{if\ all\ are\ alike}
 
     Parameters
     ----------
@@ -126,7 +138,11 @@ def synchronised_utilisation(increase: npt.ArrayLike, decrease: npt.ArrayLike) -
 def poisson_moment(
     increase: npt.ArrayLike, decrease: npt.ArrayLike, rate: npt.ArrayLike, order: int = 1
 ) -> FloatArray:
-    """Moment of one agent's demand that decreases at the times of a Poisson process.
+    r"""Moment of one agent's demand that decreases at the times of a Poisson process.
+
+    .. math::
+
+        E x = \frac{\alpha}{r (1 - \beta)}, \quad E x^2 = \frac{2 \alpha^2}{r^2 (1 - \beta)(1 - \beta^2)}
 
     Parameters
     ----------
@@ -140,8 +156,7 @@ def poisson_moment(
     Returns
     -------
     ndarray
-        E x^k, in units of the resource to that power: alpha / (r (1 - beta)) for the first,
-        2 alpha^2 / (r^2 (1 - beta)(1 - beta^2)) for the second.
+        E x^k, in units of the resource to that power.
 
     Notes
     -----
@@ -163,7 +178,11 @@ def square_root_law(
     packet_loss: npt.ArrayLike,
     losses: Literal["periodic", "poisson", "per_packet"] = "periodic",
 ) -> FloatArray:
-    """Mean rate of a flow that loses one packet in 1 / p: c sqrt(alpha / p).
+    r"""Mean rate of a flow that loses one packet in 1 / p.
+
+    .. math::
+
+        c\,\sqrt{\frac{\alpha}{p}}
 
     Parameters
     ----------
@@ -182,13 +201,15 @@ def square_root_law(
 
     Notes
     -----
-    With decreases at rate r = p * mean, the mean is (alpha / r) (beta / (1 - beta) + (1 + v) / 2), v being
-    the squared coefficient of variation of the times between them (Altman et al., independent times):
-    c^2 = (1 + beta) / (2 (1 - beta)) for even ones, 3/2 for Reno (Mathis et al.); 1 / (1 - beta) for Poisson
-    ones.  A loss per packet hits fast flows more often; the moments of that process obey
-    p (1 - beta^k) E x^(k+1) = k alpha E x^(k-1), and their solution is
+    With decreases at rate r = p * mean, the mean is (alpha / r) (beta / (1 - beta) + (1 + v) / 2). Here v
+    is the squared coefficient of variation of the times between them (Altman et al., independent times).
+    So c^2 = (1 + beta) / (2 (1 - beta)) for even ones, 3/2 for Reno (Mathis et al.), and 1 / (1 - beta)
+    for Poisson ones.  A loss per packet hits fast flows more often; the moments of that process obey p (1
+    - beta^k) E x^(k+1) = k alpha E x^(k-1), and their solution is
 
-        c = sqrt(2 / pi) * (1 + beta + beta^3 + beta^6 + beta^10 + ...),
+    .. math::
+
+        c = \sqrt{\frac{2}{\pi}}\,(1 + \beta + \beta^3 + \beta^6 + \beta^{10} + ...),
 
     1.310 for Reno, as T. Ott, J. Kemperman and M. Mathis found in 1996 (The stationary behavior of ideal
     TCP congestion avoidance).  Neglects timeouts, slow start and the size of a packet: p must be small.

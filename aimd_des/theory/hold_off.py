@@ -43,8 +43,8 @@ def hold_off_bounds(
     signal for each crossing.  The longest is that of `critical_loss`: just below it demand is above the
     capacity for long.
 
-    Where the shortest is above the longest no hold-off will do: that is so, at any loss, where the growth
-    over the latency, n alpha d, is more than X C.  Then all agents must grow more slowly.
+    Where the shortest is above the longest, no hold-off is suitable. At any loss that is so where the
+    growth over the latency, n alpha d, is more than X C.  Then all agents must grow more slowly.
 
     Examples
     --------

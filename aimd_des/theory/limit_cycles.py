@@ -105,13 +105,14 @@ def limit_cycle(
 
     Notes
     -----
-    Signals on their way take about X = (d / r) n alpha / (rho C) of the capacity, for any demand when they
-    act: the lowest total is that much below the capacity, less what grows meanwhile.  All agents swing alike,
-    by as much as they grow, so those with small shares swing most and get too much: the bias that averages
-    over time have without latency first shrinks and then turns round.
+    Signals on their way take about X = (d / r) n alpha / (rho C) of the capacity, for any demand when
+    they act: the lowest total is that much below the capacity, less what grows meanwhile.  All agents
+    swing alike, by as much as they grow, so those with small shares swing most and get too much. So the
+    bias that averages over time have without latency first shrinks and then changes its sign.
 
-    Neglects that cuts are random, which matters where rows are short: for r >= d it has one signal for each
-    crossing, as `predict` has without a hold-off, and near rho r = 1 too few signals and too much demand.
+    Neglects that cuts are random, which matters where rows are short. For r >= d it has one signal for
+    each crossing, as `predict` has without a hold-off. Near rho r = 1 it has too few signals and too much
+    demand.
 
     Examples
     --------

@@ -22,7 +22,11 @@ from aimd_des.utils.validation import FloatArray
 def loss_weights(
     loss: npt.ArrayLike, signal_share: npt.ArrayLike = 0.0, believed: npt.ArrayLike = 0.0
 ) -> FloatArray:
-    """Weights of the costs that i.i.d. loss amounts to; uncompensated, (1 - p_i) / (1 - e + e p_i).
+    r"""Weights of the costs to which independent loss amounts.
+
+    .. math::
+
+        w_i = \frac{1 - p_i}{1 - e + e p_i}
 
     Parameters
     ----------
@@ -47,9 +51,9 @@ def loss_weights(
     same, so are the weights, and the shares stay as they are.  Neglects, as `signal_rate` does, that
     signals find an agent with a little more than its average.
 
-    With a belief the weights are multiplied by the factor of the response probability, 1 / (1 - q_i) for
-    continuous agents and s / (s - q_i) on the clock, with s = 1 - e + e p_i the share of steps in which an
-    agent grows, as far as the agents go.
+    With a belief the weights are multiplied by the factor of the response probability. It is 1 / (1 -
+    q_i) for continuous agents and s / (s - q_i) on the clock. There s = 1 - e + e p_i is the share of
+    steps in which an agent grows, as an agent counts it.
     """
     p, e = arguments(loss=loss, signal_share=signal_share)
     weights = (1.0 - p) / (1.0 - e + e * p)
@@ -65,12 +69,16 @@ def loss_weights(
 def compensated_probability(
     probability: npt.ArrayLike, loss: npt.ArrayLike, signal_share: npt.ArrayLike = 0.0
 ) -> FloatArray:
-    """Response probability with which an agent compensates for the signals it loses.
+    r"""Response probability with which an agent compensates for the signals it loses.
+
+    .. math::
+
+        \lambda\,\frac{1 - e + e p_i}{(1 - e)(1 - p_i)}
 
     Parameters
     ----------
     probability : array_like
-        lambda of eq. (prob_x), 0 < lambda <= 1.
+        lambda of the paper's equation (prob_x), 0 < lambda <= 1.
     loss : array_like
         p_i, as the agent knows it.
     signal_share : array_like
@@ -80,15 +88,14 @@ def compensated_probability(
     Returns
     -------
     ndarray
-        lambda (1 - e + e p_i) / ((1 - e) (1 - p_i)): the optimum is restored while this stays below 1,
-        so it is not cut off here.
+        The optimum is restored while this stays below 1, so it is not cut off here.
 
     Notes
     -----
     Undoes `loss_weights`, normalized so that an agent without loss changes nothing.  An agent that does
-    not know e can put 1 - e (1 - p_i) = 1 - (the share of its own steps in which a signal came);
-    the factor 1 / (1 - e) is the same for all, and leaving it out only makes signals more frequent.
-    On the clock lambda / (1 - p_i) alone leaves the weights 1 / (1 - e + e p_i).
+    not know e can put 1 - e (1 - p_i) = 1 - (the share of its own steps in which a signal came). The
+    factor 1 / (1 - e) is the same for all; without it signals only are more frequent. On the clock lambda
+    / (1 - p_i) alone leaves the weights 1 / (1 - e + e p_i).
     """
     chance, p, e = arguments(probability=probability, loss=loss, signal_share=signal_share)
     return np.asarray(chance * (1.0 - e + e * p) / ((1.0 - e) * (1.0 - p)))
@@ -98,7 +105,11 @@ def compensated_probability(
 def critical_loss(
     rate: npt.ArrayLike, dynamics: Dynamics = "continuous", *, hold_off: npt.ArrayLike = 0.0
 ) -> FloatArray:
-    """Loss up to which the capacity is held: 1 - rho r for continuous agents, 1 / (1 + rho) on the clock.
+    r"""Loss up to which the capacity is held, for continuous agents and on the clock.
+
+    .. math::
+
+        1 - \rho r \quad \mathrm{or} \quad \frac{1}{1 + \rho}
 
     Parameters
     ----------
@@ -139,7 +150,11 @@ def runaway_multiplier(
     *,
     hold_off: npt.ArrayLike = 0.0,
 ) -> FloatArray:
-    """Find the derivative at which demand comes to rest beyond the critical loss.
+    r"""Find the derivative at which demand comes to rest beyond the critical loss.
+
+    .. math::
+
+        \mu = \frac{\alpha r}{(1 - p)(1 - \beta)\,\Gamma}
 
     Parameters
     ----------
@@ -155,8 +170,7 @@ def runaway_multiplier(
     Returns
     -------
     ndarray
-        mu, for `allocation_at`: alpha r / ((1 - p) (1 - beta) Gamma) for continuous agents, with p in
-        the place of r on the clock.
+        mu, for `allocation_at`; on the clock p takes the place of r.
 
     Notes
     -----

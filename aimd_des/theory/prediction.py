@@ -129,10 +129,11 @@ def predict(
 
     Notes
     -----
-    Exact for exact crossings and up to 200 agents, but for the long way to the averages, for response
-    probabilities that still wander with them, and for the hold-off, unless it is given: rho * hold_off must
-    be below 1, and the nearer it comes to 1 the more often total demand stays above the capacity for a while.
-    With more agents how cuts of an agent and of the others go together is neglected: the order 1 / n.
+    Exact for exact crossings and up to 200 agents, with three exceptions: averages take long to settle,
+    response probabilities wander with them, and a hold-off counts only if it is given. Without it ``rho *
+    hold_off`` must be below 1; the nearer it comes to 1, the more often total demand stays above the
+    capacity for a while. With more agents the correlation between the cuts of an agent and of the others
+    is neglected: the order 1 / n.
 
     For sampling, and where a hold-off is given, the total is followed as a walk, which takes tenths of a
     second.  It knows of agents only what they take together, so with less than ten of them it is rough.

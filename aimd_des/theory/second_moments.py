@@ -134,9 +134,10 @@ def _linear(setting: Setting, steady: Steady, columns: slice) -> _Linear:
 
     Notes
     -----
-    With y = c theta / f' for the paper's divisor, and averages m(y) over time, deviations of theta die away
-    at the rates of 1 - m' y / theta + m' y / f' H, in place of 1 - 1 + theta / f' H to first order.  Where
-    lambda has the demand that signals find below it, that settles by itself, and m' y / f' H is left.
+    For the paper's divisor y = c theta / f', and averages over time are m(y). Deviations of theta die
+    away at the rates of 1 - m' y / theta + m' y / f' H, in place of 1 - 1 + theta / f' H to first order.
+    Where lambda has the demand that signals find below it, that settles by itself, and m' y / f' H is
+    left.
     """
     problem, average, found = setting.problem, steady.average[:, columns], steady.found[:, columns]
     gradient = problem.costs.gradient(steady.average)[:, columns]
@@ -189,9 +190,10 @@ def _own_cut(setting: Setting, steady: Steady) -> FloatArray:
 
     Notes
     -----
-    The interval after an agent's own cut is longer by d y_i / sum(alpha), and the agent begins it with less.
-    So the mean over time contains Cov(T, B_i y_i) / E T = -a_i d (1 - q) E y_i^2 / E y_i, with cuts of the
-    part d made with the probability q and the part a_i of the growth; twice that is its derivative by E y_i.
+    The interval after an agent's own cut is longer by d y_i / sum(alpha), and the agent begins it with
+    less. So the mean over time contains Cov(T, B_i y_i) / E T = -a_i d (1 - q) E y_i^2 / E y_i. Here cuts
+    of the part d are made with the probability q, and a_i is the part of the growth. Twice that is its
+    derivative by E y_i.
     """
     growth = setting.problem.increase
     return np.asarray(2.0 * growth / growth.sum(axis=0) * steady.keep * (1.0 - steady.hit))

@@ -26,7 +26,11 @@ def signal_rate(
     multiplier: npt.ArrayLike,
     loss: npt.ArrayLike = 0.0,
 ) -> FloatArray:
-    """Signals per unit of time among continuous agents, rho = alpha / ((1 - beta) Gamma mu (1 - p)).
+    r"""Signals per unit of time among continuous agents.
+
+    .. math::
+
+        \rho = \frac{\alpha}{(1 - \beta)\,\Gamma \mu\,(1 - p)}
 
     Parameters
     ----------
@@ -45,11 +49,10 @@ def signal_rate(
 
     Notes
     -----
-    Assumes that signals find an agent with its time average.  They come when the total is at its
-    highest, so they find it with about alpha / (2 rho) more: rho is too high by about
-    (1 - beta) lambda / 2, lambda being the mean response probability (`predict` corrects this).  Assumes
-    too that no lambda is cut off at 1, and that no hold-off or period forces signals apart:
-    rho * hold_off < 1.
+    Assumes that signals find an agent with its time average.  They come when the total is at its highest,
+    so they find it with about alpha / (2 rho) more. So rho is too high by about (1 - beta) lambda / 2,
+    with lambda the mean response probability; `predict` corrects this.  Assumes too that no lambda is cut
+    off at 1, and that no hold-off or period forces signals apart: rho * hold_off < 1.
     """
     alpha, beta, gamma, mu, p = arguments(
         increase=increase, decrease=decrease, normalization=normalization, multiplier=multiplier, loss=loss
@@ -58,7 +61,11 @@ def signal_rate(
 
 
 def signal_share(rate: npt.ArrayLike, loss: npt.ArrayLike = 0.0) -> FloatArray:
-    """Share of steps with a signal on the discrete clock, e = rho / ((1 + rho) (1 - p)), at most 1.
+    r"""Share of steps with a signal on the discrete clock, at most 1.
+
+    .. math::
+
+        e = \frac{\rho}{(1 + \rho)(1 - p)}
 
     Parameters
     ----------
@@ -88,7 +95,11 @@ def utilisation(
     multiplier: npt.ArrayLike,
     capacity: npt.ArrayLike,
 ) -> FloatArray:
-    """Share of the capacity that is used without latency, 1 - n (1 - beta) Gamma mu / (2 C).
+    r"""Share of the capacity that is used without latency.
+
+    .. math::
+
+        1 - \frac{n (1 - \beta)\,\Gamma \mu}{2 C}
 
     Parameters
     ----------
@@ -125,7 +136,11 @@ def utilisation(
 
 
 def price_in_bits(n_agents: npt.ArrayLike, increase: npt.ArrayLike, capacity: npt.ArrayLike) -> FloatArray:
-    """Price of using the capacity well, (1 - utilisation) * rho = n alpha / (2 C).
+    r"""Product of the signalling rate and of the idle share of the capacity.
+
+    .. math::
+
+        (1 - \mathrm{utilisation})\,\rho = \frac{n \alpha}{2 C}
 
     Parameters
     ----------
@@ -158,7 +173,11 @@ def peak_lift(
     latency: npt.ArrayLike,
     period: npt.ArrayLike = 0.0,
 ) -> FloatArray:
-    """How far total demand rises above its threshold before a signal acts, n alpha (d + period).
+    r"""How far total demand rises above its threshold before a signal acts.
+
+    .. math::
+
+        n \alpha\,(d + \mathrm{period})
 
     Parameters
     ----------
@@ -179,17 +198,20 @@ def peak_lift(
     Notes
     -----
     All agents go on growing for d after the crossing.  Exact for continuous agents whenever one signal
-    brings demand back below the threshold; where a small cut makes a second one necessary, that
-    peak is higher by the growth over the hold-off, less the first cut.  On the discrete clock the
-    latency counts in whole steps, rounded up, and the period is 1.  Of latencies that differ see
-    `mixture_lift`.
+    brings demand back below the threshold. Where a small cut makes a second one necessary, that peak is
+    higher by the growth over the hold-off, less the first cut.  On the discrete clock the latency counts
+    in whole steps, rounded up, and the period is 1.  Of latencies that differ see `mixture_lift`.
     """
     n, alpha, delay, look = arguments(n_agents=n_agents, increase=increase, latency=latency, period=period)
     return np.asarray(n * alpha * (delay + look))
 
 
 def mixture_lift(increase: npt.ArrayLike, latency: npt.ArrayLike, rate: float, hold_off: float) -> float:
-    """How far total demand rises above its threshold where agents hear at different times.
+    r"""How far total demand rises above its threshold where agents hear at different times.
+
+    .. math::
+
+        \max_{t \ge 0} \sum_{i} \alpha_i \left(t - \frac{\max(t - d_i, 0)}{\rho r}\right)
 
     Parameters
     ----------
@@ -205,7 +227,7 @@ def mixture_lift(increase: npt.ArrayLike, latency: npt.ArrayLike, rate: float, h
     Returns
     -------
     float
-        The largest sum_i alpha_i (t - max(t - d_i, 0) / (rho r)) over t >= 0, in units of the resource.
+        In units of the resource.
 
     Raises
     ------
@@ -215,12 +237,12 @@ def mixture_lift(increase: npt.ArrayLike, latency: npt.ArrayLike, rate: float, h
     Notes
     -----
     In balance agent i gives back alpha_i / rho at each signal that it hears.  While demand is above the
-    threshold there are 1 / r of them per unit of time, so that the total rises at the rate
-    sum_i alpha_i (1 - [d_i < t] / (rho r)), until the share rho r of the growth belongs to agents that hear.
-    If all latencies are d, it is n alpha d; a mixture is milder than its mean.  For continuous agents and a
-    crossing with nothing on its way, in the mean.  Neglects what is still on its way from crossings before,
-    which lowers the peak, and that agents that hear first are emptied while the others wait, which raises it
-    where the longest latency is not short beside r / ((1 - beta) lambda).
+    threshold there are 1 / r of them per unit of time. The total rises at the rate sum_i alpha_i (1 -
+    [d_i < t] / (rho r)), until the share rho r of the growth belongs to agents that hear. If all
+    latencies are d, it is n alpha d; a mixture is milder than its mean.  For continuous agents and a
+    crossing with nothing on its way, in the mean.  Neglects what is still on its way from crossings
+    before, which lowers the peak. Neglects too that agents that hear first are emptied while the others
+    wait; that raises the peak unless the longest latency is short beside r / ((1 - beta) lambda).
 
     Examples
     --------
@@ -239,7 +261,7 @@ def mixture_lift(increase: npt.ArrayLike, latency: npt.ArrayLike, rate: float, h
 
 
 def clock_offset(share: npt.ArrayLike, lag: int = 0) -> FloatArray:
-    """Mean of total demand above its threshold on the discrete clock, in steps of growth of all agents.
+    r"""Mean of total demand above its threshold on the discrete clock, in steps of growth of all agents.
 
     Parameters
     ----------
@@ -256,12 +278,14 @@ def clock_offset(share: npt.ArrayLike, lag: int = 0) -> FloatArray:
     Notes
     -----
     Total demand rises by 1 (in units of n alpha) in steps without and falls by d = (1 - e) / e in steps
-    with a signal.  Because its square does not drift either, it is d / 2 lower in the mean over all
-    steps than over those in which a signal acts.  For d >= 1 the step that crosses the threshold ends
-    evenly spread over (0, 1] above it; v = that + lag is reached before the first cut; as cuts
-    act `lag` steps late there are N = lag + ceil(v / d) of them, at v, v - d, ..., and so
+    with a signal.  Because its square does not drift either, it is d / 2 lower in the mean over all steps
+    than over those in which a signal acts.  For d >= 1 the step that crosses the threshold ends evenly
+    spread over (0, 1] above it; v = that + lag is reached before the first cut. As cuts act `lag` steps
+    late there are N = lag + ceil(v / d) of them, at v, v - d, ..., and so
 
-        F = E[N v - d N (N - 1) / 2] / E[N] - d / 2
+    .. math::
+
+        F = \frac{E[N v - d N (N - 1) / 2]}{E[N]} - \frac{d}{2}
 
     with v uniform on (lag, lag + 1].  For d < 1 rise and fall change places: F(d) = -d F(1 / d).
     Without lag F = (1 - d) / 2; with lag 1 and e <= 1/3 it is F = 3/2 - d.  Neglects that cuts are random

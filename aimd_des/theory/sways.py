@@ -81,11 +81,11 @@ def follow_averages(setting: Setting, steady: Steady, lag: int) -> Following:
 
     Notes
     -----
-    Growth makes up for cuts, so that a signal finds c / kappa in the mean, and averages with the derivative
-    E D by kappa follow at the rate -E D kappa / E y.  Kicks of the size x are added up over all time: with v
-    the variance of what they have left of D, and w its covariance with the sum, the variance of the sum grows
-    by 2 w + v a step.  It would be (E y / kappa)**2 / e, e being the share of steps with a signal, if signals
-    were evenly spread.
+    Growth makes up for cuts, so that a signal finds c / kappa in the mean, and averages with the
+    derivative E D by kappa follow at the rate -E D kappa / E y.  Kicks of the size x are added up over
+    all time. With v the variance of what they have left of D, and w its covariance with the sum, the
+    variance of the sum grows by 2 w + v a step.  It would be (E y / kappa)**2 / e, e being the share of
+    steps with a signal, if signals were evenly spread.
     """
     kinds = _kinds(setting, steady)
     acts, demand, _ = _runs(setting, steady, lag, kinds)

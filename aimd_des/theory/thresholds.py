@@ -84,8 +84,9 @@ def safe_threshold(
     memory of the paper's system above it for 4.4 % of the time.  So give the longest latency that may come,
     and the largest loss; and a hold-off between the bounds of `hold_off_bounds`.
 
-    A hold-off shorter than the latency is allowed for, but a total whose cuts hardly vary can then keep to
-    one of several rhythms for long, so that single runs may be further below the capacity than necessary.
+    A hold-off shorter than the latency is taken into account. But a total whose cuts hardly vary can then
+    keep to one of several rhythms for long. So single runs may be further below the capacity than
+    necessary.
 
     Examples
     --------
@@ -142,7 +143,11 @@ def partition_runaway(
     period: float = 0.0,
     hold_off: float = 0.0,
 ) -> FloatArray:
-    """Bound how far total demand runs above its threshold while no agent hears anything.
+    r"""Bound how far total demand runs above its threshold while no agent hears anything.
+
+    .. math::
+
+        \sum_i \alpha_i\,(\mathrm{duration} + \mathrm{latency} + \mathrm{hold\ off})
 
     Parameters
     ----------
@@ -161,8 +166,8 @@ def partition_runaway(
     Returns
     -------
     ndarray, shape (m,)
-        sum_i alpha_i (duration + latency + hold_off), in units of the resources; with sampling the duration
-        counts in whole periods, rounded up, and a period more.
+        In units of the resources; with sampling the duration counts in whole periods, rounded up, and a
+        period more.
 
     Raises
     ------
@@ -171,12 +176,13 @@ def partition_runaway(
 
     Notes
     -----
-    An upper bound of the total at the first signal that acts after the partition, whether it is signals
-    that are sent or signals that arrive which are lost, if what had crossed the threshold before was
-    answered by enough.  It is met where the threshold is crossed just as signals begin to be lost and
-    the hold-off has just begun as the partition ends, or just after a look, of which the partition then takes
-    as many as it can.  To come back takes as many signals as runaway / (n (1 - beta) Gamma mu) or so; if each
-    takes hardly more than the growth over a hold-off, the total may rise further meanwhile.
+    An upper bound of the total at the first signal that acts after the partition, for signals lost when
+    sent or on arrival. It assumes that crossings before were answered by enough. It is met if the
+    threshold is crossed just as signals begin to be lost, and the hold-off has just begun as the
+    partition ends. With sampling it is met if the crossing comes just after a sample, so that the
+    partition takes as many samples as it can.  To come back takes as many signals as runaway / (n (1 -
+    beta) Gamma mu) or so; if each takes hardly more than the growth over a hold-off, the total may rise
+    further meanwhile.
     """
     validation.instance("problem", problem, Problem, "a Problem")
     silent = validation.number("duration", duration, low=0.0)

@@ -91,12 +91,12 @@ def cuts(found: FloatArray, keep: FloatArray, hit: FloatArray) -> list[Cuts]:
 
     Notes
     -----
-    Responses are independent: with d and q the part and the probability (1 - beta and (1 - p) lambda by the
-    paper's rule), kappa = d q, and y the demand at a signal, variances d^2 q (1 - q) E y^2 and third moments
-    d^3 q (1 - q) (1 - 2 q) E y^3 add up.  E y^2 = (E y)^2 (2 - kappa) / (2 - d) is exact for evenly spaced
-    signals; E y^3 is that of a gamma variate with this second moment.  What agents hold at the moment changes
-    the mean of the next cuts by sum_i (kappa_i - c) (y_i - E y_i), with c the mean of the kappa_i; agents
-    forget it at the rate c per signal.
+    Responses are independent, so variances d^2 q (1 - q) E y^2 and third moments d^3 q (1 - q) (1 - 2 q)
+    E y^3 add up. Here y is the demand at a signal, d the part and q the probability, 1 - beta and (1 - p)
+    lambda by the paper's rule; kappa = d q.  E y^2 = (E y)^2 (2 - kappa) / (2 - d) is exact for evenly
+    spaced signals; E y^3 is that of a gamma variate with this second moment.  The present demand of
+    agents changes the mean of the next cuts by sum_i (kappa_i - c) (y_i - E y_i), with c the mean of the
+    kappa_i. Agents forget it at the rate c per signal.
     """
     square = (2.0 - keep * hit) / (2.0 - keep)  # E y^2 / (E y)^2
     mean = (keep * hit * found).sum(axis=0)

@@ -89,8 +89,8 @@ def command(name: str, study: Callable[..., Finding], text: str | None) -> click
     """Make the command of a study, whose text begins with a line that says what it asks.
 
     A study is a function of `quick` (whether to run the small size), of `seed` (of the first replication)
-    and of `runs` (a folder in which runs are kept; those that are there are not run again; default:
-    none).  What it finds is a function of the first two.
+    and of `runs`: a folder in which runs are kept and not run again; default: none.  What it finds is a
+    function of the first two.
     """
     question = (text or "").partition("\n")[0]
 

@@ -14,9 +14,9 @@ BoolArray = npt.NDArray[np.bool_]
 class LossProcess(Protocol):
     """The losses of one run; it may remember what was before.
 
-    One whose runs can be forked and saved has two methods besides: ``state()`` returns what it remembers, a
-    dict of numbers, strings, lists and arrays, and ``resume(state)`` takes that in at the start of another
-    run, without writing to it.
+    If its runs can be forked and saved, it has two more methods. ``state()`` returns what it remembers: a
+    dict of numbers, strings, lists and arrays. ``resume(state)`` reads that at the start of another run,
+    without writing to it.
     """
 
     def draw(self, draws: Draws) -> BoolArray:

@@ -26,11 +26,11 @@ def lost_table(lost: Any, n_agents: int, *parameters: npt.ArrayLike, memory: int
     Parameters
     ----------
     lost : callable
-        ``lost(u, time, *parameters) -> bool``, decorated with ``numba.njit``: whether the copy of one agent
-        is lost, for a uniform number on [0, 1), the time at which the broadcast leaves, in units of time, and
-        the parameters of the agent. Last of all comes ``memory``, where numbers are kept. The function is
-        called for every broadcast, in the order of time. It is compiled into a loop over the agents, in which
-        a division by zero gives inf or not a number, as in arrays.
+        ``lost(u, time, *parameters) -> bool``, decorated with ``numba.njit``: whether the copy of one
+        agent is lost. It takes a uniform number on [0, 1), the time at which the broadcast leaves and the
+        parameters of the agent. If numbers are kept, ``memory`` is the last argument. The function is
+        called for every broadcast, in the order of time. It is compiled into a loop over the agents, in
+        which a division by zero gives inf or not a number, as in arrays.
     n_agents : int
         n, or the number of arcs of a network.
     *parameters : float or array_like, shape (n,)

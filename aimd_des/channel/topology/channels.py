@@ -79,9 +79,9 @@ class TreeChannel(_NetworkChannel):
         Returns
         -------
         DataFrame
-            One row for each agent: `agent`, its node; `hops` on the way to it; `delivery`, the probability
-            that a copy arrives; `latency_mean` and `latency_std` of copies that do, in units of time,
-            not a number where none does.
+            One row for each agent: `agent`, its node; `hops` on the way to it; `delivery`, the
+            probability that a copy arrives. `latency_mean` and `latency_std` are of copies that arrive,
+            in units of time; not a number where none does.
 
         Raises
         ------

@@ -76,8 +76,8 @@ def from_graphml(path: str | Path, *, root: str, latency: str = "latency", loss:
 def _with_known_keys(file: Path) -> str:
     """Read a GraphML file, with its keys as networkx wants them: named, and of a type that it knows.
 
-    A key may do without name and type, programs write types of their own for lists, and a key for all
-    elements is one for edges, too: values of types that are not known are kept as text.
+    A key may lack name and type, and programs write types of their own for lists. Values of unknown types
+    are kept as text. A key for all elements is one for edges, too.
     """
     root = ET.parse(file).getroot()  # noqa: S314 - networkx reads it the same way
     for key in root:
@@ -134,9 +134,9 @@ def from_edges(
     Raises
     ------
     InputError
-        If the file cannot be read, a column is missing (naming the nearest one), a cell is out of range,
-        an edge stands there twice (naming the rows, counted from 1 below the names), or there is no
-        such root.
+        If the file cannot be read, a column is missing or a cell is out of range, an edge is listed
+        twice, or there is no such root. The message names the nearest column or the rows, counted from 1
+        below the names.
     """
     import networkx as nx
 

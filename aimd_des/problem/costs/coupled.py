@@ -24,7 +24,11 @@ from aimd_des.utils.validation import FloatArray
 
 
 class CoupledCosts:
-    """A separable polynomial plus a quadratic form plus a polynomial of a weighted sum.
+    r"""A separable polynomial plus a quadratic form plus a polynomial of a weighted sum.
+
+    .. math::
+
+        f_i(x) = \sum_{j,p} c_{ijp}\,(x^j)^p + \frac{1}{2} x' Q_i x + \sum_p g_{ip}\,(w_i \cdot x)^p
 
     Parameters
     ----------

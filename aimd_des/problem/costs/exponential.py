@@ -10,14 +10,18 @@ from aimd_des.utils.parts import built_in
 
 @built_in("costs", "exponential")
 class ExponentialCosts(TermCosts):
-    """Costs a (exp(b x) - 1), one for each agent and resource.
+    r"""Costs that grow exponentially, one for each agent and resource.
+
+    .. math::
+
+        f_i(x) = \sum_j a_{ij} \left(e^{b_{ij} x^j} - 1\right)
 
     Parameters
     ----------
     scales : array_like, shape (n, m)
-        a > 0, in units of cost.
+        a_ij > 0, in units of cost.
     rates : float or array_like, shape (n, m)
-        b > 0, in units of 1 / resource.
+        b_ij > 0, in units of 1 / resource.
 
     Raises
     ------

@@ -46,7 +46,11 @@ def checked_powers(field: str, exponents: object) -> tuple[int, ...]:
 
 @built_in("costs", "polynomial")
 class PolynomialCosts:
-    """Costs that are polynomials without cross terms, one per agent and resource.
+    r"""Costs that are polynomials without cross terms, one per agent and resource.
+
+    .. math::
+
+        f_i(x) = \sum_{j,p} c_{ijp}\,(x^j)^p
 
     Parameters
     ----------

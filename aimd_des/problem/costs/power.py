@@ -13,7 +13,11 @@ from aimd_des.utils.parts import built_in
 
 @built_in("costs", "power")
 class PowerCosts(TermCosts):
-    """Costs that are sums of powers with real exponents, without cross terms.
+    r"""Costs that are sums of powers with real exponents, without cross terms.
+
+    .. math::
+
+        f_i(x) = \sum_{j,p} a_{ijp}\,(x^j)^p, \quad p > 1
 
     With whole exponents `PolynomialCosts` are the same and faster.
 

@@ -15,9 +15,9 @@ from aimd_des.utils.validation import FloatArray
 class CostTable(NamedTuple):
     """The parameters of derivatives that compiled code evaluates, with agents along the last axis.
 
-    The derivative by resource j is the sum of a polynomial, of what couples resources (a quadratic form and a
-    polynomial of a weighted sum), of exponentials, scale * exp(rate * x), and of powers,
-    scale * (x + shift) ** exponent.
+    The derivative by resource j is the sum of four parts: a polynomial, what couples resources (a
+    quadratic form and a polynomial of a weighted sum), exponentials ``scale * exp(rate * x)``, and powers
+    ``scale * (x + shift) ** exponent``.
 
     Attributes
     ----------

@@ -13,7 +13,11 @@ from aimd_des.utils.validation import FloatArray
 
 @built_in("costs", "tracking")
 class TrackingCosts(TermCosts):
-    """Costs of being away from a target, and a price that is the same for all agents.
+    r"""Costs of being away from a target, and a price that is the same for all agents.
+
+    .. math::
+
+        f_i(x) = \sum_j \mathrm{price}^j x^j + \frac{1}{2} w_{ij}\,(x^j - \mathrm{target}_{ij})^2
 
     The price makes costs increase, as the algorithm needs it, below the target as well.  Where all of the
     capacity is allocated it adds the same to the cost of every allocation, and the optimum is that without

@@ -19,11 +19,16 @@ _Prices = float | Sequence[float] | FloatArray
 
 @built_in("costs", "utility")
 class UtilityCosts(TermCosts):
-    """A price that is the same for all agents, less the utility of what an agent holds.
+    r"""A price that is the same for all agents, less the utility of what an agent holds.
 
-    Utilities are alpha-fair, with a shift that makes their derivative at 0 finite:
-    u(x) = w ((x + shift)**(1 - fairness) - shift**(1 - fairness)) / (1 - fairness), and w log(1 + x / shift)
-    with fairness 1.  Where all of the capacity is allocated the price adds the same to the cost of every
+    .. math::
+
+        f_i(x) = \sum_j \mathrm{price}^j x^j - u_{ij}(x^j), \quad
+        u(x) = w\,\frac{(x + s)^{1 - \phi} - s^{1 - \phi}}{1 - \phi}
+        \quad \mathrm{or} \quad w \log(1 + x / s) \; \mathrm{if} \; \phi = 1
+
+    Utilities are alpha-fair, with fairness :math:`\phi`, and a shift s that makes their derivative at 0
+    finite.  Where all of the capacity is allocated the price adds the same to the cost of every
     allocation: the sum of the costs is least where the sum of the utilities is largest.
 
     Parameters

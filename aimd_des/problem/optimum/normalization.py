@@ -43,11 +43,11 @@ def normalization_factors(
     Returns
     -------
     ndarray, shape (m,)
-        Gamma, in units of the resource squared per unit of cost.  With any factor at most this,
-        Theorem 1 holds in the box.  0 if the steepness has no bound, as with ``lower=0`` where a
-        derivative does not vanish with its own resource: linear terms, and costs that really
-        couple resources (one's derivative stays positive while another is held).  A lower corner
-        above 0 gives these a factor.
+        Gamma, in units of the resource squared per unit of cost.  With any factor at most this, Theorem 1
+        holds in the box.  0 if the steepness has no bound, as with ``lower=0`` where a derivative does
+        not vanish with its own resource. That holds for linear terms, and for costs that couple
+        resources: one's derivative stays positive while another is held.  A lower corner above 0 gives
+        these a factor.
 
     Raises
     ------
@@ -56,11 +56,11 @@ def normalization_factors(
 
     Notes
     -----
-    Exact, but for rounding, for all families but `CustomCosts` where no coefficient is negative: their
-    steepness does not fall with any other resource and is convex in the logarithm of its own, or falls
-    with that, so it is largest at a corner.
-    For all other costs samples of the box are improved by a local search for each agent at once.
-    The result then is an upper bound on the infimum; how close depends on how smooth the costs are.
+    Where no coefficient is negative, the result is exact up to rounding for all families except
+    `CustomCosts`. Their steepness does not fall with any other resource. It is convex in the logarithm of
+    its own or falls with that, so it is largest at a corner. For all other costs samples of the box are
+    improved by a local search for each agent at once. The result then is an upper bound on the infimum;
+    how close depends on how smooth the costs are.
 
     Examples
     --------

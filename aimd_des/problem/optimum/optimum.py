@@ -95,9 +95,8 @@ def solve_optimum(
     It is free of units and 0 exactly at an optimum.  Where the costs are strictly convex the
     optimum is unique; where they are not, the allocation is one of several of the same cost.
 
-    Costs that couple resources, are linear in some direction and have prices C^j nu^j that differ
-    by a factor of 1e12 or more are at the limit of what floats can tell apart, and may end in the
-    error.
+    Floats reach their limit, and the error may follow, for costs that couple resources and are linear in
+    some direction, if prices C^j nu^j differ by a factor of 1e12 or more.
 
     Source: J. Nocedal and S. J. Wright, Numerical Optimization, 2nd ed., 2006, chapters 14 and 19.
 

@@ -50,17 +50,18 @@ def steady_utilisation(
     Raises
     ------
     InputError
-        If an argument is outside its range; the problem changed while the run went on; averages are not over
-        all of the past, or agents tick at other times than 0, 1, 2, ...; the run did not integrate overshoot,
-        which these are checked against; or totals were not recorded evenly, or too few of them.
+        If an argument is outside its range, or the problem changed during the run. If averages are not
+        over all of the past, or agents tick at other times than 0, 1, 2, ... If the run did not integrate
+        overshoot, which these are checked against. If totals were not recorded evenly, or too few of
+        them.
 
     Notes
     -----
-    Where averages are over all of the past, t times their sum A(t) is the integral of total demand, so that
-    the mean over (w, T] is (T A(T) - w A(w)) / (T - w), and likewise between two recorded times: the integral
-    is exact.  Discrete agents average over ticks 0 to k, where k is the next one, and what counts at k has
-    been held since the tick before: (k + 1) A is the integral up to k, and what lies beyond the recorded time
-    is taken off.
+    Where averages are over all of the past, t times their sum A(t) is the integral of total demand. So
+    the mean over (w, T] is exactly (T A(T) - w A(w)) / (T - w), and likewise between two recorded times.
+    Discrete agents average over ticks 0 to k, where k is the next one; what counts at k has been held
+    since the tick before. So (k + 1) A is the integral up to k, and the part beyond the recorded time is
+    taken off.
     """
     parts = validation.integer("batches", batches, low=2)
     times, integrals = _integrals(result)

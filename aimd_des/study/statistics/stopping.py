@@ -39,12 +39,12 @@ def replications_needed(
 
     Notes
     -----
-    The answer depends only on the values up to here, so that neither the number of workers nor the
-    order in which they end changes what is run.  It is the sequential procedure of Law, Simulation Modeling
-    and Analysis, section 9.4.1, in steps, with two guards: values that are all equal say nothing about their
-    scatter, and where each value is 0 or 1, as for the share of runs in which something happens, there must
-    be five of either.  Without them a rare success (1 in 20), of which ten values mostly know nothing, would
-    be covered in 40 % of all cases; with them it is in 94 to 97 %.
+    The answer depends only on the values up to here, so that neither the number of workers nor the order
+    in which they end changes what is run.  It is the sequential procedure of Law, Simulation Modeling and
+    Analysis, section 9.4.1, in steps, with two guards. Values that are all equal do not stop it, as they
+    say nothing about their scatter. Where each value is 0 or 1, as for the share of runs with an event,
+    there must be five of either.  Without them a rare success (1 in 20), of which ten values mostly know
+    nothing, would be covered in 40 % of all cases; with them it is in 94 to 97 %.
 
     Stopping when an interval happens to be narrow makes it hold the truth less often than it says; only in
     the limit of narrow intervals this vanishes (Chow and Robbins, Ann. Math. Statist. 36 (1965) 457).  For

@@ -54,9 +54,9 @@ def summarise(
     Raises
     ------
     InputError
-        If there is no such column, a measure holds no numbers, the confidence is not between 0 and 1, or a
-        replication has several rows at a point: they share random numbers, and would count as if they did
-        not.
+        If there is no such column, a measure holds no numbers, or the confidence is not between 0 and 1.
+        If a replication has several rows at a point: they share random numbers, and would count as
+        independent.
     """
     columns = _columns(frame, measures)
     if draws is None:
@@ -140,8 +140,8 @@ def compare(
     frame : DataFrame
         A row for each run and resource.
     baseline : mapping
-        Values of axes that say which point the others are held against, such as ``{"loss": 0.0}``; points
-        are compared with those that agree with them in all other columns of `by`.
+        Values of axes that name the point of reference, such as ``{"loss": 0.0}``. Points are compared
+        with those that agree with them in all other columns of `by`.
     by, measures, confidence
         As for `summarise`.
     pair : str
