@@ -21,13 +21,19 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
+    "accessible",
     "mathml",
     "scenario_gallery",
     "signatures",
     "tutorial_notebook",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build", "_examples", "findings"]  # findings are parts of pages in the gallery
+exclude_patterns = [
+    "_build",
+    "_examples",
+    "_templates",
+    "findings",
+]  # findings are parts of pages in the gallery
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
@@ -69,6 +75,8 @@ html_theme = "furo"
 html_title = f"aimd_des {release}"
 html_static_path = ["_static"]
 html_css_files = ["pages.css"]
+html_js_files = ["scrolling.js"]
+templates_path = ["_templates"]
 
 
 def _keep_colons(

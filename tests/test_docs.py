@@ -308,6 +308,29 @@ def test_indices_stand_behind_a_letter_with_an_accent(accent: str) -> None:
     assert "<munderover>" in mathml._formula(nodes.math_block("", r"\sum_{i=1}^n x_i"))
 
 
+@pytest.mark.parametrize(
+    ("part", "what"),
+    [
+        ('<p role="heading">Guides</p>', "heading without a level"),
+        ('<a href="x.html"><img src="x.png" alt=""></a>', "link without a name x.html"),
+        ("<table><tr><th></th><th>p</th></tr></table>", "header of a table without a text"),
+        ('<img src="x.png">', "picture x.png without a text"),
+        ('<aside class="a"></aside><aside class="b"></aside>', "asides without names of their own"),
+        ('<p id="x"></p><p id="x"></p>', "id x twice"),
+        ("<h1>Another</h1>", "2 headings of level 1"),
+    ],
+)
+def test_the_build_tells_what_a_page_lacks_for_those_who_do_not_see_it(part: str, what: str) -> None:
+    missing = extension("accessible").missing
+    whole = (
+        '<h1 id="t">Title</h1><p role="heading" aria-level="2">A</p><aside aria-label="All pages"></aside>'
+        '<aside aria-label="This page"></aside><a href="x.html"><img src="x.png" alt="A figure"></a><a></a>'
+        "<table><tr><th><math><mi>p</mi></math></th></tr></table>"
+    )
+    assert missing(whole) == []
+    assert missing(whole + part) == [what]
+
+
 def test_greek_capitals_are_upright_and_small_letters_are_not() -> None:
     formula = extension("mathml")._formula(nodes.math("", r"\Gamma \gamma \Delta"))
     assert re.findall(r"<mi[^/]*</mi>", formula) == [
