@@ -52,6 +52,15 @@ def test_a_run_that_holds_its_capacities_is_told_by_use_shares_and_peak() -> Non
 
 
 @pytest.mark.parametrize(
+    ("ratio", "far"), [(0.94, "6 % below"), (1.0004, "0.04 % above"), (1.0, "at"), (219.06, "219 times")]
+)
+def test_the_cost_is_held_against_that_of_the_optimum(ratio: float, far: str) -> None:
+    run = stored(memory={"cost_ratio": ratio})
+    (utilisation, *_) = run_verdicts(run, said(run), NOTHING)
+    assert utilisation.words == f"The total cost is {far} that of the optimum for all of the capacity."
+
+
+@pytest.mark.parametrize(
     ("band", "words"),
     [
         ((0.01, 0.05), ", as theory expects at this length."),
@@ -83,6 +92,9 @@ def test_a_run_that_never_reached_its_capacity_says_so_and_judges_nothing() -> N
 def test_one_resource_that_was_never_reached_is_named_first() -> None:
     found = said(stored(memory={}, disk={"signals": 0, "overshoot_peak": 0.5}))
     assert found.sentence == "Demand for disk never reached its capacity: it peaked at 50 % of disk."
+    assert found.more == (
+        "No signal was sent for it, so nothing is said of its use and shares. Peak demand is 112 % of memory."
+    )
     assert not found.judged
 
 

@@ -60,9 +60,9 @@ def _never_reached(run: StoredRun, _settling: Settling) -> Headline | None:
     until = float(run.scenario["until"])
     if len(never) < len(rows):
         sentence = f"Demand for {_listed(never)} never reached its capacity: it peaked at {peaks}."
-        others = [name for name in rows if name not in never]
-        more = f"No signal was sent for it, so nothing is said of its use and shares. {_listed(others)}:"
-        return Headline(sentence, f"{more} {_peaks({name: rows[name] for name in others})}", judged=False)
+        others = _peaks({name: rows[name] for name in rows if name not in never})
+        more = f"No signal was sent for it, so nothing is said of its use and shares. {others}"
+        return Headline(sentence, more, judged=False)
     sentence = (
         f"Demand never reached the capacity in {grouped(until)} units of time: it peaked at {peaks}. No"
         " signal was sent, so the run says nothing of use and shares."
@@ -158,11 +158,11 @@ def _held(rows: Rows, band: Mapping[str, tuple[float, float]]) -> str:
     used = {name: float(row["utilisation"]) for name, row in rows.items()}
     off = {name: float(row["misallocation"]) for name, row in rows.items()}
     if len(rows) > _MOST_NAMES:
-        mean = f"Mean demand is {_side(min(used.values()))} to {_side(max(used.values()))} the capacities"
+        mean = f"Mean demand is {side(min(used.values()))} to {side(max(used.values()))} the capacities"
         error = _span(list(off.values()))
     else:
         mean = "Mean demand is " + " and ".join(
-            f"{_side(share)} the capacity of {name}" if place == 0 else f"{_side(share)} that of {name}"
+            f"{side(share)} the capacity of {name}" if place == 0 else f"{side(share)} that of {name}"
             for place, (name, share) in enumerate(used.items())
         )
         error = _joined([percent(share, 2) for share in off.values()])
@@ -179,7 +179,7 @@ def _held(rows: Rows, band: Mapping[str, tuple[float, float]]) -> str:
     return f"{sentence}."
 
 
-def _side(share: float) -> str:
+def side(share: float) -> str:
     """Say how far a share of the capacity is from all of it."""
     if percent(abs(share - 1.0), 2) == "0 %":
         return "at"

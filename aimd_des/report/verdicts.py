@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from math import isfinite
 
-from aimd_des.report.headline import Headline, Settling
+from aimd_des.report.headline import Headline, Settling, side
 from aimd_des.report.html_page import Verdict
 from aimd_des.results.measures import MEASURES
 from aimd_des.scenario.run_folder import Number, StoredRun
@@ -17,6 +17,8 @@ JUDGED = {
     "overshoot_peak": "100 % is the capacity itself. What is above comes of signals that are late or lost.",
 }
 _MOST_NAMES = 3
+# From here on a cost is so many times another one, and not so many percent above it.
+_TIMES = 2.0
 
 
 def run_verdicts(run: StoredRun, found: Headline, settling: Settling) -> list[Verdict]:
@@ -56,7 +58,8 @@ def _cost(rows: Mapping[str, Mapping[str, Number]]) -> str:
     cost = float(next(iter(rows.values()))["cost_ratio"])
     if not isfinite(cost):
         return ""
-    return f"The total cost is {grouped(cost, 3)} times that of the optimum for all of the capacity."
+    far = side(cost) if cost < _TIMES else f"{grouped(cost, 3)} times"
+    return f"The total cost is {far} that of the optimum for all of the capacity."
 
 
 def _expected(settling: Settling) -> str:
