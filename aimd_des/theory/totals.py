@@ -14,12 +14,12 @@ same random numbers, so that the results are nearly a smooth function of the arg
 """
 
 import math
-from collections import deque
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.dynamics.total_walks import follow_crossings, follow_looks
 from aimd_des.utils.validation import FloatArray
 
 # 200 walks with 300 signals each, besides those on the way to the steady state: the share of time above a
@@ -29,6 +29,8 @@ _SIGNALS = 300
 _SETTLING = 60
 _HALVINGS = 50
 _LONG_RUN = 10
+# Steps whose random numbers are drawn at once.
+_BATCH = 256
 
 
 class Cuts(NamedTuple):
@@ -122,72 +124,90 @@ def walk_by_looks(
     stair, which then counts as the line with the same mean.
     """
     clock = lost is not None
-    lag = math.ceil(latency / period) - (0 if clock else 1)
-    lag = max(lag, 0)
-    taker = _Taker(law)
-    level = -taker.rng.random(_WALKS) * period
-    flags, coming = deque([np.zeros(_WALKS, dtype=bool)] * lag), np.zeros(_WALKS, dtype=int)
+    lag = max(math.ceil(latency / period) - (0 if clock else 1), 0)
+    draws = _Draws(law)
+    level = -draws.rng.random(_WALKS) * period
+    flags, coming = np.zeros((lag + 1, _WALKS), dtype=bool), np.zeros(_WALKS, dtype=np.int64)
     # After a look that many more units of growth until the signal of `lag` looks ago acts.
     offset = 0.0 if clock else latency - lag * period
-    bottoms: list[FloatArray] = []
-    tops: list[FloatArray] = []
-    durations: list[FloatArray] = []
-    found, signals = 0.0, 0
     # Looks with signals come in runs that are longer than the lag; of long ones fewer will do.
     least = 1 + min(lag, _LONG_RUN) + max(lag - _LONG_RUN, 0) / _LONG_RUN
-    for look in range(int((_SIGNALS + _SETTLING) * (1 + least))):
-        due = level > 0.0
-        looks = np.where(due | (coming > 0), 1.0, np.floor(-level / period) + 1.0)
-        flags.append(due)
-        acts = flags.popleft()
-        coming += due.astype(int) - acts
-        peak = level + offset
-        left = peak - taker.taken(limit + peak, acts)
-        after = left + (looks * period - offset if lost is None else np.where(acts, lost, looks))
-        if look >= _SETTLING * (1 + least):
-            found, signals = found + float(peak[acts].sum()), signals + int(acts.sum())
-            bottoms += [level] if clock else [level, left]
-            tops += [level + looks - 1.0] if clock else [peak, after]
-            durations += [looks] if clock else [peak - level, after - left]
-        level = after
-    bottom, top, duration = (np.concatenate(column) for column in (bottoms, tops, durations))
-    return Levels(bottom, top, duration, found / max(signals, 1))
+    looks, settled = int((_SIGNALS + _SETTLING) * (1 + least)), math.ceil(_SETTLING * (1 + least))
+    bottom, top, duration = np.empty((3, looks, 1 if clock else 2, _WALKS))
+    acts = np.empty((looks, _WALKS), dtype=bool)
+    for some in _batches(looks):
+        follow_looks(
+            draws.of(some),
+            law.share,
+            law.sway,
+            law.memory,
+            limit,
+            period,
+            offset,
+            lost or 0.0,
+            some.start,
+            flags,
+            coming,
+            level,
+            draws.sway,
+            acts[some],
+            bottom[some],
+            top[some],
+            duration[some],
+        )
+    bottom, top, duration, acts = bottom[settled:], top[settled:], duration[settled:], acts[settled:]
+    found = _mean_found((bottom if clock else top)[:, 0], acts)
+    return Levels(bottom.ravel(), top.ravel(), duration.ravel(), found)
 
 
 def walk_by_crossings(limit: float, law: Cuts, hold_off: float, latency: float) -> Levels:
     """Follow the total of continuous agents under a control unit that senses crossings."""
-    taker = _Taker(law)
-    level, time, walks = -taker.rng.random(_WALKS), np.zeros(_WALKS), np.arange(_WALKS)
-    free = np.zeros(_WALKS)  # end of the hold-off
+    draws = _Draws(law)
+    level, time, free = -draws.rng.random(_WALKS), np.zeros(_WALKS), np.zeros(_WALKS)
     slots = int(latency / hold_off) + 2 if latency > 0.0 else 1
-    arrivals = np.full((_WALKS, slots), math.inf)  # a ring: the oldest is at `head`
-    head, tail = np.zeros(_WALKS, dtype=int), np.zeros(_WALKS, dtype=int)
-    bottoms: list[FloatArray] = []
-    tops: list[FloatArray] = []
-    found, signals = 0.0, 0
-    for event in range(2 * (_SIGNALS + _SETTLING)):
-        broadcast = np.maximum(free, time + np.maximum(-level, 0.0))
-        arrival = arrivals[walks, head]
-        acts = arrival <= broadcast
-        now = np.where(acts, arrival, broadcast)
-        top = level + (now - time)
-        if event >= 2 * _SETTLING:
-            found, signals = found + float(top[acts].sum()), signals + int(acts.sum())
-            bottoms.append(level)
-            tops.append(top)
-        level = top - taker.taken(limit + top, acts)
-        time = now
-        arrivals[walks[acts], head[acts]] = math.inf
-        head = np.where(acts, (head + 1) % slots, head)
-        sends = ~acts
-        arrivals[walks[sends], tail[sends]] = now[sends] + latency
-        tail = np.where(sends, (tail + 1) % slots, tail)
-        free = np.where(sends, now + hold_off, free)
-    bottom, top = np.concatenate(bottoms), np.concatenate(tops)
-    return Levels(bottom, top, top - bottom, found / max(signals, 1))
+    arrivals, ends = np.full((_WALKS, slots), math.inf), np.zeros((_WALKS, 2), dtype=np.int64)
+    events, settled = 2 * (_SIGNALS + _SETTLING), 2 * _SETTLING
+    bottom, top = np.empty((2, events, _WALKS))
+    acts = np.empty((events, _WALKS), dtype=bool)
+    for some in _batches(events):
+        follow_crossings(
+            draws.of(some),
+            law.share,
+            law.sway,
+            law.memory,
+            limit,
+            hold_off,
+            latency,
+            arrivals,
+            ends,
+            free,
+            time,
+            level,
+            draws.sway,
+            acts[some],
+            bottom[some],
+            top[some],
+        )
+    bottom, top = bottom[settled:], top[settled:]
+    found = _mean_found(top, acts[settled:])
+    bottom, top = bottom.ravel(), top.ravel()
+    return Levels(bottom, top, top - bottom, found)
 
 
-class _Taker:
+def _batches(steps: int) -> list[slice]:
+    """Cut a walk into parts whose draws fit into the cache of a processor."""
+    return [slice(first, min(first + _BATCH, steps)) for first in range(0, steps, _BATCH)]
+
+
+def _mean_found(peaks: FloatArray, acts: npt.NDArray[np.bool_]) -> float:
+    """Average the total over the signals that act."""
+    total = 0.0
+    for peak, there in zip(peaks, acts, strict=True):
+        total += float(peak[there].sum())
+    return total / max(int(acts.sum()), 1)
+
+
+class _Draws:
     """Draws what signals take, for all walks at once."""
 
     def __init__(self, law: Cuts) -> None:
@@ -195,16 +215,20 @@ class _Taker:
         self.rng = np.random.default_rng(0)
         self.sway = self.rng.standard_normal(_WALKS)
 
-    def taken(self, total: FloatArray, acts: npt.NDArray[np.bool_]) -> FloatArray:
-        """Draw for those walks in which a signal `acts`; it takes nothing in the others."""
-        law = self.law
+    def of(self, steps: slice) -> FloatArray:
+        """Draw, (steps, 2, walks), cuts without the sway in units of their mean, and what is new in it."""
+        law, draws = self.law, np.empty((steps.stop - steps.start, 2, _WALKS))
+        standard, fresh = draws[:, 0], draws[:, 1]
         if abs(law.skewness) < 1e-3:
-            standard = self.rng.standard_normal(_WALKS)
+            self.rng.standard_normal(out=draws)
         else:
             shape = 4.0 / law.skewness**2
-            standard = self.rng.standard_gamma(shape, _WALKS) - shape
+            for row in draws:
+                self.rng.standard_gamma(shape, out=row[0])
+                self.rng.standard_normal(out=row[1])
+            standard -= shape
             standard *= math.copysign(1.0, law.skewness) / math.sqrt(shape)
-        fresh = math.sqrt(1.0 - law.memory**2) * self.rng.standard_normal(_WALKS)
-        self.sway = np.where(acts, law.memory * self.sway + fresh, self.sway)
-        part = law.share * (1.0 + law.variation * standard + law.sway * self.sway)
-        return np.where(acts, total * np.clip(part, 0.0, 1.0), 0.0)
+        standard *= law.variation
+        standard += 1.0
+        fresh *= math.sqrt(1.0 - law.memory**2)
+        return draws
