@@ -88,19 +88,26 @@ def test_whether_a_copy_is_doubled_has_nothing_to_do_with_losses(latency: Any) -
 
 
 @pytest.mark.parametrize("loss", [0.3, GilbertElliott(0.5, 10.0), Trace([0, 1, 1], repeat=False)])
-def test_a_link_that_is_renewed_has_forgotten_what_was_sent(loss: Any) -> None:
+def test_a_link_that_is_renewed_or_begun_anew_has_forgotten_what_was_sent(loss: Any) -> None:
     keys = {purpose: key(4, purpose) for purpose in Purpose}
     channel = BroadcastChannel(Uniform(0.0, 9.0), loss=loss, fifo=True)
     used, fresh = channel.open(50, keys), channel.open(50, keys)
     assert isinstance(used, CompiledLink)
     for number in range(3):
         used.transmit(Broadcast(0, number, 100.0 + number), 100.0 + number)
+    anew, salted = used.anew(keys), used.anew({purpose: key(5, purpose) for purpose in Purpose})
+    assert np.shares_memory(anew.table.loss.probability, used.table.loss.probability)
     used.renew()
+    differ = False
     for number in range(3):
-        expected = fresh.transmit(Broadcast(0, number, float(number)), float(number)).arrival
-        assert np.array_equal(
-            used.transmit(Broadcast(0, number, float(number)), float(number)).arrival, expected
+        expected, *found = (
+            link.transmit(Broadcast(0, number, float(number)), float(number)).arrival
+            for link in (fresh, used, anew, salted)
         )
+        assert np.array_equal(found[0], expected)
+        assert np.array_equal(found[1], expected)
+        differ |= not np.array_equal(found[2], expected)
+    assert differ
 
 
 def test_where_everything_is_lost_nobody_ever_responds() -> None:

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -25,7 +26,9 @@ from aimd_des import (
     loss,
     responses,
 )
+from aimd_des.engine.observers import observer_of
 from aimd_des.lowlevel import EventKind, ProcessGenerator, Run, System, resume
+from aimd_des.utils.spare_arrays import spare
 from models import smart_cameras
 from tests.conftest import quietly
 from tests.support.configurations import Configuration, assert_same, configurations
@@ -107,6 +110,37 @@ def test_each_draw_of_a_salted_fork_is_at_an_address_of_its_own() -> None:
     keys = [at(10.0).fork(salt).system.keys for salt in (None, 3, 4)]
     for purpose in keys[0]:
         assert len({each[purpose] for each in keys}) == (1 if purpose.name == "CLOCK" else 3)
+
+
+def test_what_is_never_written_to_is_shared_and_nothing_else() -> None:
+    run = at(50.0, recording=Recording(demand=1.0))
+    fork = run.fork()
+    ours, theirs = (
+        [
+            observer_of(one.system).demand_times,
+            observer_of(one.system).state()["totals"][0][0],
+            one.system.link.table.loss.probability,
+            one.system.link.table.latency.first,
+            *one.system.parameters[:5],
+            *one.system.state[:4],
+            one.system.link.table.spare,
+            one.system.transmitter.delivered,
+        ]
+        for one in (run, fork)
+    )
+    shared = [np.shares_memory(one, other) for one, other in zip(ours, theirs, strict=True)]
+    assert shared == [True] * 4 + [False] * 11
+
+
+def test_space_that_is_not_used_takes_small_pages() -> None:
+    for shape in ((2, 3), (3, 200_001)):
+        for dtype in (np.uint32, np.float64):
+            space = spare(shape, dtype)
+            assert (space.shape, space.dtype) == (shape, dtype)
+            space[-1, 1:] = 7
+            assert space[-1, 1:].sum() == 7 * (shape[1] - 1)
+            # The type by which compiled code knows an array.
+            assert numba.typeof(space) == numba.typeof(np.empty(shape, dtype))
 
 
 def test_a_channel_that_loses_all_silences_the_fork_and_not_the_run() -> None:

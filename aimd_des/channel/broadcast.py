@@ -17,8 +17,16 @@ from aimd_des.channel.loss.starting import start_loss
 from aimd_des.channel.memory import memory_of, remember
 from aimd_des.channel.parameters import model_of
 from aimd_des.channel.random_draws import Draws
-from aimd_des.channel.transmit_kernel import ChannelTable, channel_table, put_in_order, refuse, transmit
+from aimd_des.channel.transmit_kernel import (
+    ChannelTable,
+    channel_table,
+    forgotten,
+    put_in_order,
+    refuse,
+    transmit,
+)
 from aimd_des.utils import returned_values, validation
+from aimd_des.utils.locked_arrays import carry_over
 from aimd_des.utils.rng import Key, Purpose
 from aimd_des.utils.shown import brief
 from aimd_des.utils.validation import FloatArray
@@ -220,7 +228,11 @@ class CompiledLink(DrawnLink):
     def resume(self, state: Mapping[str, Any]) -> None:
         """Go on from what `state` has returned."""
         TabledLoss(self.table.loss).resume(state["loss"])
-        self.table.latest[:] = state["latest"]
+        carry_over(state["latest"], self.table.latest)
+
+    def anew(self, keys: Mapping[Purpose, Key]) -> "CompiledLink":
+        """Begin another run over the same channel, with keys of its own; models are shared, memory is not."""
+        return CompiledLink(forgotten(self.table, keys))
 
     def renew(self) -> None:
         """Forget all that has been sent, as if the run began now."""

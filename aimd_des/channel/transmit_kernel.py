@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.channel.latency.kernels import LatencyTable, is_improper, latency_row
-from aimd_des.channel.loss.kernels import LossTable, loss_row, refuse_loss
+from aimd_des.channel.loss.kernels import LossTable, forgotten_loss, loss_row, refuse_loss
 from aimd_des.channel.network_kernel import NetworkTable, network_table, spread
 from aimd_des.channel.random_draws import LANES_PER_COPY
 from aimd_des.utils.errors import InputError
@@ -70,6 +70,25 @@ def channel_table(
         lost=np.zeros(links, dtype=np.bool_),
         spare=np.zeros(links),
         network=network_table() if network is None else network,
+    )
+
+
+def forgotten(table: ChannelTable, keys: Mapping[Purpose, Key]) -> ChannelTable:
+    """Give another run the models of a channel, which stay as they are, and a memory of its own."""
+    loss, network, links = table.loss, table.network, len(table.lost)
+    return table._replace(
+        loss=forgotten_loss(loss),
+        latest=np.zeros(len(table.latest)),
+        latency_key=keys[Purpose.LATENCY],
+        loss_key=keys[Purpose.LOSS],
+        duplication_key=keys[Purpose.DUPLICATION],
+        lost=np.zeros(links, dtype=np.bool_),
+        spare=np.zeros(links),
+        network=network._replace(
+            latency=np.zeros(len(network.latency)),
+            time=np.zeros(len(network.time)),
+            fresh=np.zeros(len(network.fresh), dtype=np.bool_),
+        ),
     )
 
 

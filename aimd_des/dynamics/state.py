@@ -102,6 +102,17 @@ def agent_parameters(
     )
 
 
+def own_parameters(parameters: AgentParameters) -> AgentParameters:
+    """Give another run parameters as these are; those that no intervention changes are shared."""
+    return parameters._replace(
+        increase=locked(parameters.increase.copy()),
+        decrease=locked(parameters.decrease.copy()),
+        normalization=locked(parameters.normalization.copy()),
+        limit=locked(parameters.limit.copy()),
+        capacity=locked(parameters.capacity.copy()),
+    )
+
+
 def _given(part: Any, asked: float, form: type[_Form], face: str) -> tuple[str, _Form]:
     """Ask a part for its parameters, which must have their form; with the words for them."""
     field = returned_values.said_by(part, "parameters")
@@ -146,7 +157,8 @@ def _compensation_parameters(compensation: Compensation | None, n_agents: int) -
 def start(n_resources: int, n_agents: int, tick_weight: float, parameters: AgentParameters) -> State:
     """Give the state before anything has happened: no agent holds anything."""
     shape = (n_resources, n_agents)
-    counts = np.zeros((6, *shape), dtype=np.int64)
+    # Each by itself: what is not written to takes no memory, but a large array takes it in large pieces.
+    counts = [np.zeros(shape, dtype=np.int64) for _ in range(6)]
     return State(
         demand=np.zeros(shape),
         accumulated=np.zeros(shape),

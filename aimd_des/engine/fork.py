@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING, Any
 
 from aimd_des.engine.agenda import Agenda, is_planned
-from aimd_des.engine.observers import ConstantPieces, Observer
+from aimd_des.engine.observers import ConstantPieces, observer_of
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
@@ -77,7 +77,7 @@ def branch(
         If a part is no data, or an intervention would act before now.
     """
     before = run.simulation
-    fresh = simulation.begin(run.until, salts, run.system.keys if salts == run.salts else None)
+    fresh = simulation.begin(run.until, salts, run)
     state = state_of(run)
     # What an intervention has put in force in the meantime is not what the simulation was made of.
     retimed = run.system.conditions.retimed
@@ -175,9 +175,7 @@ def _handed_over(run: "Run", fresh: "Run", state: dict[str, Any]) -> set[str]:
 
 
 def _keeps_totals(run: "Run") -> bool:
-    observer = run.system.parts["observer"]
-    assert isinstance(observer, Observer)  # noqa: S101 - every run has one
-    return observer.watching
+    return observer_of(run.system).watching
 
 
 def _follows_ticks(run: "Run") -> bool:

@@ -352,11 +352,14 @@ class Observer:
         Whether it keeps them itself; set to False before the run by the part that does so instead.
     """
 
-    def __init__(self, system: System, recording: Recording) -> None:
+    def __init__(self, system: System, recording: Recording, like: "Observer | None" = None) -> None:
         n, m = system.problem.n_agents, system.problem.n_resources
         self.system = system
-        self.demand_times = recording.times("demand", system.until, whole=False)
-        self.allocation_times = recording.times("allocations", system.until, whole=False)
+        if like is None:
+            self.demand_times = recording.times("demand", system.until, whole=False)
+            self.allocation_times = recording.times("allocations", system.until, whole=False)
+        else:  # of a run of the same end that is recorded in the same way
+            self.demand_times, self.allocation_times = like.demand_times, like.allocation_times
         # The rows that are left, and those that a run was gone on with: these are shared with it.
         self.times, self._kept_totals, self._kept_pages = self.demand_times, Kept(), Kept()
         self.total_demand, self.total_average = np.zeros((2, len(self.times), m))
@@ -459,3 +462,10 @@ class Observer:
             second_half,
             stretches,
         )
+
+
+def observer_of(system: System) -> Observer:
+    """Give the observer of a run."""
+    observer = system.parts["observer"]
+    assert isinstance(observer, Observer)  # noqa: S101 - every run has one
+    return observer

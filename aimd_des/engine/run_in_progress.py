@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 from aimd_des.engine.declared import Intervention
 from aimd_des.engine.fork import branch, check_data, salted
-from aimd_des.engine.observers import Observer
+from aimd_des.engine.observers import observer_of
 from aimd_des.engine.run_file import save_run
 from aimd_des.engine.system import System
 from aimd_des.results.result import Result
@@ -226,9 +226,7 @@ class Run:
         self._refuse_going("a run whose measures begin")
         if self.time >= self.until:
             raise SimulationError(f"the run is over at time {self.time!r}: nothing is left to be measured")
-        observer = self.system.parts["observer"]
-        assert isinstance(observer, Observer)  # noqa: S101 - every run has one
-        observer.begin_measures()
+        observer_of(self.system).begin_measures()
 
     def save(self, path: "str | Path") -> None:
         """Write to a file where the run stands: `lowlevel.resume` goes on from there, and so does the run.

@@ -16,7 +16,7 @@ from aimd_des.engine.control_unit import ControlUnit, CrossingTable, Sampled, ta
 from aimd_des.engine.declared import Intervention, check_absences, check_end, check_hold_offs
 from aimd_des.engine.delivery import Agent, ProcessGenerator
 from aimd_des.engine.environment import Maker as ProcessMaker
-from aimd_des.engine.observers import Observer
+from aimd_des.engine.observers import Observer, observer_of
 from aimd_des.engine.run_in_progress import Run, completed
 from aimd_des.engine.system import System, keys_of
 from aimd_des.problem.problem import Problem, shared_words
@@ -28,7 +28,6 @@ from aimd_des.utils import returned_values, validation
 from aimd_des.utils.actions import registered
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.replaced import replaced
-from aimd_des.utils.rng import Key, Purpose
 from aimd_des.utils.shown import Shown, ShowsItself
 
 if TYPE_CHECKING:
@@ -291,9 +290,7 @@ class Simulation(ShowsItself):
         """
         return self.begin(validation.number("until", until, low=0.0, low_open=True))
 
-    def begin(
-        self, until: float, salts: tuple[int, ...] = (), keys: Mapping[Purpose, Key] | None = None
-    ) -> Run:
+    def begin(self, until: float, salts: tuple[int, ...] = (), like: Run | None = None) -> Run:
         """Begin a run as `start` does, with the draws of a fork.
 
         Parameters
@@ -302,8 +299,8 @@ class Simulation(ShowsItself):
             The end, checked.
         salts : tuple of int
             Of the forks that have led to the run.
-        keys : mapping of Purpose to Key, optional
-            What draws are made with; default: derived from seed and salts.
+        like : Run, optional
+            Of which it is a fork: what depends on nothing that a fork may change is shared with it.
 
         Returns
         -------
@@ -315,9 +312,11 @@ class Simulation(ShowsItself):
         log = EventLog() if self.recording.events else None
         whole = (self.problem, self.channel, self.clocks, self.seed, until, log)
         rule = (self.averaging, self.compensation, self.response)
-        system = System(*whole, *rule, keys=keys_of(self.seed, salts) if keys is None else keys)
+        other = None if like is None else like.system
+        keys = keys_of(self.seed, salts) if like is None or like.salts != salts else like.system.keys
+        system = System(*whole, *rule, keys=keys, like=other)
         # The observer first: agents that are compiled take over a part of its work before anything begins.
-        observer = Observer(system, self.recording)
+        observer = Observer(system, self.recording, None if other is None else observer_of(other))
         self._populate(system, observer)
         returned_values.attach(system.link, system)
         for place, intervention in enumerate(self.interventions):

@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from aimd_des.channel import Channel, Link
+from aimd_des.channel import Channel, CompiledLink, Link
 from aimd_des.channel.memory import memory_of, remember
 from aimd_des.dynamics.averaging import Averaging, age_at, folded_at, keep_parts
 from aimd_des.dynamics.clocks import Clocks
 from aimd_des.dynamics.demand import CONTINUOUS, DISCRETE
 from aimd_des.dynamics.loss_compensation import Compensation
 from aimd_des.dynamics.responses import Response
-from aimd_des.dynamics.state import AgentParameters, State, agent_parameters, start
+from aimd_des.dynamics.state import AgentParameters, State, agent_parameters, own_parameters, start
 from aimd_des.engine.conditions import Conditions
 from aimd_des.engine.delivery import Agent, Carrier, Collective, ResponseDraws, Signal
 from aimd_des.engine.environment import OrderedEnvironment
@@ -113,6 +113,8 @@ class System(Readings):
         How they answer signals; default: by the paper's rule.
     keys : mapping of Purpose to Key, optional
         What draws are made with; default: as the seed has it.
+    like : System, optional
+        Of a run of the same problem and rule, of which this one is a fork: what stays as it is is shared.
 
     Attributes
     ----------
@@ -149,14 +151,19 @@ class System(Readings):
         compensation: Compensation | None = None,
         response: Response | None = None,
         keys: Mapping[Purpose, Key] | None = None,
+        like: "System | None" = None,
     ) -> None:
         n, m = problem.n_agents, problem.n_resources
         # A key for each purpose: what one of them draws moves no number of another.
         self.keys = keys_of(seed) if keys is None else keys
-        self.channel, self.link = channel, self._opened(channel, n)
+        self.channel, self.link = channel, self._opened(channel, n, like)
+        self.response = response
         tick_weight = CONTINUOUS if clocks is None else DISCRETE
         # Arrays of this run: interventions write them, so nothing of the problem's may be among them.
-        parameters = agent_parameters(problem, tick_weight, averaging, compensation, response)
+        if like is not None and response is like.response:
+            parameters = own_parameters(like.parameters)
+        else:
+            parameters = agent_parameters(problem, tick_weight, averaging, compensation, response)
         own = None if clocks is None else clocks.start(n, self.keys[Purpose.CLOCK])
         super().__init__(
             problem,
@@ -166,7 +173,6 @@ class System(Readings):
             parameters,
             tick_weight,
         )
-        self.response = response
         self.until = until
         self.log = log
         self.conditions = Conditions.at_start(problem)
@@ -188,8 +194,10 @@ class System(Readings):
         if log is not None:
             self.parts["log"] = log
 
-    def _opened(self, channel: Channel, n_agents: int) -> Link:
-        """Let a channel begin, which may be the user's own."""
+    def _opened(self, channel: Channel, n_agents: int, like: "System | None" = None) -> Link:
+        """Let a channel begin, which may be the user's own, or that of another run."""
+        if like is not None and channel is like.channel and isinstance(like.link, CompiledLink):
+            return like.link.anew(self.keys)
         said = returned_values.said_by(channel, "open")
         with returned_values.calling(said):
             link = channel.open(n_agents, self.keys)

@@ -129,7 +129,10 @@ class Transmitter:
         carrier.missed = self.missed  # the account has to be put right where a copy lands in vain
         self.sent = SentSignals()
         self.numbers = np.zeros(n_resources, dtype=np.int64)
-        self.delivered, self.lost, self.duplicated = np.zeros((3, n_resources, self.n_agents), dtype=np.int64)
+        # Each by itself: what is not written to takes no memory, but a large array takes it in large pieces.
+        self.delivered, self.lost, self.duplicated = (
+            np.zeros((n_resources, self.n_agents), dtype=np.int64) for _ in range(3)
+        )
         self.collective: Collective | None = None
         self.on_leave: list[Callable[[Signal, FloatArray], None]] = []
         self._late: dict[simpy.Event, _Late] = {}

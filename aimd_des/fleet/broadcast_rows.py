@@ -17,6 +17,7 @@ from aimd_des.dynamics.loss_compensation import NOTHING
 from aimd_des.engine.system import System
 from aimd_des.fleet.in_flight import IndexArray, IntArray
 from aimd_des.utils.records import record
+from aimd_des.utils.spare_arrays import spare
 from aimd_des.utils.validation import FloatArray
 
 # Copies that a list has space for, in broadcasts.  It is passed through at every look that finds something
@@ -72,10 +73,10 @@ def broadcast_rows(enabled: bool, n_resources: int, n_agents: int) -> BroadcastR
         uniform=np.empty((m, n)),
         rank=np.zeros(m, dtype=np.int64),
         first=np.full(m, np.inf),
-        listed_agent=np.empty((m, space), dtype=np.uint32),
-        listed_arrival=np.empty((m, space)),
-        listed_uniform=np.empty((m, space)),
-        listed_rank=np.empty((m, space), dtype=np.int64),
+        listed_agent=spare((m, space), np.uint32),
+        listed_arrival=spare((m, space)),
+        listed_uniform=spare((m, space)),
+        listed_rank=spare((m, space), np.int64),
         listed=np.zeros(m, dtype=np.int64),
         first_listed=np.full(m, np.inf),
         due_agent=np.empty(space, dtype=np.uint32),

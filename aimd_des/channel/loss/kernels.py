@@ -12,6 +12,7 @@ from aimd_des.channel.loss.own_loss import call_lost
 from aimd_des.channel.random_draws import LANES_PER_PART, Draws
 from aimd_des.utils.errors import SimulationError
 from aimd_des.utils.jit import deferred, formula, routine
+from aimd_des.utils.locked_arrays import carry_over
 from aimd_des.utils.portable_math import exp
 from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, Purpose, uniform_at, uniforms_row
@@ -93,6 +94,16 @@ def loss_table(
         width=np.array([rows.shape[1]]),
         repeat=np.array([repeat]),
         row=np.zeros(1, dtype=np.int64),
+    )
+
+
+def forgotten_loss(table: LossTable) -> LossTable:
+    """Give another run the causes of a table, which stay as they are, and a memory of its own."""
+    return table._replace(
+        memory=np.zeros(len(table.memory)),
+        bad=np.zeros(table.bad.shape, dtype=np.bool_),
+        time=np.full(len(table.time), np.nan),
+        row=np.zeros(len(table.row), dtype=np.int64),
     )
 
 
@@ -222,8 +233,9 @@ class TabledLoss:
     def resume(self, state: Mapping[str, Any]) -> None:
         """Go on from what `state` has returned."""
         table = self.table
-        table.bad[:], table.time[:], table.row[:] = state["bad"], state["time"], state["row"]
-        table.memory[:] = state["memory"]
+        table.time[:], table.row[:] = state["time"], state["row"]
+        carry_over(state["bad"], table.bad)
+        carry_over(state["memory"], table.memory)
 
     def draw(self, draws: Draws) -> BoolArray:
         """Return whether each agent's copy is lost."""
