@@ -438,7 +438,7 @@ def test_replications_that_a_folder_has_already_stay_in_the_plan() -> None:
     made = study(axes=[LATENCY], replications=3, precision=precision)
     points = expand(made)
     schedule = Schedule(made, points, {points[1].name: 7})
-    while (run := schedule.next()) is not None:
+    while (run := schedule.next(lambda _: False)) is not None:
         schedule.record(run, [("memory", float(run.replication))])
     assert [sum(run.point is point for run in schedule.runs) for point in points] == [3, 7, 3]
 
@@ -455,7 +455,7 @@ def test_replications_are_added_until_a_mean_is_known(succeeds: str, reached: in
         schedule = Schedule(made, points, {})
         flying: list[Any] = []
         while True:
-            while len(flying) < 4 and (run := schedule.next()) is not None:
+            while len(flying) < 4 and (run := schedule.next(lambda _: False)) is not None:
                 flying.append(run)
             if not flying:
                 break

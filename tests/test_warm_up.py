@@ -11,6 +11,10 @@ import pytest
 from aimd_des import InputError, Result
 from aimd_des.scenario import validate_scenario
 from aimd_des.study import Axis, Study, run_study, shared_parts
+from aimd_des.study.points import Job, Run, expand, run_of
+from aimd_des.study.schedule import Schedule
+from aimd_des.study.warm_ups import WarmUps, warm_up_file
+from tests.forks import forks
 
 LATE = {"latency": 2.0, "loss": 0.1}
 BASE: dict[str, Any] = {
@@ -89,6 +93,110 @@ def test_a_study_runs_the_warm_up_once_for_each_seed(tmp_path: Path, monkeypatch
         run_study(study((2.0,)), tmp_path / "parts", executor, workers=1)
         run_study(study(), tmp_path / "parts", executor, workers=1)
     assert content(tmp_path / "parts") == content(tmp_path / "whole")
+
+
+#: Carries a study out in a thread, and then in two processes, in which warm-ups are counted.
+IN_PROCESSES = """
+import os, sys
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from aimd_des.study import run_study, shared_parts
+from tests.test_warm_up import study
+
+folder = Path(sys.argv[1])
+with ThreadPoolExecutor(1) as executor:
+    run_study(study(), folder / "thread", executor, 1)
+begun, warmed = folder / "begun", shared_parts.warmed
+begun.mkdir()
+
+def counted(scenario, *parts):
+    (begun / f"{scenario.seed} {os.getpid()}").touch(exist_ok=False)
+    return warmed(scenario, *parts)
+
+shared_parts.warmed = counted
+with ProcessPoolExecutor(2, get_context("fork")) as executor:
+    run_study(study(), folder / "processes", executor, 2)
+"""
+
+
+def test_workers_share_the_warm_up_of_a_seed(tmp_path: Path) -> None:
+    outcome = forks().run(IN_PROCESSES, str(tmp_path))
+    assert outcome.returncode == 0, outcome.stderr
+    begun = [path.name.split() for path in (tmp_path / "begun").iterdir()]
+    assert len({seed for seed, _ in begun}) == len(begun) == 2
+    assert content(tmp_path / "processes") == content(tmp_path / "thread")
+    assert not (tmp_path / "processes" / "warm_ups").exists()
+
+
+def test_runs_wait_for_the_one_that_makes_their_warm_up(tmp_path: Path) -> None:
+    made = study()
+    points = expand(made)
+    schedule, warm_ups = Schedule(made, points, {}), WarmUps(made, tmp_path, len(points))
+
+    def begun() -> Run | None:
+        run = schedule.next(warm_ups.waits)
+        if run is not None:
+            warm_ups.begin(run)
+        return run
+
+    with warm_ups.kept():
+        first, second = begun(), begun()
+        assert first is not None
+        assert second is not None
+        assert (first.replication, second.replication) == (0, 1)
+        assert begun() is None
+        # It has died, and has left nothing: another one takes its place.
+        warm_ups.end(first, done=False)
+        third = begun()
+        assert third is not None
+        assert third.replication == 0
+        assert begun() is None
+        file = warm_up_file(tmp_path, third.seed)
+        file.touch()
+        warm_ups.end(third, done=False)  # it has failed after that
+        others = [begun() for _ in range(2)]
+        assert [run.replication for run in others if run is not None] == [0, 0]
+        assert begun() is None
+        for run in others:
+            assert file.is_file()
+            assert run is not None
+            warm_ups.end(run, done=True)
+        assert not file.exists()
+        # What cannot be saved leaves no file, and no run waits for it any more.
+        warm_ups.end(second, done=True)
+        others = [begun() for _ in range(3)]
+        assert [run.replication for run in others if run is not None] == [1, 1, 1]
+    assert not file.parent.exists()
+
+
+def test_a_warm_up_that_is_damaged_or_cannot_be_saved_is_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = study()
+    job, other = (run_of(made, point, 0).job() for point in expand(made)[:2])
+    begun, warmed = [], shared_parts.warmed
+    monkeypatch.setattr(shared_parts, "warmed", lambda *given: begun.append(given[0].seed) or warmed(*given))
+    file = warm_up_file(tmp_path, 0)
+    file.parent.mkdir()
+
+    def digest(job: Job, kept: Path | None) -> str:
+        parts = shared_parts.SharedParts()  # of another worker
+        return parts.run(job, parts.scenario(job), kept).digest
+
+    wanted = digest(job, None), digest(other, None)
+    assert digest(job, file) == wanted[0]
+    assert len(begun) == 3
+    assert digest(other, file) == wanted[1]
+    assert len(begun) == 3
+    whole = bytearray(file.read_bytes())
+    whole[len(whole) // 2] ^= 1
+    file.write_bytes(whole)
+    assert digest(other, file) == wanted[1]
+    assert digest(job, file) == wanted[0]  # which has been written anew
+    assert len(begun) == 4
+    assert digest(job, tmp_path / "missing" / "0.run") == wanted[0]
+    assert len(begun) == 5
 
 
 @pytest.mark.parametrize(

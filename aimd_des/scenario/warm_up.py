@@ -117,13 +117,18 @@ def simulation_of(
     )
 
 
+def warm_up_of(scenario: "Scenario", problem: Problem, interventions: Sequence[Intervention]) -> Simulation:
+    """Make the simulation that is run until the warm-up ends."""
+    assert scenario.warm_up is not None  # noqa: S101 - asked for where there is one
+    early = [change for change in interventions if begins_before(change, scenario.warm_up.until)]
+    return simulation_of(before(scenario, interventions), problem, early)
+
+
 def warmed(scenario: "Scenario", problem: Problem, interventions: Sequence[Intervention]) -> Run:
     """Run the warm-up alone; the measures begin at its end."""
     assert scenario.warm_up is not None  # noqa: S101 - asked for where there is one
-    until = scenario.warm_up.until
-    early = [change for change in interventions if begins_before(change, until)]
-    run = simulation_of(before(scenario, interventions), problem, early).start(scenario.until)
-    run.advance(to=until)
+    run = warm_up_of(scenario, problem, interventions).start(scenario.until)
+    run.advance(to=scenario.warm_up.until)
     run.begin_measures()
     return run
 

@@ -22,6 +22,7 @@ from aimd_des.study.schedule import Schedule
 from aimd_des.study.store import AGAIN, Store
 from aimd_des.study.stored_rows import put_in_order, read_rows
 from aimd_des.study.study import Study
+from aimd_des.study.warm_ups import WarmUps
 from aimd_des.study.worker_task import Outcome, Task, failure, present
 from aimd_des.study.workers import Given, Pool, Processes
 from aimd_des.utils import validation
@@ -132,9 +133,14 @@ def run_study(
         if retry_failed:
             for name in store.names("failed"):
                 store.forget(f"failed/{name}")
-        sweep = _Sweep(study, store, schedule, watch)
+        warm_ups = WarmUps(study, store.folder, len(points))
+        sweep = _Sweep(study, store, schedule, warm_ups, watch)
         try:
-            with _pool(executor, many, store) as pool, _interrupted(pool) as interrupted:
+            with (
+                _pool(executor, many, store) as pool,
+                _interrupted(pool) as interrupted,
+                warm_ups.kept(),
+            ):
                 execute(
                     pool,
                     sweep.task,
@@ -162,12 +168,24 @@ class _Sweep:
     """Between the schedule and the workers: knows what is there, and keeps count."""
 
     def __init__(
-        self, study: Study, store: Store, schedule: Schedule, watch: Callable[[Tally], None] | None
+        self,
+        study: Study,
+        store: Store,
+        schedule: Schedule,
+        warm_ups: WarmUps,
+        watch: Callable[[Tally], None] | None,
     ) -> None:
         measure = None if study.precision is None else study.precision.measure
-        self.task = Task(str(store.folder), uuid4().hex, study.columns(), tuple(study.keep), measure)
+        self.task = Task(
+            str(store.folder),
+            uuid4().hex,
+            study.columns(),
+            tuple(study.keep),
+            measure,
+            warm_ups=warm_ups.shared,
+        )
         self.unwritten: Outcome | None = None
-        self._store, self._schedule, self._watch = store, schedule, watch
+        self._store, self._schedule, self._warm_ups, self._watch = store, schedule, warm_ups, watch
         self._rows, self._failed = read_rows(store, run_schema(study)), store.failed()
         self._damaged = 0
         for sentence in self._rows.damage:
@@ -177,12 +195,14 @@ class _Sweep:
         self._tally = Tally(total=len(schedule))
 
     def due(self) -> Run | None:
-        """Give the next run that is not there as a whole."""
-        while (run := self._schedule.next()) is not None:
+        """Give the next run that is not there as a whole, and need not wait for another one."""
+        while (run := self._schedule.next(self._warm_ups.waits)) is not None:
             done = run.key in self._rows.spans
             if (done or run.key in self._failed) and not self._is_damaged(run.key, done=done):
                 self._schedule.record(run, self._values(run) if done else [])
+                self._warm_ups.end(run, done=done)
             else:
+                self._warm_ups.begin(run)
                 return run
             self._tally.found += 1
         self._tell()
@@ -225,6 +245,7 @@ class _Sweep:
         self._tally.failed += outcome.kind != "done"
         self._tally.saturated += outcome.saturated
         self._schedule.record(run, outcome.values)
+        self._warm_ups.end(run, done=outcome.kind == "done")
         self._tell()
 
     def _tell(self) -> None:

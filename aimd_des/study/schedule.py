@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from aimd_des.study.points import Point, Run, run_of
@@ -47,9 +47,14 @@ class Schedule:
     def __len__(self) -> int:
         return sum(len(progress.runs) for progress in self._points.values())
 
-    def next(self) -> Run | None:
-        """Give the next run."""
-        return self._due.popleft() if self._due else None
+    def next(self, waits: Callable[[Run], bool]) -> Run | None:
+        """Give the next run that need not wait for another one."""
+        place = next((place for place, run in enumerate(self._due) if not waits(run)), None)
+        if place is None:
+            return None
+        run = self._due[place]
+        del self._due[place]
+        return run
 
     def record(self, run: Run, values: Sequence[tuple[str, float]]) -> None:
         """Take note of a run, and decide on more when all of its point are there."""

@@ -2,16 +2,21 @@
 
 import logging
 from collections import OrderedDict
+from collections.abc import Sequence
+from contextlib import suppress
 from functools import cached_property, lru_cache
+from pathlib import Path
 from threading import Lock
 
+from aimd_des.engine.run_file import resume
 from aimd_des.engine.run_in_progress import Run
+from aimd_des.interventions import Intervention
 from aimd_des.problem.optimum import Optimum, solve_optimum
 from aimd_des.problem.problem import Problem
 from aimd_des.results.result import Result
 from aimd_des.scenario import Scenario
 from aimd_des.scenario.canonical import with_seed
-from aimd_des.scenario.warm_up import gone_on, warmed
+from aimd_des.scenario.warm_up import gone_on, warm_up_of, warmed
 from aimd_des.study.points import Job, problem_words, shared_words
 from aimd_des.utils.errors import InputError, SimulationError
 
@@ -79,8 +84,8 @@ class SharedParts:
                 agents -= self._problems.popitem(last=False)[1].problem.n_agents
         return found
 
-    def run(self, job: Job, scenario: Scenario) -> Result:
-        """Carry out a run, of which others may have had the warm-up before."""
+    def run(self, job: Job, scenario: Scenario, kept: Path | None = None) -> Result:
+        """Carry out a run, of which others may have had the warm-up before; `kept` is its file, if any."""
         problem = self.problem(job, scenario).problem
         if scenario.warm_up is None:
             return scenario.run(problem=problem)
@@ -90,7 +95,7 @@ class SharedParts:
         key = point.warm_up, job.labels["seed"]
         with self._warming:
             if key not in self._warmed:
-                self._warmed[key] = warmed(scenario, problem, interventions)
+                self._warmed[key] = _warmed(kept, scenario, problem, interventions)
                 while len(self._warmed) > _MOST_WARMED:
                     self._warmed.popitem(last=False)
             begun = gone_on(scenario, self._warmed[key], interventions)
@@ -116,6 +121,21 @@ class SharedParts:
         if name not in self._points:
             self._points[name] = _SharedPoint(job)
         return self._points[name]
+
+
+def _warmed(
+    kept: Path | None, scenario: Scenario, problem: Problem, interventions: Sequence[Intervention]
+) -> Run:
+    """Run a warm-up, or go on from what another worker has left of it, to the same bits."""
+    if kept is not None and kept.is_file():
+        with suppress(InputError):  # the machine went down while it was written, say
+            return resume(kept, warm_up_of(scenario, problem, interventions))
+    run = warmed(scenario, problem, interventions)
+    if kept is not None:
+        # What cannot be saved, as costs of the user's own that are set on the way, is run by each worker.
+        with suppress(InputError):
+            run.save(kept)
+    return run
 
 
 @lru_cache(maxsize=1)

@@ -19,6 +19,7 @@ from aimd_des.study.rare_event_file import rare_columns
 from aimd_des.study.run_tables import RUN_AWAY, VERSIONS, frame_table, summary_of
 from aimd_des.study.shared_parts import shared_parts
 from aimd_des.study.store import Store, parquet
+from aimd_des.study.warm_ups import warm_up_file
 from aimd_des.utils.errors import OverloadWarning
 from aimd_des.utils.returned_values import raised_in
 
@@ -35,6 +36,7 @@ class Task:
     measures: tuple[str, ...]
     keep: tuple[str, ...]
     measure: str | None  # what the sweep wants to know of each run, for all resources
+    warm_ups: bool = False  # whether a warm-up is kept for other workers
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,8 @@ def perform(task: Task, job: Job) -> Outcome:
             parts = shared_parts(task.sweep)
             scenario = parts.scenario(job)
             shared = parts.problem(job, scenario)
-            result = parts.run(job, scenario)
+            kept = warm_up_file(store.folder, job.labels["seed"]) if task.warm_ups else None
+            result = parts.run(job, scenario, kept)
         summary = summary_of(
             result,
             task.measures,
