@@ -4,7 +4,7 @@ Agent i's copy in the row may come before or after copies of earlier broadcasts 
 what is due, listed copies that come before the row's are answered first, then the row, then the others.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,8 +14,8 @@ from aimd_des.dynamics.responses import AVERAGE, DRAWN, is_saturated, response_p
 from aimd_des.fleet.absent_agents import miss
 from aimd_des.fleet.arrays import ALL_ANSWERS, LAST, NO_ANSWERS, PIECE, FleetAgents, report
 from aimd_des.fleet.broadcast_rows import BroadcastRows
-from aimd_des.fleet.in_flight import CopiesInFlight
-from aimd_des.fleet.radix_heap import bits_of, is_empty, put
+from aimd_des.fleet.in_flight import CopiesInFlight, IntArray
+from aimd_des.fleet.radix_heap import bits_of, is_empty, put, time_of
 from aimd_des.fleet.row_response_kernels import (
     cut_otherwise,
     factor_otherwise,
@@ -24,8 +24,47 @@ from aimd_des.fleet.row_response_kernels import (
 )
 from aimd_des.problem.costs.kernels import add_terms, horner_at, horner_row
 from aimd_des.utils.jit import deferred, formula
+from aimd_des.utils.opaque import opaque
 from aimd_des.utils.rng import uniforms_row
 from aimd_des.utils.validation import FloatArray
+
+
+class ResourceRows(NamedTuple):
+    """State, parameters and slopes of all agents for one resource."""
+
+    # Looked up once for a look: in a loop over agents each would be found anew for each agent.
+    demand: FloatArray
+    accumulated: FloatArray
+    anchor: FloatArray
+    origin: FloatArray
+    responses: IntArray
+    saturated: IntArray
+    increase: FloatArray
+    decrease: FloatArray
+    slopes: FloatArray
+
+
+@formula
+def _resource_rows(agents: FleetAgents, resource: int) -> ResourceRows:
+    j, state, parameters = resource, agents.state, agents.parameters
+    return ResourceRows(
+        state.demand[j],
+        state.accumulated[j],
+        state.anchor[j],
+        state.origin[j],
+        state.responses[j],
+        state.saturated[j],
+        parameters.increase[j],
+        parameters.decrease[j],
+        agents.table.slopes[j],
+    )
+
+
+@formula
+def _either(mask: int, one: float, other: float) -> float:
+    """Choose one number if all bits of the mask are set, another if none is."""
+    a, b = np.float64(one).view(np.int64), np.float64(other).view(np.int64)
+    return float(np.int64(b ^ ((a ^ b) & mask)).view(np.float64))
 
 
 @formula
@@ -38,15 +77,25 @@ def _is_due(arrival: float, rank: int, time: float, limit: int) -> Any:
 def _list_row(rows: BroadcastRows, resource: int, first: int, last: int, after: float) -> None:
     """List those of some agents' copies in the row that arrive after a time."""
     j, arrival, uniform = resource, rows.arrival[resource], rows.uniform[resource]
-    place, soonest = rows.listed[j], rows.first_listed[j]
+    begin: Any = np.uint64(rows.listed[j])
+    agents, end = rows.listed_agent[j], begin
+    # First only who they are, without a branch: written in any case, and counted if the copy waits.
     for i in range(first, last):
         time = arrival[i]
-        rows.listed_agent[j, place], rows.listed_arrival[j, place] = i, time
-        rows.listed_uniform[j, place], rows.listed_rank[j, place] = uniform[i], rows.rank[j] + i
-        waits = (time > after) & (time < np.inf)
-        place += waits
-        soonest = time if waits and time < soonest else soonest
-    rows.listed[j], rows.first_listed[j] = place, soonest
+        agents[end] = i
+        end += np.uint64((time > after) & (time < np.inf))
+    listed_arrival, listed_uniform, listed_rank = (
+        rows.listed_arrival[j],
+        rows.listed_uniform[j],
+        rows.listed_rank[j],
+    )
+    soonest, rank = bits_of(rows.first_listed[j]), rows.rank[j]
+    for place in range(begin, end):
+        agent = np.uint64(agents[place])
+        soonest = min(soonest, bits_of(arrival[agent]))
+        listed_arrival[place], listed_uniform[place] = arrival[agent], uniform[agent]
+        listed_rank[place] = rank + np.int64(agent)
+    rows.listed[j], rows.first_listed[j] = end, time_of(soonest)
 
 
 @formula
@@ -111,53 +160,75 @@ def open_row(agents: FleetAgents, resource: int, number: int, arrival: FloatArra
 @formula
 def _take_due(rows: BroadcastRows, resource: int, time: float, limit: int) -> Any:
     """Take the listed copies that are due out of the list, and count them."""
-    j, due, kept, soonest = resource, 0, 0, np.inf
+    j, due = resource, np.uint64(0)
+    agent, arrival, uniform, rank = (
+        rows.listed_agent[j],
+        rows.listed_arrival[j],
+        rows.listed_uniform[j],
+        rows.listed_rank[j],
+    )
+    # First only where they are, without a branch: written in any case, and counted if the copy is due.
     for place in range(rows.listed[j]):
-        agent, arrival = rows.listed_agent[j, place], rows.listed_arrival[j, place]
-        uniform, rank = rows.listed_uniform[j, place], rows.listed_rank[j, place]
-        # Written to both, and counted where it belongs, which needs no branch.
-        rows.due_agent[due], rows.due_arrival[due] = agent, arrival
-        rows.due_uniform[due], rows.due_rank[due] = uniform, rank
-        rows.listed_agent[j, kept], rows.listed_arrival[j, kept] = agent, arrival
-        rows.listed_uniform[j, kept], rows.listed_rank[j, kept] = uniform, rank
-        is_due = _is_due(arrival, rank, time, limit)
-        due += is_due
-        kept += not is_due
-        soonest = arrival if arrival < soonest and not is_due else soonest
-    rows.listed[j], rows.first_listed[j] = kept, soonest
-    return due
+        rows.due_agent[due] = place
+        due += np.uint64(_is_due(arrival[place], rank[place], time, limit))
+    # From behind, so that what fills a gap is not due itself.
+    last = rows.listed[j]
+    for turn in range(np.int64(due) - 1, -1, -1):
+        gap, last = np.uint64(rows.due_agent[turn]), last - 1
+        rows.due_agent[turn], rows.due_arrival[turn] = agent[gap], arrival[gap]
+        rows.due_uniform[turn], rows.due_rank[turn] = uniform[gap], rank[gap]
+        agent[gap], arrival[gap], uniform[gap], rank[gap] = (
+            agent[last],
+            arrival[last],
+            uniform[last],
+            rank[last],
+        )
+    soonest = bits_of(np.inf)
+    for place in range(last):
+        soonest = min(soonest, bits_of(arrival[place]))
+    rows.listed[j], rows.first_listed[j] = last, time_of(soonest)
+    return np.int64(due)
 
 
 @formula
-def _answer_listed(agents: FleetAgents, resource: int, place: int) -> None:
+def _answer_listed(agents: FleetAgents, row: ResourceRows, resource: int, place: int) -> None:
     """Let one agent answer a listed copy: Algorithm 2, the branch S = 1."""
-    j, rows, state, parameters = resource, agents.rows, agents.state, agents.parameters
-    i: Any = np.int64(rows.due_agent[place])
+    j, rows, response = resource, agents.rows, agents.parameters.response
+    i: Any = np.uint64(rows.due_agent[place])
+    agent: Any = np.int64(i)
     moment = rows.due_arrival[place]
     if agents.account.away[i]:
-        miss(agents, j, i, False)
+        miss(agents, j, agent, False)
         return
-    held, increase, since = state.demand[j, i], parameters.increase[j, i], moment - state.anchor[j, i]
-    folded = accumulated_at(state.accumulated[j, i], held, increase, since, CONTINUOUS)
-    average = time_average(folded, age_at(moment, state.origin[j, i], CONTINUOUS))
-    slope = add_terms(agents.table, j, i, average, horner_at(agents.table.slopes[j], i, average))
-    present, change = demand_at(held, increase, since, CONTINUOUS), np.nan
-    if parameters.response.divisor == AVERAGE:
-        probability = response_probability(parameters.normalization[j], slope, average)
+    held, increase, since = row.demand[i], row.increase[i], moment - row.anchor[i]
+    before = row.accumulated[i]
+    folded = accumulated_at(before, held, increase, since, CONTINUOUS)
+    average = time_average(folded, age_at(moment, row.origin[i], CONTINUOUS))
+    slope = add_terms(agents.table, j, agent, average, horner_at(row.slopes, i, average))
+    present = demand_at(held, increase, since, CONTINUOUS)
+    if response.divisor == AVERAGE:
+        probability = response_probability(agents.parameters.normalization[j], slope, average)
     else:
-        probability = probability_otherwise(agents, j, i, slope, average, present, moment)
-    factor, responds = parameters.decrease[j, i], rows.due_uniform[place] < probability
-    if parameters.response.cut != DRAWN:
-        factor = factor_otherwise(agents, j, i, probability, present)
-        responds = factor < 1.0
-    if responds:
-        kept = present * factor
-        state.demand[j, i], state.accumulated[j, i], state.anchor[j, i] = kept, folded, moment
-        state.responses[j, i] += 1
-        state.saturated[j, i] += is_saturated(parameters.response, probability, parameters.decrease[j, i])
-        change = kept - present
-    if agents.reported == ALL_ANSWERS or (agents.reported != NO_ANSWERS and responds):
-        report(agents.answers, bits_of(moment), rows.due_rank[place], i, j, change)
+        probability = probability_otherwise(agents, j, agent, slope, average, present, moment)
+    factor, chance = row.decrease[i], probability
+    if response.cut != DRAWN:
+        factor = factor_otherwise(agents, j, agent, probability, present)
+        chance = 1.0 if factor < 1.0 else 0.0
+    kept, responds = present * factor, rows.due_uniform[place] < chance
+    # Whether an agent responds is as good as random, so a branch would often be predicted wrongly.  LLVM
+    # makes one of what chooses between two numbers, unless it cannot tell what the mask is.
+    mask: Any = opaque(np.int64(0) - np.int64(responds))
+    row.demand[i] = _either(mask, kept, held)
+    row.accumulated[i] = _either(mask, folded, before)
+    row.anchor[i] = _either(mask, moment, row.anchor[i])
+    row.responses[i] += responds
+    if is_saturated(response, probability, row.decrease[i]):
+        row.saturated[i] += responds
+    if agents.reported != NO_ANSWERS:
+        change = kept - present if responds else np.nan
+        report(agents.answers, bits_of(moment), rows.due_rank[place], agent, j, change)
+        # Written in any case, and counted if somebody wants to know of it.
+        agents.answers.held[0] -= agents.reported != ALL_ANSWERS and not responds
 
 
 @formula
@@ -182,7 +253,7 @@ def _comes_after_row(rows: BroadcastRows, resource: int, place: int) -> bool:
 def _answer_in_turn(agents: FleetAgents, resource: int, count: int, row_waits: bool) -> int:
     """Answer listed copies that are due; tell how many have to wait for the row."""
     # A round answers one copy of each agent at most, its earliest; hardly any agent has two.
-    rows, earliest = agents.rows, agents.buffers.first_key
+    rows, earliest, row = agents.rows, agents.buffers.first_key, _resource_rows(agents, resource)
     while count > 0:
         for place in range(count):
             i = rows.due_agent[place]
@@ -194,7 +265,7 @@ def _answer_in_turn(agents: FleetAgents, resource: int, count: int, row_waits: b
             if earliest[i] == place:
                 earliest[i] = LAST
                 if not (row_waits and _comes_after_row(rows, resource, place)):
-                    _answer_listed(agents, resource, place)
+                    _answer_listed(agents, row, resource, place)
                     continue
             rows.due_agent[waiting], rows.due_arrival[waiting] = i, rows.due_arrival[place]
             rows.due_uniform[waiting] = rows.due_uniform[place]
