@@ -160,33 +160,22 @@ def open_row(agents: FleetAgents, resource: int, number: int, arrival: FloatArra
 @formula
 def _take_due(rows: BroadcastRows, resource: int, time: float, limit: int) -> Any:
     """Take the listed copies that are due out of the list, and count them."""
-    j, due = resource, np.uint64(0)
-    agent, arrival, uniform, rank = (
-        rows.listed_agent[j],
-        rows.listed_arrival[j],
-        rows.listed_uniform[j],
-        rows.listed_rank[j],
-    )
-    # First only where they are, without a branch: written in any case, and counted if the copy is due.
+    # Both keep their order: agents that are answered one after the other are near each other in memory then.
+    j = resource
+    agents, arrivals = rows.listed_agent[j], rows.listed_arrival[j]
+    uniforms, ranks = rows.listed_uniform[j], rows.listed_rank[j]
+    due, kept, soonest = np.uint64(0), np.uint64(0), bits_of(np.inf)
     for place in range(rows.listed[j]):
-        rows.due_agent[due] = place
-        due += np.uint64(_is_due(arrival[place], rank[place], time, limit))
-    # From behind, so that what fills a gap is not due itself.
-    last = rows.listed[j]
-    for turn in range(np.int64(due) - 1, -1, -1):
-        gap, last = np.uint64(rows.due_agent[turn]), last - 1
-        rows.due_agent[turn], rows.due_arrival[turn] = agent[gap], arrival[gap]
-        rows.due_uniform[turn], rows.due_rank[turn] = uniform[gap], rank[gap]
-        agent[gap], arrival[gap], uniform[gap], rank[gap] = (
-            agent[last],
-            arrival[last],
-            uniform[last],
-            rank[last],
-        )
-    soonest = bits_of(np.inf)
-    for place in range(last):
-        soonest = min(soonest, bits_of(arrival[place]))
-    rows.listed[j], rows.first_listed[j] = last, time_of(soonest)
+        agent, arrival, uniform, rank = agents[place], arrivals[place], uniforms[place], ranks[place]
+        # Written to both, and counted where it belongs, which needs no branch.
+        rows.due_agent[due], rows.due_arrival[due] = agent, arrival
+        rows.due_uniform[due], rows.due_rank[due] = uniform, rank
+        agents[kept], arrivals[kept], uniforms[kept], ranks[kept] = agent, arrival, uniform, rank
+        is_due = _is_due(arrival, rank, time, limit)
+        due += np.uint64(is_due)
+        kept += np.uint64(not is_due)
+        soonest = min(soonest, LAST if is_due else bits_of(arrival))
+    rows.listed[j], rows.first_listed[j] = kept, time_of(soonest)
     return np.int64(due)
 
 
