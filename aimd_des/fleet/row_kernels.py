@@ -345,19 +345,25 @@ def _report_piece(agents: FleetAgents, resource: int, first: int, last: int, bou
     """Note the answers of some agents for their listeners."""
     j, rows, buffers, answers = resource, agents.rows, agents.buffers, agents.answers
     arrival = rows.arrival[j][first:last]
-    # As `report` has it, without a branch: written in any case, and counted if somebody wants to know of it.
-    # There is a row for that, since lists have a place that is never filled.
-    row = answers.held[0]
-    for k in range(last - first):
-        answers.key[row], answers.rank[row] = bits_of(arrival[k]), rows.rank[j] + first + k
-        answers.agent[row], answers.resource[row] = first + k, j
-        answers.change[row] = buffers.kept[k] - buffers.present[k]
-        if agents.reported == ALL_ANSWERS:
-            answers.change[row] = answers.change[row] if buffers.resource[k] != 0 else np.nan
-            row += np.int64(arrival[k] <= bound)
-        else:
-            row += buffers.resource[k]
-    answers.held[0] = row
+    # First only whose answers they are, without a branch.
+    count = np.uint64(0)
+    if agents.reported == ALL_ANSWERS:
+        for k in range(last - first):
+            buffers.chosen[count] = k
+            count += np.uint64(arrival[k] <= bound)
+    else:
+        for k in range(last - first):
+            buffers.chosen[count] = k
+            count += np.uint64(buffers.resource[k])
+    begin, rank = answers.held[0], rows.rank[j] + first
+    key, ranks = answers.key[begin:], answers.rank[begin:]
+    agent, about, change = answers.agent[begin:], answers.resource[begin:], answers.change[begin:]
+    for row in range(count):
+        k = buffers.chosen[row]
+        key[row], ranks[row] = bits_of(arrival[k]), rank + np.int64(k)
+        agent[row], about[row] = first + np.int64(k), j
+        change[row] = buffers.kept[k] - buffers.present[k] if buffers.resource[k] != 0 else np.nan
+    answers.held[0] = begin + np.int64(count)
 
 
 @formula
