@@ -34,6 +34,7 @@ from aimd_des.scenario import StoredRun, validate_scenario
 from aimd_des.scenario.from_simulation import scenario_of
 from aimd_des.study import StudyResults, load
 from tests.conftest import as_custom, quadratic_problem, quietly
+from tests.reports import results_of, study_of
 
 PROBLEM = quadratic_problem([1.0, 2.0, 3.0], capacity=2.0, increase=0.05)
 PARTS: dict[str, Any] = {
@@ -105,6 +106,44 @@ def test_kinds_and_options_that_there_are_not_are_refused(
 ) -> None:
     with pytest.raises(InputError, match=words):
         result.plot(kind, **options)
+
+
+def test_a_study_draws_a_measure_along_one_axis_or_over_two(tmp_path: Path) -> None:
+    axes: dict[str, list[Any]] = {"latency": [0.0, 0.5, 2.0], "loss": [0.0, 0.5]}
+    results = results_of(study_of(axes), tmp_path)
+    maps = results.plot()
+    assert maps._repr_png_().startswith(b"\x89PNG")  # type: ignore[attr-defined]
+    panels = [panel for panel in maps.axes if panel.get_title(loc="left")]
+    assert [panel.get_title(loc="left") for panel in panels] == ["memory", "disk"]
+    assert {(panel.get_xlabel(), panel.get_ylabel()) for panel in panels} == {("loss", "latency")}
+    (lines,) = results.plot("misallocation", by=["latency"]).axes
+    assert lines.get_ylabel().startswith("Misallocation")
+    runs = results.runs
+    for name, drawn in zip(("memory", "disk"), lines.containers, strict=True):
+        x, y = drawn.lines[0].get_data()
+        means = runs[runs["resource"] == name].groupby("latency")["misallocation"].mean()
+        assert x.tolist() == means.index.tolist()
+        assert y.tolist() == pytest.approx(means.tolist(), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"measure": "utilization"}, "measure = 'utilization': must be one of .*did you mean 'utilisation'"),
+        ({"by": ["los"]}, "by = 'los': must be one of latency, loss, way; did you mean 'loss'"),
+        ({}, "needs one or two axes with several values, not latency, loss, way"),
+        ({"by": []}, "needs one or two axes with several values, not none"),
+    ],
+)
+def test_figures_of_a_study_that_there_are_not_are_refused(
+    tmp_path: Path, given: dict[str, Any], words: str
+) -> None:
+    axes: dict[str, list[Any]] = {"latency": [0.0, 0.5], "loss": [0.0, 0.5], "way": ["tree", "flood"]}
+    with pytest.raises(InputError, match=words):
+        results_of(study_of(axes), tmp_path).plot(**given)
+    empty = results_of(study_of(axes), tmp_path / "empty", done=False)
+    with pytest.raises(InputError, match="has no run yet"):
+        empty.plot(by=["loss"])
 
 
 # -- folders -----------------------------------------------------------------------------------------------

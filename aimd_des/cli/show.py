@@ -77,8 +77,7 @@ def _study_data(
     axes = chosen_axes(results.study, by)
     if results.runs.empty:
         raise Refusal(f"{folder}: no run is there yet")
-    table = study_table(results, axes, names[:1] if plot else names)
     if plot:
-        plot_study(table, axes, names[0], plot)
+        plot_study(results, axes, names[0], plot)
     else:
-        print_data(table, "csv" if form == "csv" else "json")
+        print_data(study_table(results, axes, names), "csv" if form == "csv" else "json")

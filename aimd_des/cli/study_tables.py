@@ -82,7 +82,7 @@ def _means(runs: "pd.DataFrame", axes: list[str], names: list[str]) -> tuple[lis
     """Make a row for each point and resource."""
     from aimd_des.results.measures import measure_words
     from aimd_des.study import summarise
-    from aimd_des.study.statistics.summary import means_by_point
+    from aimd_des.study.statistics.summary import means_by_point, whole_replications
 
     points = [*axes, "resource"]
     whole = whole_replications(runs, points, names)
@@ -91,15 +91,6 @@ def _means(runs: "pd.DataFrame", axes: list[str], names: list[str]) -> tuple[lis
         for labels, count, means in means_by_point(summarise(whole, points, names), points)
     ]
     return [*points, "replications", *map(measure_words, names)], rows
-
-
-def whole_replications(
-    runs: "pd.DataFrame", points: Sequence[str], measures: Sequence[str]
-) -> "pd.DataFrame":
-    """Take one number of each replication: runs of one replication may have the same seed."""
-    groups = runs.groupby([*points, "replication"], observed=True, sort=False)
-    sizes = groups.size()
-    return groups[list(measures)].mean()[sizes == sizes.max()].reset_index()
 
 
 def _print_failures(results: "StudyResults") -> None:

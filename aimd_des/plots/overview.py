@@ -2,14 +2,13 @@
 
 import inspect
 from collections.abc import Callable
-from io import BytesIO
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aimd_des.plots import allocations, capacity, convergence, errors, score, signals, tracking
-from aimd_des.plots.style import plain, shared_legend
+from aimd_des.plots.style import NotebookFigure, plain, shared_legend
 from aimd_des.results.result import Result
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
@@ -46,15 +45,6 @@ _PANELS: dict[str, Callable[..., Axes]] = {
 }
 
 
-class _NotebookFigure(Figure):
-    """A figure that notebooks show as a picture without pyplot."""
-
-    def _repr_png_(self) -> bytes:
-        picture = BytesIO()
-        self.savefig(picture, format="png")
-        return picture.getvalue()
-
-
 def overview(result: Result) -> Figure:
     """Draw what matters of a run in four panels.
 
@@ -70,7 +60,7 @@ def overview(result: Result) -> Figure:
         Total demand at the end with its signals, the sum of the averages, capacity events, and the
         misallocation over time.
     """
-    figure = _NotebookFigure(figsize=_WIDE, layout="constrained")
+    figure = NotebookFigure(figsize=_WIDE, layout="constrained")
     sent = result.signals_sent.time
     start = float(sent[-_SWINGS]) if len(sent) >= _SWINGS else 0.0
     panels: list[tuple[str, Callable[[Axes], Axes]]] = [
@@ -95,7 +85,7 @@ def plot_result(result: Result, kind: str = _OVERVIEW, **options: Any) -> Figure
         return overview(result)
     panel = _PANELS[kind]
     _check_options(kind, options, panel)
-    figure = _NotebookFigure(figsize=_SIZE, layout="constrained")
+    figure = NotebookFigure(figsize=_SIZE, layout="constrained")
     # Panels that hold averages against one optimum take the one in force for None.
     given = {"optimum": None} if "optimum" in inspect.signature(panel).parameters else {}
     panel(figure.add_subplot(), result, **{**given, **options})

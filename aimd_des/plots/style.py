@@ -1,5 +1,6 @@
 """What all panels look like: colours, labels, axes, legends."""
 
+from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -118,6 +119,15 @@ def _number(value: float, _position: int | None = None) -> str:
 
 def _percent(share: float, _position: int | None = None) -> str:
     return formatting.percent(share, 10)
+
+
+class NotebookFigure(Figure):
+    """A figure that notebooks show as a picture without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        picture = BytesIO()
+        self.savefig(picture, format="png")
+        return picture.getvalue()
 
 
 def number_axis(axis: Axis, *, percent: bool = False, whole: bool = False) -> None:

@@ -2,13 +2,15 @@
 
 import json
 import tomllib
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 import pyarrow as pa
 
+from aimd_des.results.measures import FIRST
 from aimd_des.scenario import Scenario, validate_scenario
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.study.axis import Axis
@@ -20,6 +22,9 @@ from aimd_des.study.study import Study, axis_words, stored_study, titled
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.shown import Shown, ShowsItself
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def load_study(folder: str | Path) -> "StudyResults":
@@ -163,6 +168,43 @@ class StudyResults(ShowsItself):
             values = rows[column].repeat(lengths).reset_index(drop=True)
             found.insert(0, column, values.astype("category") if column == "key" else values)
         return found
+
+    def plot(self, measure: str | None = None, by: Sequence[str] | None = None) -> "Figure":
+        """Draw a measure along one axis with its 95 % confidence intervals, or over two axes as a map.
+
+        Parameters
+        ----------
+        measure : str, optional
+            One that the study keeps; default: the most telling of these, utilisation if it is kept.
+        by : sequence of str, optional
+            The axes that the figure tells apart; it shows means over the others.  Default: all.
+
+        Returns
+        -------
+        Figure
+            Of Matplotlib, which notebooks show; ``figure.savefig`` writes it.
+
+        Raises
+        ------
+        InputError
+            If the study keeps no such measure, has no such axis or no run yet, or the number of axes with
+            several values is neither one nor two.
+        """
+        from aimd_des.plots.study_measure import plot_measure
+        from aimd_des.study.statistics.summary import summarise, whole_replications
+
+        kept = self.study.columns()
+        (name, *_) = [measure] if measure else [one for one in FIRST if one in kept] or kept
+        validation.known("measure", name, kept)
+        known = [axis.name for axis in self.study.axes]
+        axes = known if by is None else list(by)
+        for one in axes:
+            validation.known("by", one, known)
+        if self.runs.empty:
+            raise InputError(f"{self.folder}: has no run yet, and nothing to draw; run the study first")
+        points = [*axes, "resource"]
+        whole = whole_replications(self.runs, points, [name])
+        return plot_measure(summarise(whole, points, [name]), axes, name)
 
     @property
     def run_away(self) -> pd.DataFrame:

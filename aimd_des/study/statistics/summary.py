@@ -85,6 +85,13 @@ def means_by_point(
         yield list(at), most, means
 
 
+def whole_replications(runs: pd.DataFrame, points: Sequence[str], measures: Sequence[str]) -> pd.DataFrame:
+    """Take one number of each replication: runs of one replication may have the same seed."""
+    groups = runs.groupby([*points, "replication"], observed=True, sort=False)
+    sizes = groups.size()
+    return groups[list(measures)].mean()[sizes == sizes.max()].reset_index()
+
+
 def _summary(frame: pd.DataFrame, points: list[str], columns: list[str], confidence: float) -> pd.DataFrame:
     groups = frame.groupby(points, observed=True, sort=False, dropna=False)[columns] if points else None
     if groups is None:
