@@ -36,9 +36,11 @@ from aimd_des.plots import (
     averages_against_optimum,
     colour,
     consensus,
+    copies,
     demand_and_signals,
     error_decay,
     heat_map,
+    latencies,
     network_map,
     paper_figures,
     score,
@@ -48,12 +50,13 @@ from aimd_des.plots import (
     tracking_error,
     tracking_level,
 )
+from aimd_des.plots.paper import run_figures
 from tests.test_plots import END, FULL, curves, drawn, empty_axes, problem
 
 N, UNTIL = 12, 200.0
 
 
-def simulated(**changes: object) -> Result:
+def simulated(until: float = UNTIL, **changes: object) -> Result:
     setting: dict[str, object] = {
         "dynamics": "continuous",
         "control_unit": Crossing(hold_off=0.5),
@@ -62,7 +65,7 @@ def simulated(**changes: object) -> Result:
         "recording": Recording(demand=0.1, allocations="auto", events=True),
         "seed": 3,
     }
-    return Simulation(problem(N, 2), **(setting | changes)).run(UNTIL)  # type: ignore[arg-type]
+    return Simulation(problem(N, 2), **(setting | changes)).run(until)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
@@ -238,6 +241,49 @@ def test_what_is_lost_has_another_colour_than_what_is_answered(run: Result) -> N
         }
         assert of["responded"] == colour(j).lower()
         assert of["lost"] != of["responded"]
+
+
+def test_bars_are_the_shares_of_what_became_of_copies(run: Result) -> None:
+    account = run.account
+    parts = np.stack([account.delivered[1], account.in_flight[1], account.lost[1]])
+    axes = copies(empty_axes(), run, 1)
+    heights = np.array([[bar.get_height() for bar in group] for group in axes.containers])
+    assert heights == pytest.approx(100.0 * parts / parts.sum(axis=0), rel=1e-12)
+    assert parts.any(axis=1).all()
+    assert [group.get_label() for group in axes.containers] == ["delivered", "in flight", "lost"]
+    # The agents are named, as many as there is room for.
+    assert [text.get_text() for text in axes.get_xticklabels()] == ["0", "2", "4", "6", "8", "10"]
+    short = simulated(until=0.5)
+    assert "No signal of resource 0 was sent" in said(copies(empty_axes(), short, 0))
+    assert "No copy of a signal has arrived" in said(latencies(empty_axes(), short))
+    silent, _ = drawn(3, 1, 20)
+    assert "Recording(events=True)" in said(latencies(empty_axes(), silent))
+    with pytest.raises(InputError, match="resource = 2"):
+        copies(empty_axes(), run, 2)
+
+
+def test_latencies_are_those_between_signal_and_arrival(run: Result) -> None:
+    events = run.events
+    keys = ["resource", "number"]
+    sent = events[events["kind"] == "signal"].set_index(keys)["time"]
+    came = events[(events["kind"] == "deliver") & (events["resource"] == "resource 1")]
+    taken = np.sort(came["time"].to_numpy() - sent.loc[pd.MultiIndex.from_frame(came[keys])].to_numpy())
+    axes = latencies(empty_axes(), run)
+    (line,) = curves(axes, colour(1))
+    assert line[:, 0].tolist() == taken.tolist()
+    assert line[0, 1] == 100.0
+    assert line[-1, 1] == pytest.approx(100.0 / len(taken))
+
+
+def test_a_run_has_a_figure_of_its_channel_where_copies_are_late_or_lost(run: Result) -> None:
+    titles = [axes.get_title(loc="left") for axes in run_figures(run)["channel"]().axes]
+    assert titles == [
+        "(a) Copies of signals of resource 0",
+        "(b) Copies of signals of resource 1",
+        "(c) Latency of all copies",
+    ]
+    perfect, _ = drawn(3, 1, 20)
+    assert "channel" not in run_figures(perfect)
 
 
 def test_a_raster_without_log_or_signals_says_so(run: Result) -> None:

@@ -72,9 +72,9 @@ FACES = {
     """,
     "plots": """
         REFERENCE absolute_error agent_timeline average_allocations averages_against_optimum
-        capacity_events colour consensus cost_ratio demand_and_signals derivatives error_decay
-        error_histogram frame heat_map
-        instantaneous_allocations network_map number_axis overview paper_figures relative_error score
+        capacity_events colour consensus copies cost_ratio demand_and_signals derivatives error_decay
+        error_histogram frame heat_map instantaneous_allocations
+        latencies network_map number_axis overview paper_figures relative_error score
         shared_legend signal_raster sum_of_averages sum_of_demand tracking_error tracking_level
     """,
     "report": """

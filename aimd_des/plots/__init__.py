@@ -7,6 +7,7 @@ here touches pyplot or any other global state.
 
 from aimd_des.plots.allocations import average_allocations, derivatives, instantaneous_allocations
 from aimd_des.plots.capacity import capacity_events, sum_of_averages, sum_of_demand
+from aimd_des.plots.channel import copies, latencies
 from aimd_des.plots.convergence import averages_against_optimum, consensus, error_decay
 from aimd_des.plots.errors import absolute_error, cost_ratio, error_histogram, relative_error
 from aimd_des.plots.maps import heat_map
@@ -27,6 +28,7 @@ __all__ = [
     "capacity_events",
     "colour",
     "consensus",
+    "copies",
     "cost_ratio",
     "demand_and_signals",
     "derivatives",
@@ -35,6 +37,7 @@ __all__ = [
     "frame",
     "heat_map",
     "instantaneous_allocations",
+    "latencies",
     "network_map",
     "number_axis",
     "overview",

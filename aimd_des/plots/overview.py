@@ -7,7 +7,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des.plots import allocations, capacity, convergence, errors, score, signals, tracking
+from aimd_des.plots import allocations, capacity, channel, convergence, errors, score, signals, tracking
 from aimd_des.plots.style import NotebookFigure, plain, shared_legend
 from aimd_des.results.result import Result
 from aimd_des.utils import validation
@@ -31,6 +31,8 @@ _PANELS: dict[str, Callable[..., Axes]] = {
         convergence.averages_against_optimum,
         convergence.consensus,
         convergence.error_decay,
+        channel.copies,
+        channel.latencies,
         errors.absolute_error,
         errors.relative_error,
         errors.cost_ratio,

@@ -9,6 +9,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from aimd_des.plots.allocations import average_allocations, derivatives, instantaneous_allocations
 from aimd_des.plots.capacity import capacity_events, sum_of_averages, sum_of_demand
+from aimd_des.plots.channel import copies, latencies
 from aimd_des.plots.convergence import averages_against_optimum
 from aimd_des.plots.errors import absolute_error, cost_ratio, error_histogram, relative_error
 from aimd_des.plots.style import plain, shared_legend
@@ -105,11 +106,12 @@ def run_figures(run: Result) -> dict[str, Callable[[], Figure]]:
     """Give what draws the figures of any run: the paper's, or what fits better.
 
     A histogram of few agents says nothing: each is drawn against its optimum.  A fifth figure follows the
-    optimum of a run whose problem changes.
+    optimum of a run whose problem changes, and one of the channel shows copies that were late or lost.
     """
     makers = figure_makers(run)
+    panels: list[_Panel]
     if run.problem.n_agents < _FEW_AGENTS:
-        panels: list[_Panel] = [
+        panels = [
             (f"Averages of {name}", partial(averages_against_optimum, result=run, optimum=None, resource=j))
             for j, name in enumerate(run.problem.resource_names)
         ]
@@ -120,6 +122,14 @@ def run_figures(run: Result) -> dict[str, Callable[[], Figure]]:
             ("Distance from the optimum in force", lambda axes: tracking_error(axes, run)),
             ("Use of the capacity in force", lambda axes: tracking_level(axes, run)),
         )
+    if run.account.lost.any() or run.account.in_flight.any():
+        panels = [
+            (f"Copies of signals of {name}", partial(copies, result=run, resource=j))
+            for j, name in enumerate(run.problem.resource_names)
+        ]
+        if run.log is not None:
+            panels.append(("Latency of all copies", lambda axes: latencies(axes, run)))
+        makers["channel"] = partial(_row, *panels)
     return makers
 
 

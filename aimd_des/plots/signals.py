@@ -14,6 +14,7 @@ from aimd_des.utils.validation import FloatArray
 
 _MOST_NAMES = 25
 _MOST_ROWS = 100
+_MOST_COLUMNS = 8
 
 _NO_LOOKS = (
     "Fewer than two samples of total demand lie here.\nRecord them more densely to see this panel:\n"
@@ -144,6 +145,13 @@ def name_rows(axes: Axes, result: Result, rows: npt.NDArray[np.intp]) -> None:
     shown = np.arange(0, len(rows), -(-len(rows) // _MOST_NAMES))
     names = [style.plain(result.problem.agent_names[i]) for i in rows[shown]]
     axes.set_yticks(shown, names, fontsize="small")
+
+
+def name_columns(axes: Axes, result: Result, columns: npt.NDArray[np.intp]) -> None:
+    """Name the columns of agents, or some of them, so few that the names have room."""
+    shown = np.arange(0, len(columns), -(-len(columns) // _MOST_COLUMNS))
+    names = [style.plain(result.problem.agent_names[i]) for i in columns[shown]]
+    axes.set_xticks(shown, names, fontsize="small")
 
 
 def window(result: Result, start: float, end: float | None) -> tuple[float, float]:
