@@ -142,7 +142,7 @@ def _ways(problem: Problem, until: float) -> dict[str, dict[str, Any]]:
         "known loss": {"compensation": compensation.KnownLoss(0.1)},
         "estimated loss": {"compensation": compensation.EstimatedLoss()},
         "adaptive hold-off": {"control_unit": Crossing(0.25, longest_hold_off=1.25)},
-        "looks on a clock": {"control_unit": Sampled()},
+        "samples on a clock": {"control_unit": Sampled()},
         "early detection": {"control_unit": EarlyDetection()},
         "tree over a grid": {"channel": networks["tree"]},
         "flood over a grid": {"channel": networks["flood"]},

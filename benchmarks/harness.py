@@ -244,7 +244,7 @@ def console() -> Console:
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
-    """Lay out rows of text under columns; all but the first are right-aligned."""
+    """Lay out rows of text under columns; those after the first are right-aligned."""
     layout = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     for position, column in enumerate(columns):
         layout.add_column(column, justify="right" if position else "left", vertical="bottom", no_wrap=True)

@@ -59,7 +59,7 @@ WAYS = {
 QUADRATIC, STEEP, STAYED = (
     "returning, quadratic costs",
     "returning, costs of power 6",
-    "those who stayed",
+    "agents that stayed",
 )
 FORGOT: dict[str, type[Absence] | type[Crash]] = {"average kept": Absence, "average forgotten": Crash}
 

@@ -32,7 +32,7 @@ N, CAPACITY = _PROBLEM.n_agents, float(_PROBLEM.capacity[0])
 GROWTH = float(_PROBLEM.increase.sum())
 # Every other camera: both halves have all kinds of costs.
 HALF, OTHER = list(range(0, N, 2)), list(range(1, N, 2))
-ALL, FAILOVER, PART = "everybody is cut off", "the control unit fails over", "half are cut off"
+ALL, FAILOVER, PART = "all agents are cut off", "the control unit fails over", "half are cut off"
 FAULTS = (ALL, FAILOVER, PART)
 # What is watched before and after the fault, and how often totals and, so many times rarer, agents are kept.
 BEFORE, AFTER, GRAIN, COARSE = 10.0, 100.0, 0.125, 8

@@ -18,9 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 # Pages that do not fulfil the rules yet. A page of this list that fulfils them is a finding: take it out.
 PENDING = frozenset({"docs/theory_table.md"})
 
-PACKAGES = ("aimd_des", "models", "scenarios")
-# Values in published tables, which stay as they are.
-LABELS = frozenset({"everybody is cut off", "those who stayed"})
+PACKAGES = ("aimd_des", "models", "scenarios", "examples", "benchmarks")
 
 SENTENCE_WORDS = 35
 LINE_CHARACTERS = 120
@@ -45,6 +43,11 @@ BANNED = {
     r"whither|thereof|wherever|whence|hence": "say 'where' or 'so'",
 }
 _BANNED = {re.compile(rf"\b(?:{pattern})\b", re.IGNORECASE): remedy for pattern, remedy in BANNED.items()}
+
+# Text between tags, and strings.
+_SHOWN = re.compile(
+    r">(?P<text>[^<>{}]+)</|(?P<quote>[\"'`])(?P<string>(?:\\.|(?!(?P=quote))[^\n])+)(?P=quote)"
+)
 
 _PARAMETER = re.compile(r"^ *[\w*, ]+ : .*$", re.MULTILINE)
 _UNDERLINE = re.compile(r" *[-=]{3}[-= ]*")
@@ -96,14 +99,19 @@ def pages() -> list[Path]:
 
 
 def modules() -> list[Path]:
-    """All modules of the packages whose docstrings and messages people read."""
-    return sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+    """All modules of the packages, and all pages of a browser, whose words people read."""
+    return sorted(
+        path
+        for package in PACKAGES
+        for ends in ("py", "html", "js")
+        for path in (ROOT / package).rglob(f"*.{ends}")
+    )
 
 
 def texts(source: str) -> Iterator[Paragraph]:
     """Paragraphs of the string constants of a module with more than one word, without names of parameters."""
     for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value not in LABELS:
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
             text = node.value if len(node.value.split()) > 1 else ""
             for block in _BLOCK.finditer(text):
                 start = node.lineno + text.count("\n", 0, block.start())
@@ -233,6 +241,15 @@ def _banned(paragraph: Paragraph) -> Iterator[Finding]:
             yield Finding(paragraph.line, f"{match[0]!r}: {remedy}")
 
 
+def browser_findings(source: str) -> list[Finding]:
+    """Words that break the rules in strings of JavaScript, and in text and attributes of HTML."""
+    found: list[Finding] = []
+    for match in _SHOWN.finditer(source):
+        number, text = source.count("\n", 0, match.start()) + 1, match["text"] or match["string"]
+        found += _banned(Paragraph(number, text if len(text.split()) > 1 else ""))
+    return found
+
+
 def _long_sentences(paragraph: Paragraph) -> Iterator[Finding]:
     for sentence in sentences(plain(paragraph.text)):
         if (count := _words(sentence)) > SENTENCE_WORDS:
@@ -255,11 +272,14 @@ def findings(page: str) -> list[Finding]:
     return sorted(found)
 
 
+_FINDERS = {"py": code_findings, "html": browser_findings, "js": browser_findings, "md": findings}
+
+
 def report(contents: dict[str, str], pending: frozenset[str]) -> list[str]:
     """One line for each finding in pages and modules; a page in `pending` is free, and must need it."""
     lines = [f"{name}: is in PENDING and there is no such page" for name in sorted(pending - set(contents))]
     for name, page in contents.items():
-        found = code_findings(page) if name.endswith(".py") else findings(page)
+        found = _FINDERS[name.rpartition(".")[2]](page)
         if name not in pending:
             lines += [f"{name}:{line}: {what}" for line, what in found]
         elif not found:

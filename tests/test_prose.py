@@ -3,9 +3,9 @@
 import pytest
 
 from tests.prose import (
-    LABELS,
     PENDING,
     ROOT,
+    browser_findings,
     code_findings,
     findings,
     modules,
@@ -148,21 +148,31 @@ def test_long_sentences_of_docstrings_are_found_with_their_line() -> None:
     assert code_findings(f"message = {'word ' * 40!r}") == []
 
 
-def test_code_in_strings_and_labels_are_free() -> None:
-    source = "\n".join(
-        [
-            '"""Run with `looks` of ``who``.\n\nlooks : int\n    When.\n"""',
-            *(f"{label!r}" for label in LABELS),
-        ]
-    )
-    assert code_findings(source) == []
+def test_code_in_strings_is_free() -> None:
+    assert code_findings('"""Run with `looks` of ``who``.\n\nlooks : int\n    When.\n"""') == []
 
 
-def test_modules_of_all_packages_are_read_and_labels_are_used() -> None:
+def test_pages_of_a_browser_are_read() -> None:
+    html = '<p\ntitle="for nobody">An agent who\nanswers</p> <i class="who">x</i>'
+    script = "const who = `the ${luck} of all`; // nobody\nsay('what everybody does', \"luck\")"
+    assert [(found.line, found.what.split(":")[0]) for found in browser_findings(html)] == [
+        (2, "'nobody'"),
+        (2, "'who'"),
+    ]
+    assert report({"a.js": script}, frozenset()) == [
+        "a.js:1: 'luck': say 'random error' or 'random numbers'",
+        "a.js:2: 'everybody': name the agents, the users or the part",
+    ]
+
+
+def test_modules_of_all_packages_are_read() -> None:
     names = {path.relative_to(ROOT).as_posix() for path in modules()}
-    assert {"aimd_des/engine/simulation.py", "models/tcp_flows.py", "scenarios/outage.py"} <= names
-    strings = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "scenarios").rglob("*.py"))
-    assert all(f'"{label}"' in strings for label in LABELS)
+    assert {
+        "aimd_des/engine/simulation.py",
+        "models/tcp_flows.py",
+        "scenarios/outage.py",
+        "aimd_des/live/page/main.js",
+    } <= names
 
 
 def test_the_pages_are_there() -> None:

@@ -45,7 +45,7 @@ def test_who_hears_pays(runs: dict[str, list[Found]]) -> None:
 
     deaf, hearing = extra(PART, HALF), extra(PART, OTHER)
     assert deaf[0] - Z * deaf[1] > 0.0 > hearing[0] + Z * hearing[1]
-    # Nor is it the half that matters: where everybody is cut off both gain, and alike.
+    # Nor is it the half that matters: where all agents are cut off both gain, and alike.
     even, odd = extra(ALL, HALF), extra(ALL, OTHER)
     assert abs(even[0] - odd[0]) < Z * math.hypot(even[1], odd[1])
     assert min(even[0] - Z * even[1], odd[0] - Z * odd[1]) > 0.0

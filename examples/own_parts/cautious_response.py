@@ -1,4 +1,4 @@
-"""A response rule of one's own: whoever holds more than its average responds more often, and the reverse."""
+"""A response rule of one's own: agents above their average respond more often, and the reverse."""
 
 from typing import Literal
 

@@ -16,7 +16,7 @@ from aimd_des.lowlevel import EventKind, ProcessGenerator, Purpose, System, part
 @part("control_unit")
 @dataclass(frozen=True)
 class SmoothedDetection:
-    """Looks at regular times, and signals with a probability that grows with the smoothed load.
+    """Samples at regular times, and signals with a probability that grows with the smoothed load.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ class Exodus:
         checks.number("Exodus.stay", self.stay, low=0.0, low_open=True)
 
     def check(self, problem: Problem) -> None:
-        """Refuse to take everybody away."""
+        """Refuse to take all agents away."""
         if self.count >= problem.n_agents:
             raise InputError.of(
                 "Exodus.count", self.count, f"less than the number of agents, {problem.n_agents}"
