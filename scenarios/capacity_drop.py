@@ -364,7 +364,7 @@ def _draw_levels(axes: Axes, steps: list[tuple[Drop, list[Found]]]) -> None:
     figures.named(axes, "recovery by theory", "v", markersize=8.0)
     age, x = steps[0][0].age, "time since the drop (control periods)"
     y, limits = "sum of the averages over the new capacity", (-0.5 * age, _SHOWN * age)
-    figures.dress(axes, "(a) What is remembered decides", x, y, xlim=limits, ylim=(0.9, 1.75))
+    figures.dress(axes, "(a) Averages reach the new capacity", x, y, xlim=limits, ylim=(0.9, 1.75))
 
 
 def _draw_times(axes: Axes, table: pd.DataFrame, age: float) -> None:
@@ -399,7 +399,7 @@ def _draw_errors(axes: Axes, steps: list[tuple[Drop, list[Found]]]) -> None:
     figures.named(axes, "averages over all runs", "--", linewidth=1.2)
     figures.level(axes, 100 * WITHIN)
     x, y = "time since the drop (control periods)", "distance from the new optimum (%)"
-    limits, title = (0.0, _SHOWN * steps[0][0].age), "(c) A short memory never gets there: noise"
+    limits, title = (0.0, _SHOWN * steps[0][0].age), "(c) A short memory keeps a random error"
     figures.dress(axes, title, x, y, xlim=limits, ylim=(0.0, 70.0))
 
 
@@ -408,7 +408,7 @@ def _draw_sizes(axes: Axes, table: pd.DataFrame, age: float) -> None:
         rows = pick(table, way=way).sort_values("left")
         figures.curve(axes, 100 * (1.0 - rows["left"]), rows, place, scale=1.0 / age)
     x, y = "part of the capacity that is lost (%)", "recovery of the level over the age"
-    title = "(d) The window is sooner after large drops only"
+    title = "(d) A window recovers sooner after large drops only"
     figures.dress(axes, title, x, y, yscale="log")
 
 

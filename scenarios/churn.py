@@ -313,7 +313,7 @@ def _draw_use(top: Axes, bottom: Axes, table: pd.DataFrame) -> None:
         axes.axvline(CRITICAL_STAY, color=figures.REFERENCE, linewidth=1.0, linestyle="--")
     figures.named(top, "theory", color=colour(0), linewidth=1.4)
     figures.named(top, "critical stay C / (n alpha)", "--", linewidth=1.0)
-    _dress(top, "(a) Use gives way late, signals long before", "mean demand\nover capacity")
+    _dress(top, "(a) Signals become rare before demand falls", "mean demand\nover capacity")
     _dress(bottom, "", "signals per period")
     top.sharex(bottom)
     top.set_xlabel("")

@@ -130,7 +130,15 @@ def _draw_sizes(axes: Axes, table: pd.DataFrame, names: list[str]) -> None:
     figures.named(axes, "distance from the optimum", "o-")
     figures.named(axes, "scatter of the times between signals", "s--", markerfacecolor="white")
     across, up = "number of cameras", "distance, and scatter over the mean (%)"
-    figures.dress(axes, "(c) What chance leaves", across, up, numbers="", xscale="log", yscale="log")
+    figures.dress(
+        axes,
+        "(c) Random error over the number of cameras",
+        across,
+        up,
+        numbers="",
+        xscale="log",
+        yscale="log",
+    )
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter("")
 

@@ -288,7 +288,7 @@ def _draw_totals(axes: Axes, watched: dict[str, list[Found]]) -> None:
     low = axes.get_xaxis_transform()
     axes.text(0.5 * _SHOWN_DURATION, 0.03, "outage", ha="center", color=ink, transform=low)
     x, y = "time since the outage began (periods)", "total demand over capacity"
-    figures.dress(axes, "(a) Up with the growth of all, down at once", x, y, xlim=(-BEFORE, 50.0))
+    figures.dress(axes, "(a) Total demand rises in the outage and falls at once", x, y, xlim=(-BEFORE, 50.0))
 
 
 def _draw_runaways(axes: Axes, table: pd.DataFrame) -> None:
@@ -318,7 +318,7 @@ def _draw_halves(axes: Axes, found: list[Found]) -> None:
     figures.named(axes, "gap that closes at rate alpha / x", "--", linewidth=1.0)
     x, y = "time since the outage began (periods)", "demand over that at the optimum"
     limits: dict[str, Any] = {"xlim": (-BEFORE, _SHOWN_DURATION + AFTER), "ylim": (0.0, None)}
-    figures.dress(axes, "(c) Half are cut off: the others pay", x, y, **limits)
+    figures.dress(axes, "(c) Half are cut off: the others hold less", x, y, **limits)
 
 
 def _findings(table: pd.DataFrame) -> list[str]:

@@ -302,7 +302,7 @@ def _figure(found: dict[Case, _Found], theories: dict[Case, _Found], table: pd.D
     figure, (left, middle, right) = figures.panels(1, 3, (13.5, 4.8), gridspec_kw=widths)
     for axes, group, title in (
         (left, ONE, "(a) Quadratic costs: the average lags"),
-        (middle, STEEP, "(b) Power 6: demand overdoes it, to pull the average"),
+        (middle, STEEP, "(b) Power 6: demand overshoots and moves the average"),
     ):
         _draw_course(axes, group, found, theories, title)
     middle.legend(frameon=False, fontsize="small")
@@ -363,7 +363,7 @@ def _draw_price(axes: Axes, table: pd.DataFrame) -> None:
     figures.named(axes, "theory", "+", color="black", markersize=9.0)
     axes.legend(frameon=False, fontsize="small")
     x, y = "half of the way made after (periods)", "scatter of the average before (%)"
-    figures.dress(axes, "(c) The price of a short memory", x, y, xlim=(0.0, _NEVER), ylim=(0.0, None))
+    figures.dress(axes, "(c) Random error of a short memory", x, y, xlim=(0.0, _NEVER), ylim=(0.0, None))
 
 
 def _findings(table: pd.DataFrame, case: Case, seed: int) -> list[str]:
