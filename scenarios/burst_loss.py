@@ -48,7 +48,7 @@ from scenarios.common.tables import (
 _ROUNDING = 1e-9
 # What is exceeded for so much of the time is a high level, however long the run.
 _RARE = 0.01
-# A Gamma so small that no response saturates, however much an agent makes good for.
+# A Gamma so small that no response saturates, however much an agent compensates.
 _GENTLE = 1 / 360
 
 
@@ -196,7 +196,7 @@ class _Size(NamedTuple):
     ends: tuple[float, ...]
     ways: tuple[str, ...]
     means: tuple[float, ...]
-    answered: tuple[float, ...]  # mean bursts under which agents make good
+    answered: tuple[float, ...]  # mean bursts under which agents compensate
     until: float  # of those runs
 
 

@@ -35,9 +35,9 @@ from scenarios.common.tables import number, over_draws, pick, shown, summarise_d
 _PROBLEM = memory_alone()
 N, ALPHA, CAPACITY = _PROBLEM.n_agents, float(_PROBLEM.increase[0, 0]), float(_PROBLEM.capacity[0])
 LATENCY = HOLD_OFF = 0.5
-#: Of those who are present on average: what they can grow to before they go is the capacity.
+#: Of agents that are present on average: what they can grow to before they go is the capacity.
 CRITICAL_STAY = CAPACITY / (PRESENT * N * ALPHA)
-#: Who leaves together.
+#: Agents that leave together.
 GROUP = tuple(range(0, N, 4))
 # Looks at the total after that.
 _LOOKS, _SPAN = 0.05, 30.0
@@ -112,7 +112,7 @@ class Together(NamedTuple):
     demand: FloatArray
     average: FloatArray
     again: float  # time until the total is where it was, or at the capacity
-    # What was released over the growth of those who stay, which is the time that it should take.
+    # What was released over the growth of agents that stay, which is the time that it should take.
     released: float
 
 
@@ -210,7 +210,7 @@ def fluid(name: str, times: Times, draw: int = 0) -> tuple[FloatArray, FloatArra
     return path.demand[at], path.average[at]
 
 
-# When the demand of those who have come back is looked at, in periods since then.
+# When the demand of agents that have come back is sampled, in periods since then.
 _WINDOW = (50.0, 100.0)
 _LABELS = ["way", "stay", "until"]
 # The mean stay at which runs of two lengths are compared, and a run is so many times as long.
@@ -247,7 +247,7 @@ def _sweep(pairs: Sequence[tuple[Case, list[list[Seen]]]], seed: int) -> pd.Data
 
 def _expected(name: str, stay: float) -> float:
     """Predict one number of the sweep, with the costs of draw 0; NaN where there is no formula."""
-    if name == "high":  # all who can be there grow over the latency
+    if name == "high":  # all agents that can be there grow over the latency
         return 1.0 + float(theory.peak_lift(N, ALPHA, LATENCY)) / CAPACITY
     return float(getattr(steady(stay), name)) if name in ("signals", "utilisation") else np.nan
 

@@ -142,7 +142,7 @@ CURES: dict[str, dict[str, Cure]] = {
         WAIT: Cure(hold_off=_LONG),
     },
 }
-# What is run for longer, too: its errors are bias, or luck that is left.
+# What is run for longer, too: its errors are bias, or random error that is left.
 _LONGER = (NOTHING, THRICE, KNOWN, f"{KNOWN}, {FRACTIONAL}")
 _LABELS = ("setting", "cure", "over_gamma", "until")
 

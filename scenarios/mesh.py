@@ -44,7 +44,7 @@ HOLD_OFF = 0.5
 #: Greatest distance of neighbours, in sides of the square.
 RADIUS = 0.2
 _LATENCY_PER_DISTANCE = 0.5
-# So many seeds are tried for each draw of a network in which everybody is within reach.
+# So many seeds are tried for each draw of a network in which all agents are within reach.
 _SEEDS_A_DRAW = 1_000
 _COPIES = 3
 # Looks at the total, five of which fall into a hold-off.

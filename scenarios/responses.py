@@ -73,7 +73,7 @@ _SETTINGS = (
 _LOW, _HIGH = 1.0, 99.0
 # Looks at the total, fewer than four of which fall between two signals of memory.
 _LOOKS = 0.25
-# Who sees cuts sees those of every other camera, whose costs have just been halved.
+# An observer of cuts sees those of every other camera, whose costs have just been halved.
 _WATCHED, _WEIGHT = tuple(range(0, _N, 2)), 0.5
 _OBSERVED = (_DRAWN, _FRACTIONAL, _FULL)
 _ERROR, _SATURATED = "error of the derivative", "saturated"

@@ -29,7 +29,7 @@ from scenarios.common.systems import critical, held, lowered, memory_alone, rate
 from scenarios.common.tables import number, over_draws, pick, shown, summarise_draws, with_theory
 
 MEMORY = memory_alone()
-# A Gamma so small that no response saturates, however much an agent makes good for.
+# A Gamma so small that no response saturates, however much an agent compensates.
 _GENTLE = 1 / 360
 _LOSS = spread(0.0, 0.5)
 _LOOSE = 8.0
@@ -41,7 +41,7 @@ _UNITS = {
     f"0.25 to {_LOOSE:g}": Crossing(0.25, longest_hold_off=_LOOSE),
 }
 
-# Colour and mark of each hold-off, the same wherever it is drawn; those of 1 and 2 are disk and bandwidth.
+# Colour and mark of each hold-off, the same in all panels; those of 1 and 2 are disk and bandwidth.
 _PLACES = {"fixed 0.5": 0, "fixed 0.25": 3, "fixed 1": 4, f"0.25 to {_TIGHT:g}": 5, f"0.25 to {_LOOSE:g}": 6}
 
 _NOTHING, _KNOWN = "nothing", "known"
@@ -80,8 +80,8 @@ class _Answered(NamedTuple):
     bits: FloatArray
     misallocation: FloatArray
     early: FloatArray  # misallocation after a quarter of the run
-    luck: FloatArray  # distance from what theory has, which is without luck
-    predicted: FloatArray  # misallocation without luck
+    luck: FloatArray  # distance from what theory has, which is without random error
+    predicted: FloatArray  # misallocation without random error
     saturated: FloatArray  # responses with a probability above 1
 
 

@@ -2,13 +2,15 @@
 
 The pages are those of `docs`, the README and CONTRIBUTING. The rules are few: short sentences, plain words,
 short source lines, and captions that name what is shown. Code, output and formulas are not prose.
-Docstrings and messages of the code must use plain words, too, and docstrings of classes and functions short
-sentences.
+Docstrings, messages and comments of the code must use plain words, too; docstrings of classes and functions
+must have short sentences.
 """
 
 import ast
+import io
 import re
 import sys
+import tokenize
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -250,6 +252,13 @@ def browser_findings(source: str) -> list[Finding]:
     return found
 
 
+def _comments(source: str) -> Iterator[Paragraph]:
+    """Comments of a module, without those looks of a control unit that code is about."""
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            yield Paragraph(token.start[0], re.sub(r"\b[Ll]ooks\b", "samples", token.string))
+
+
 def _long_sentences(paragraph: Paragraph) -> Iterator[Finding]:
     for sentence in sentences(plain(paragraph.text)):
         if (count := _words(sentence)) > SENTENCE_WORDS:
@@ -259,8 +268,8 @@ def _long_sentences(paragraph: Paragraph) -> Iterator[Finding]:
 
 
 def code_findings(source: str) -> list[Finding]:
-    """What breaks the rules in a module's strings, with the first line of their paragraph."""
-    words = [found for paragraph in texts(source) for found in _banned(paragraph)]
+    """What breaks the rules in a module's strings and comments, with the first line of their paragraph."""
+    words = [found for paragraph in (*texts(source), *_comments(source)) for found in _banned(paragraph)]
     return sorted(words + [found for paragraph in described(source) for found in _long_sentences(paragraph)])
 
 

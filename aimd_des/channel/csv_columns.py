@@ -72,7 +72,7 @@ def _refuse_values(path: str | Path, names: list[str], parse: Callable[[str], ob
     """Refuse a first line of values: taken for names, it would be a row that is silently missing."""
 
     def is_value(name: str) -> bool:
-        # What is no number is a value that is missing, whatever a column may hold.
+        # What is no number is a value that is missing, in every column.
         number = name.lower() in _TRUTHS or _holds(float, name)
         return name.lower() == "nan" or (number and _holds(parse, name))
 

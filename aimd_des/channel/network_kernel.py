@@ -36,9 +36,9 @@ class NetworkTable(NamedTuple):
     head: IntArray
     agent: IntArray  # (n,): the node of each agent
     latency: FloatArray  # (a,): receives the latencies of a broadcast, by number of the arc
-    # (v,): working memory, and so is `fresh`, (v,): nodes whose time the next ones have not seen.
+    # Working memory, (v,): the time of each node, and whether the next nodes have not seen it yet.
     time: FloatArray
-    fresh: BoolArray  # (v,): see there
+    fresh: BoolArray
 
 
 def network_table(

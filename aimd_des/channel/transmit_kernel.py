@@ -39,8 +39,9 @@ class ChannelTable(NamedTuple):
     latency_key: Key
     loss_key: Key
     duplication_key: Key
-    lost: BoolArray  # (a,): working memory, and so is `spare`, (a,)
-    spare: FloatArray  # (a,): see there
+    # Working memory, (a,).
+    lost: BoolArray
+    spare: FloatArray
     network: NetworkTable  # over which copies travel; empty where each agent has a link of its own
 
 
@@ -135,10 +136,10 @@ def transmit(
     if networked:
         spread(network, lost, departure, arrival)
         return code
-    # Lost copies arrive at infinity: whoever compares times need not ask twice.
+    # Lost copies arrive at infinity: a comparison of times suffices.
     for i in range(arrival.shape[0]):
         arrival[i] = np.inf if lost[i] else departure + arrival[i]
-    # If there cannot be any, `second` is left alone, and nobody reads it.
+    # If there cannot be any, `second` is left alone and is not read.
     if table.duplicates:
         _transmit_seconds(table, resource, number, departure, second)
     return code

@@ -83,7 +83,7 @@ def _heard(rows: Rows, sent: Rows) -> tuple[Rows, Any]:
 
 def _delays(rows: Rows, sent: Rows, names: Any, to_ms: float) -> pd.DataFrame:
     heard, departure = _heard(rows, sent)
-    # Clocks of two hosts agree to within half a round trip: a delay that looks negative is none.
+    # Clocks of two hosts agree to within half a round trip: a delay below 0 counts as none.
     delay = np.clip(heard["heard"] - departure, 0.0, None)
     return pd.DataFrame(
         {

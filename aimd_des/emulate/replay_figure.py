@@ -11,7 +11,7 @@ from aimd_des.utils.colours import COLOURS
 
 _PANEL = (4.3, 3.7)  # inches
 
-# Of the run, from its end: enough to see teeth, few enough to tell them apart.
+# Of the run, from its end: enough to see the sawtooth, few enough to tell its periods apart.
 _SHOWN = 0.25
 
 

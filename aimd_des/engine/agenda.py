@@ -43,7 +43,7 @@ class Planned:
 
     def process(self, system: System) -> ProcessGenerator:
         """Live: make the changes one after the other."""
-        return Agenda(system, self, object()).process()  # nobody else has that name
+        return Agenda(system, self, object()).process()  # no other has that name
 
 
 def is_planned(intervention: object) -> bool:

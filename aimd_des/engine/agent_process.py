@@ -171,7 +171,7 @@ class AgentProcess:
             j = signal[0]
             demand, accumulated, anchor, origin, increase, decrease, normalization = self._rows[j]
             held, since = demand[i], moment - anchor[i]
-            # Formulas that kernels compile, too: whoever rearranges one moves the bits of both.  Those of the
+            # Formulas that kernels compile, too: rearranging one changes the bits of both.  Those of the
             # paper's average and rule are written out, which spares most runs five calls for every answer.
             if self._cumulative:
                 folded = accumulated[i] + (since * held + increase * (0.5 * since * (since - tick_weight)))
@@ -207,7 +207,7 @@ class AgentProcess:
         now = self._env.now if self._discrete else moment
         self._break_line(j, kept, folded, moment)
         self._responses[j][i] += 1
-        # Draws are below 1, so that whoever has more than 1 responds, and is counted.
+        # Draws are below 1, so that an agent with more than 1 responds, and is counted.
         if probability > 1.0:
             self._saturated[j][i] += is_saturated(self._response, probability, self.decrease[j])
         # Listeners are told when the new line has begun, so what they read is what is so now.

@@ -37,7 +37,7 @@ class Conditions:
     weights: FloatArray
     pieces: list[Piece]  # the problems that have been in force, the present one included
     failures: int = 0  # by how many faults the control unit is down
-    # The weights of each who weighs, shape (n,), in the order in which they began.
+    # The weights of each source, shape (n,), in the order in which sources began.
     weighing: dict[Hashable, FloatArray] = field(default_factory=dict)
     # All costs that have been in force but those of the problem, what has drawn them (the name of an
     # intervention and the number of the draw; nothing: they are the problem's; "": a function of the user's
@@ -63,7 +63,7 @@ class Conditions:
     def at_start(cls, problem: Problem) -> "Conditions":
         """Give the conditions before anything has happened: all are here and hear."""
         n = problem.n_agents
-        # Locked against writing: who changes one uses `put`, and so says so; readers keep views of them.
+        # Locked against writing: a change goes through `put`, which reports it; readers keep views of them.
         nobody = locked(np.zeros(n, dtype=np.bool_))
         return cls(
             away=nobody,

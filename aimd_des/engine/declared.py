@@ -103,7 +103,7 @@ def check_end(interventions: Sequence[object], until: float) -> None:
     InputError
         Naming all of them.
     """
-    # Who does not say when it begins may begin at once.
+    # An intervention that does not say when it begins may begin at once.
     late = [
         number for number, declared in enumerate(interventions) if getattr(declared, "begins", 0.0) >= until
     ]

@@ -90,7 +90,7 @@ class ResponseDraws(dict[Signal, list[float]]):
         # Copies of one broadcast ask for the same row, mostly soon after each other; the oldest goes.
         if len(self) == _ROWS_KEPT:
             del self[next(iter(self))]
-        # Agent i takes the i-th of the row, whoever else there is and however agents are represented.
+        # Agent i takes the i-th of the row, with any other agents and any representation.
         row = rng.uniforms(self.key, signal.resource, signal.number, self.n_agents, signal.copy)
         draws: list[float] = row.tolist()  # indexed one at a time, where a list is several times as fast
         self[signal] = draws
@@ -176,7 +176,7 @@ class Carrier:
         while True:
             # Before the copy is handed over: a receiver may send, and so change the list.
             time, _, agent, signal = due.pop()
-            # Asked when it lands: where nobody is now, it is of no use that somebody was when it was sent.
+            # Asked when it lands: an agent that was present only when it was sent does not receive it.
             gone = away[agent]
             if log is not None:
                 entry = (signal.resource, agent, signal.number, float(signal.copy))

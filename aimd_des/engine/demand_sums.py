@@ -60,7 +60,7 @@ class DemandSums:
     def resume(self, state: Mapping[str, Any]) -> None:
         """Go on from what `state` has returned."""
         self._sums[:], self._moment[:] = state["sums"], state["moment"]
-        self._changed[:] = state["changed"]  # in place: whoever breaks a line appends to this very list
+        self._changed[:] = state["changed"]  # in place: a break of a line is appended to this very list
 
     def ticks(self, agent: int, tick: int) -> None:
         """Take note that an agent ticks at this instant; what it holds then is read at a later one."""

@@ -31,7 +31,7 @@ Callback = Callable[[Any], None]
 # one instant these come before what keeps the order in which it was scheduled.
 FIRST_ORDER = 1 << 40
 
-# Events between two reports to whoever watches the run: enough for a progress bar, too few to be felt.
+# Events between two reports to the observer of the run: enough for a progress bar, too few to be felt.
 _WATCH_EVERY = 1 << 12
 
 _INSTEAD = "declare interventions, and let the run come to them"
@@ -60,7 +60,7 @@ class _Due(simpy.Event):
         self._value = None
         self.order = order
         self.turn = turn
-        self.owned = False  # whether somebody keeps it as data, and puts it back where a run is gone on with
+        self.owned = False  # whether its owner keeps it as data, and puts it back where a run is resumed
 
     def __lt__(self, other: "_Due") -> bool:
         # The queue compares events only where time, kind and order are equal, which SimPy's own never are.
@@ -166,7 +166,7 @@ class OrderedEnvironment(simpy.Environment):
 
     def _note_act(self, event: simpy.Event) -> None:
         assert isinstance(event, _Due)  # noqa: S101 - `at` makes no others
-        # The first callback of the event, so that whoever acts on it reads its own turn as over.
+        # The first callback of the event, so that the code that acts on it reads its own turn as over.
         self._acted_at, self._acted = self._now, event.order
 
     def reserve(self, how_many: int) -> int:
@@ -281,7 +281,7 @@ class OrderedEnvironment(simpy.Environment):
             if event.callbacks and id(event) not in awaited and not getattr(event, "owned", False):
                 reason = "free of events that were scheduled from outside, which cannot be copied"
                 raise InputError.of("run", f"one with an event at {time!r} in store", reason, _INSTEAD)
-        # What nobody waits for happens all the same: a step is one event.
+        # An event that no process waits for happens all the same: a step is one event.
         idle = [self.place_of(event) for *_, event in self._queue if not event.callbacks]
         order, turn = next(self._eid), next(self._turns)
         self._eid, self._turns = count(order), count(turn)
@@ -441,7 +441,7 @@ class OrderedEnvironment(simpy.Environment):
             callbacks, event.callbacks = event.callbacks, None  # type: ignore[assignment]
             for callback in callbacks:
                 callback(event)
-            # A process has failed and nobody waits for it.
+            # A process has failed and no other waits for it.
             if not event._ok and not hasattr(event, "_defused"):
                 raise event._value
             if one:
@@ -465,7 +465,7 @@ class Mailbox(simpy.Event):
 
     def hand(self, value: object) -> None:
         """Resume the waiting process with a value, within the present event."""
-        # A fresh list before anybody is resumed: SimPy takes the event for one that has not happened, and the
+        # A fresh list before a process resumes: SimPy takes the event for one that has not happened, and the
         # process that yields it again from within waits for the next value.
         waiting, self.callbacks = self.callbacks, []
         self._ok = True

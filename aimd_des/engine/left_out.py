@@ -61,7 +61,7 @@ class LeftOut:
             return average
         age = self._age()
         length = age - before.age
-        # Who has begun anew in the meantime has an average of its own, and who was away has none.
+        # An agent that began anew in the meantime has an average of its own; one that was away has none.
         own = (self.system.state.origin > before.moment) | (length <= 0.0)
         since = (average * age - before.accumulated) / np.where(own, 1.0, length)
         return np.where(own, average, since)

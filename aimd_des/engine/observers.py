@@ -200,7 +200,7 @@ def fold_change(line: Any, time: float, change: float, slope: float, capacity: f
     if end > capacity:
         over = end - capacity
         under = max(capacity - total, 0.0)
-        # Where nobody is here to grow, nothing is crossed on the way.
+        # Where no agent is present to grow, nothing is crossed on the way.
         crossed = duration - under / slope if under > 0.0 else duration
         above += crossed
         excess += 0.5 * (over + max(total - capacity, 0.0)) * crossed

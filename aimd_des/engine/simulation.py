@@ -413,7 +413,7 @@ class Simulation(ShowsItself):
     def _populate(self, system: System, observer: Observer) -> None:
         """Start the control unit, then the agents."""
         control_unit, populate = self.control_unit, getattr(self.agents, "populate", None)
-        # Asked for by its method: this module need not know who is compiled, nor how.
+        # Asked for by its method: this module need not know what is compiled, nor how.
         if populate is None:
             make_all = cast(Maker, self.agents)
             makers = {index: self.special.get(index, make_all) for index in range(self.problem.n_agents)}

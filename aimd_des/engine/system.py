@@ -376,7 +376,7 @@ class System(Readings):
         lost : bool
             Whether it is lost, since the agent was away; if not, it was delivered.
         """
-        # An agent belongs to one of the two; who is no member, or has no such method, is not concerned.
+        # An agent belongs to one of the two; one that is no member, or has no such method, is not concerned.
         if self.collective is not None:
             self.collective.forget(agent, lost=lost)
         own = getattr(self.agents.get(agent), "forget", None)  # an agent need not have it

@@ -70,7 +70,7 @@ class Readings:
 
     def settle(self) -> None:
         """Bring agents that are advanced together to where events have come; reading does it, too."""
-        raise NotImplementedError  # `System` knows who is advanced together
+        raise NotImplementedError  # `System` knows which agents are advanced together
 
     def clock_time(self, agent: int | None = None) -> float:
         """Return the time up to which ticks lie in the past: now, or just after where agents have acted.

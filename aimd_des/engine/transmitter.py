@@ -144,7 +144,7 @@ class Transmitter:
 
     def send(self, resource: int, time: float, delay: float, total: Callable[[int], float]) -> None:
         """Broadcast a capacity signal."""
-        # Numbered for each resource, whatever becomes of the copies: the number is the address of draws.
+        # Numbered for each resource, also where copies are lost: the number is the address of draws.
         signal = Broadcast(resource, int(self.numbers[resource]), time)
         self.numbers[resource] += 1
         self.sent.append(signal)
@@ -222,7 +222,7 @@ class Transmitter:
         return Copies(arrival, None if second is None else self._times(f"{field}.second", second, departure))
 
     def _times(self, field: str, times: object, departure: float) -> FloatArray:
-        # Copied: whoever wrote the link may go on using the array.
+        # Copied: the link may go on using the array.
         return returned_values.numbers(field, times, (self.n_agents,), "agent", departure).copy()
 
     def _lose(self, signal: Broadcast, lost: npt.NDArray[np.bool_]) -> None:
@@ -239,7 +239,7 @@ class Transmitter:
     def _leave_late(self, event: simpy.Event) -> None:
         """Let a signal leave after its sensing delay, as far as nothing is in the way now."""
         _, signal, drawn, orders, link = self._late.pop(event)
-        # Nobody may have looked at this instant; what is due must be answered before more is sent.
+        # There may have been no look at this instant; what is due must be answered before more is sent.
         if self.collective is not None:
             self.collective.settle()
         cut = self.conditions.cut | self.conditions.failed

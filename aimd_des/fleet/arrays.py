@@ -17,7 +17,7 @@ from aimd_des.utils.validation import FloatArray
 #: Above every order number, and the bits of every time.
 LAST = (1 << 63) - 1
 
-#: Which answers are kept for somebody: none, those of agents that respond, or of those that hold as well.
+#: Which answers are kept for observers: none, those of agents that respond, or of those that hold as well.
 NO_ANSWERS, RESPONSES, ALL_ANSWERS = 0, 1, 2
 
 #: Agents that answer a row together, at least as many as a block has copies: few enough that what is computed
@@ -135,7 +135,7 @@ class FleetAgents(NamedTuple):
     # State and parameters of all agents, as arrays of shape (m, n).
     state: State
     parameters: AgentParameters
-    members: BoolArray  # (n,): who is advanced here
+    members: BoolArray  # (n,): which agents are advanced here
     table: CostTable  # private costs of the built-in families
     gradient: int  # address of the compiled gradient of other costs; 0 where there is none
     coupled: bool  # whether costs couple the resources
@@ -147,8 +147,8 @@ class FleetAgents(NamedTuple):
     # Copies on their way: in one queue if costs are coupled, else in one for each resource.
     copies: CopiesInFlight
     rows: BroadcastRows  # those that are in no queue
-    account: CopyAccount  # who is here, and the account of copies
+    account: CopyAccount  # which agents are present, and the account of copies
     room: int  # how many copies there may be at a time in queues, besides all that may get there from rows
-    answers: Answers  # kept where somebody wants to know of them
-    reported: int  # who does: `NO_ANSWERS`, or of which answers: `RESPONSES`, `ALL_ANSWERS`
+    answers: Answers  # kept where an observer asks for them
+    reported: int  # which are asked for: `RESPONSES`, `ALL_ANSWERS`
     buffers: ResponseBuffers  # working memory

@@ -19,7 +19,7 @@ IntArray = npt.NDArray[np.int64]
 class FleetChannel(NamedTuple):
     """The way of a signal to all agents, and what is kept of it."""
 
-    # Whether compiled code may send what leaves before anybody can cut it; if not, it stops where a signal is
+    # Whether compiled code may send what leaves before a cut is possible; if not, it stops where a signal is
     # due.
     compiled: bool
     table: ChannelTable  # the channel in this run
@@ -33,7 +33,7 @@ class FleetChannel(NamedTuple):
     arrival: FloatArray
     second: FloatArray
     order: IntArray  # (1,): the next order number
-    # (s,): signals since somebody last took note of them.
+    # (s,): signals since they were last noted.
     time: FloatArray
     resource: IntArray
     number: IntArray

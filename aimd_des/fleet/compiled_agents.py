@@ -49,7 +49,7 @@ BoolArray = npt.NDArray[np.bool_]
 # Broadcasts in flight for which there is space at first; it grows where there are more.
 _BROADCASTS = 4
 
-#: Answers of which somebody is told in one go.
+#: Answers that are reported to observers together.
 TOLD_AT_ONCE = 1 << 16
 
 
@@ -89,7 +89,7 @@ class CompiledAgents:
         account = system.transmitter
         clocks = (np.empty(0), np.empty(0), np.empty(0)) if system.clocks is None else system.clocks.rows
         # State, law and account are the arrays of the run itself.  Compiled code writes state and account,
-        # and only when it settles; whoever else reads or writes them settles first.
+        # and only when it settles; all other code that reads or writes them settles first.
         self.agents = FleetAgents(
             state=system.state,
             parameters=system.parameters._replace(response=response),
@@ -188,7 +188,7 @@ class CompiledAgents:
     def listen(self) -> None:
         """Keep answers from now on if there is a listener, in compiled code or outside."""
         listeners = self.system.on_response
-        # If only the overshoot listens, answers are folded into it in compiled code.  If anybody else does,
+        # If only the overshoot listens, answers are folded into it in compiled code.  If others listen, too,
         # all are told, answer by answer in the order of events.
         own = isinstance(self.overshoot, LinearPieces) and listeners == [self.overshoot.changed]
         reported = ALL_ANSWERS if self.system.log is not None else RESPONSES if listeners else NO_ANSWERS
@@ -215,7 +215,7 @@ class CompiledAgents:
         self.make_room(1)
         accept(self.agents, *signal, arrival, first_order, *self.system.env.acted)
         if self.system.log is not None:
-            # Copies are answered in whatever order, and some never; their landings are entered apart.
+            # Copies are answered in any order, and some never; their landings are entered apart.
             arrives = self.members & (arrival < self.system.until)
             self._entries.send(signal, arrival, arrives, first_order)
         # What is sent now is ahead of this event, even if it arrives at this instant.
@@ -262,7 +262,7 @@ class CompiledAgents:
 
     def _reprice(self, costs: Costs) -> None:
         """Take in new private costs."""
-        # Whoever sets them has settled: copies that were due before are answered at the old ones.
+        # They are set after settling: copies that were due before are answered at the old ones.
         self._gradient = _compiled_gradient(costs)
         self._leave_rows()
         self.agents = self.agents._replace(table=cost_table(costs), gradient=_address(self._gradient))

@@ -74,7 +74,7 @@ def _find_moments(agents: FleetAgents, control: FleetControl) -> None:
 @formula
 def _total(agents: FleetAgents, control: FleetControl, resource: int) -> float:
     # Added up anew at every look, in the order of agents.  A total carried along from answer to answer would
-    # depend on the order in which they were computed, in its last bits, and so on when somebody looked.
+    # depend on the order in which they were computed, in its last bits, and so on the times of looks.
     state, increase = agents.state, agents.parameters.increase[resource]
     return total_of(
         state.demand[resource], increase, state.anchor[resource], control.moment, agents.tick_weight
@@ -88,7 +88,7 @@ def _measure(control: FleetControl, integrals: FleetOvershoot, now: float) -> No
     duration = now - integrals.measured[0]
     integrals.tick[0] += 1
     control.turns[TICK] = UNSCHEDULED
-    # Whoever has changed a demand from outside at this instant has closed the interval already.
+    # A change of a demand from outside at this instant has closed the interval already.
     if duration > 0.0:
         running = (integrals.peak, integrals.above, integrals.excess, integrals.used)
         fold_overshoot(control.total, integrals.capacity, duration, *running)
@@ -128,7 +128,7 @@ def _keep(agents: FleetAgents, control: FleetControl, observed: ObservedTotals) 
 @formula
 def _sends(control: FleetControl, channel: FleetChannel, limits: Limits) -> bool:
     """Tell whether compiled code may send: what leaves later may be cut, which is known then."""
-    # Until the next event of SimPy nobody can cut it.  What leaves in this very look is cut by what is so
+    # Until the next event of SimPy nothing can cut it.  What leaves in this very look is cut by what is so
     # now, even if an event at this instant comes after the look.
     departure = control.now[0] + control.delay
     return channel.compiled and (departure < limits.change or departure == control.now[0])
@@ -209,7 +209,7 @@ def sample(
         if not looking:
             _measure(control, integrals, now)
             continue
-        # Counted before signals are sent: whoever sends them in its place does not come back to this look.
+        # Counted before signals are sent: code that sends them in its place does not come back to this look.
         control.look[0] += 1
         control.turns[LOOK] = UNSCHEDULED
         status = _signal(agents, control, channel, limits, control.look[0] - 1)
@@ -274,7 +274,7 @@ def sense(
         control.awaits_crossing[j] = soonest > now or control.failed[0]
         if control.awaits_crossing[j]:
             control.holding[j] = False
-            # A unit that is down would look again at this instant for ever; who takes over sets the alarm.
+            # A unit that is down would look again at this instant for ever; its replacement sets the alarm.
             look_time[j] = soonest if soonest > now else np.inf
             continue
         control.repeated[j] = control.repeated[j] + 1 if now == control.instant[j] else 1
@@ -282,7 +282,7 @@ def sense(
         control.due[j] = True
         if control.repeated[j] > MOST_AT_ONE_INSTANT:
             return STANDSTILL
-        # Before anything is sent, so that the look is done with whoever sends.
+        # Before anything is sent, so that the look is done with every way of sending.
         _hold_off(control, j, now, total)
         if not _sends(control, channel, limits):
             return BROADCAST

@@ -44,8 +44,8 @@ from aimd_des.utils import returned_values
 from aimd_des.utils.errors import SimulationError
 from aimd_des.utils.rng import Purpose
 
-# How often whoever watches the run is told of how far it has come; and what is too brief for a stride, in
-# seconds, where nobody does.
+# How often the observer of the run is told how far it has come; and what is too brief for a stride, in
+# seconds, without an observer.
 _REPORTS = 200
 _BRIEF = 0.01
 
@@ -79,7 +79,7 @@ class ControlProcess:
         observer.watching = False
         self.observer = observer
         self.observed = self._observed()
-        # How far compiled code goes at a time: whatever it is, the same happens.
+        # How far compiled code goes at a time; the results are the same for any value.
         self._stride = system.until / _REPORTS
         self._mailbox = Mailbox(system.env)
         self._alarm: simpy.Event | None = None
@@ -209,7 +209,7 @@ class ControlProcess:
     def _next(self) -> tuple[float, EventKind, int]:
         """Return when there is something to be done next, and its turn at that instant."""
         control, integrals, observed = self.control, self.fleet.integrals, self.observed
-        # A process takes its turn when it schedules its next look.  Compiled looks cannot, but nobody else
+        # A process takes its turn when it schedules its next look.  Compiled looks cannot, but nothing else
         # has taken one since; so the turns that are taken now have the same order among those of all others.
         # Of a row and a tick at one instant the order does not matter: both only look.
         for turn in np.flatnonzero(control.turns == UNSCHEDULED).tolist():
@@ -230,10 +230,10 @@ class ControlProcess:
         return min(due)
 
     def _set_alarm(self) -> None:
-        # An event of SimPy cannot be taken back: an earlier alarm still rings, and nobody hears it.
+        # An event of SimPy cannot be taken back: an earlier alarm still happens, without effect.
         if self._alarm is not None and self._alarm.callbacks:
             self._alarm.callbacks.clear()
-        # Nobody may be here to grow, and nothing be left to observe: then somebody else has to set it.
+        # No agent may be present to grow, and nothing be left to observe: then other code has to set it.
         due, self._alarm = self._next(), None
         if due[0] < math.inf:
             self._alarm = self.system.env.own(*due)
@@ -244,7 +244,7 @@ class ControlProcess:
 
     def _tightened(self, time: float, resource: int) -> None:
         """Look again at once where something has changed from outside, which no bound has foreseen."""
-        # During a hold-off nothing is looked at, whatever happens; its end is a look in any case.
+        # During a hold-off nothing is looked at; its end is a look in any case.
         if self.control.awaits_crossing[resource]:
             self.control.look_time[resource] = time
             self._set_alarm()
@@ -274,11 +274,11 @@ class ControlProcess:
     def _steer(self) -> int:
         """Go on sampling to the next event; do what compiled code has stopped for."""
         env, control, channel, fleet = self.system.env, self.control, self.channel, self.fleet
-        # Between two stretches anybody may have begun to listen, and changed demand from outside: that comes
+        # Between two stretches a listener may begin, and demand may change from outside: that comes
         # before the answers that compiled code will fold into the same integrals.
         fleet.listen()
         fleet.flush()
-        # Listeners outside are told in time: whatever they do comes before the next signal.
+        # Listeners outside are told in time: their changes come before the next signal.
         told = fleet.agents.reported != NO_ANSWERS and not fleet.integrals.lines
         seen = bool(self.system.transmitter.on_leave)
         channel = channel._replace(compiled=channel.compiled and not told and not seen)
@@ -296,7 +296,7 @@ class ControlProcess:
         steer = sense if control.crossing else sample
         began = perf_counter()
         status: int = steer(fleet.agents, control, channel, fleet.integrals, self.observed, limits)
-        # Compiled code cannot be interrupted: nobody waits long for Ctrl-C, and short runs have few strides.
+        # Compiled code cannot be interrupted: Ctrl-C does not wait long, and short runs have few strides.
         if limits.horizon == stride and perf_counter() - began < _BRIEF and not env.watched:
             self._stride *= 4.0
         # Noted before anything else is sent, so that signals stand in the order in which they were sent.

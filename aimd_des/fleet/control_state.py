@@ -58,7 +58,7 @@ class FleetControl(NamedTuple):
     awaits_crossing: BoolArray
     growth: FloatArray  # (m,): of total demand, in units of the resource per unit of time
     instant: FloatArray  # (m,): when a crossing one broadcast last
-    # (m,): what total demand would be if nobody had answered, and when it was so.
+    # (m,): what total demand would be without answers, and when it was so.
     unanswered: FloatArray
     since: FloatArray
     hold_off: FloatArray  # (m,): the present one
@@ -71,7 +71,7 @@ class FleetControl(NamedTuple):
     # (3,): order numbers of the next look of a sampled one, the next row of totals and the next tick that is
     # measured; `UNSCHEDULED` until SimPy's side gives it one.
     turns: IntArray
-    answers: int  # above how many answers in memory somebody has to be told of them
+    answers: int  # above how many answers in memory they are reported
 
 
 #: What a control unit knows of its own: all that neither is given nor belongs to the conditions.
@@ -102,7 +102,7 @@ class Limits(NamedTuple):
     horizon: float
     kind: int
     order: int
-    change: float  # before this nobody can cut a signal that leaves, or the run is over
-    # When somebody last acted, and the last turn that was over then.
+    change: float  # before this nothing can cut a signal that leaves, or the run is over
+    # When an event last acted, and the last turn that was over then.
     acted_at: float
     acted: int

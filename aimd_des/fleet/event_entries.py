@@ -82,7 +82,7 @@ class EventEntries:
         limit = turn_limit(kind, order, EventKind.DELIVER)
         lands = (self._time < time) | ((self._time == time) & (self._about[0] < limit))
         about = self._about[:, lands]
-        # As it is now is as it was when a copy landed: whoever lets an agent come or go settles first.
+        # As it is now is as it was when a copy landed: a change of the present agents settles first.
         kinds = np.where(away[about[2]], Entry.LOST, Entry.DELIVER)
         entries = _entries(self._time[lands], kinds, *about[1:4], about[4])
         self._time, self._about = self._time[~lands], self._about[:, ~lands]

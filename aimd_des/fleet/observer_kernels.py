@@ -32,12 +32,12 @@ class FleetOvershoot(NamedTuple):
     capacity: FloatArray
     slope: FloatArray
     running: FloatArray  # (m, 6): of lines: as in `observing.LinearPieces`
-    # (m,): of steps: as in `observing.ConstantPieces`, and so is `measured`, (1,).
+    # Of steps: as in `observing.ConstantPieces`; (m,) each, `measured` (1,).
     peak: FloatArray
     above: FloatArray
     excess: FloatArray
     used: FloatArray
-    measured: FloatArray  # (1,): see there
+    measured: FloatArray
     tick: IntArray  # (1,): of steps: index of the next tick that closes an interval
     # (a,): working memory of sorting.
     order: IntArray
@@ -130,7 +130,7 @@ def _sort(answers: Answers, order: IntArray, spare: IntArray) -> None:
         _spread(answers, order, spare)
         if _insert(answers, order, 0, count, _MOVES * count):
             return
-    # A merge sort, which is fast whatever the times are.
+    # A merge sort, which is fast for all times.
     for low in range(0, count, _SHORT):
         _insert(answers, order, low, min(low + _SHORT, count), _SHORT * _SHORT)
     width = _SHORT

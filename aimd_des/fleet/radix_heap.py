@@ -145,7 +145,7 @@ def move(copies: CopiesInFlight, queue: int, chain: int, place: int) -> None:
 @formula
 def _join(copies: CopiesInFlight, queue: int, chain: int) -> None:
     """Hang a whole chain behind that of the copies that are due."""
-    # The last block of a chain need not be full, so `DUE` may have such blocks in its middle: whoever passes
+    # The last block of a chain need not be full, so `DUE` may have such blocks inside: code that passes
     # through a chain asks each block how many copies it has.
     first = copies.head[queue, chain]
     if first >= 0:

@@ -76,7 +76,7 @@ def _find_first(agents: FleetAgents, queue: int) -> None:
 @formula
 def _one_broadcast(agents: FleetAgents, queue: int) -> bool:
     """Tell whether all copies that are due are of one broadcast, so that no agent has two."""
-    # Worth a pass of its own: where it is so, nobody's first copy has to be found.
+    # Worth a pass of its own: where it is so, no first copy has to be found.
     copies = agents.copies
     block = copies.head[queue, DUE]
     lowest = highest = copies.rank[block * BLOCK]
@@ -118,7 +118,7 @@ def _choose(agents: FleetAgents, queue: int, block: int, everybody: bool) -> int
             resource, second = subject(copies, place)
             if copies.uniform[place] == FORGOTTEN:  # accounted for when it was forgotten
                 continue
-            # As it is now is as it was when the copy was due: whoever lets an agent come or go settles first.
+            # As it is now is as it was when the copy was due: a change of the present agents settles first.
             if agents.account.away[i]:
                 miss(agents, resource, i, second)
                 continue
@@ -305,14 +305,14 @@ def _answer(agents: FleetAgents, chosen: int) -> None:
             state.demand[j, i], state.accumulated[j, i] = kept, buffers.folded[row]
             state.anchor[j, i] = buffers.moment[row]
             state.responses[j, i] += responds
-            # Only responses are counted: every draw is below 1, so above 1 nobody holds.
+            # Only responses are counted: every draw is below 1, so above 1 no agent holds.
             if buffers.probability[row] > 1.0:
                 decrease = parameters.decrease[j, i]
                 state.saturated[j, i] += is_saturated(response, buffers.probability[row], decrease)
             if agents.reported != NO_ANSWERS and responds:
                 _report(agents, place, j, kept - present)
         if agents.reported == ALL_ANSWERS and not responds:
-            # Not 0: a response of somebody who holds nothing changes demand by 0 as well.
+            # Not 0: a response of an agent that holds nothing changes demand by 0 as well.
             _report(agents, place, buffers.resource[row], np.nan)
 
 

@@ -79,7 +79,7 @@ def _list_row(rows: BroadcastRows, resource: int, first: int, last: int, after: 
     j, arrival, uniform = resource, rows.arrival[resource], rows.uniform[resource]
     begin: Any = np.uint64(rows.listed[j])
     agents, end = rows.listed_agent[j], begin
-    # First only who they are, without a branch: written in any case, and counted if the copy waits.
+    # First only their numbers, without a branch: written in any case, and counted if the copy waits.
     for i in range(first, last):
         time = arrival[i]
         agents[end] = i
@@ -135,7 +135,7 @@ def make_way(agents: FleetAgents, resource: int, copy: int) -> bool:
     elif copy != 0 or not _fits(rows, resource):
         spill(copies, rows, resource)
     elif rows.first[resource] < np.inf:
-        # Nobody has looked since the last broadcast, or nothing of it was due.
+        # There was no look since the last broadcast, or nothing of it was due.
         _list_row(rows, resource, 0, rows.arrival.shape[1], -np.inf)
     return bool(rows.serving[resource])
 
@@ -148,7 +148,7 @@ def open_row(agents: FleetAgents, resource: int, number: int, arrival: FloatArra
     first = bits_of(np.inf)
     for i in range(row.shape[0]):
         time = arrival[i]
-        # What does not arrive, or is for somebody else, is as if it were lost.
+        # What does not arrive, or is for another agent, is as if it were lost.
         time = time if (time < agents.until) & agents.members[i] else np.inf
         row[i] = time
         # The least of whole numbers is found several at a time; that of floating-point numbers is not.
@@ -216,7 +216,7 @@ def _answer_listed(agents: FleetAgents, row: ResourceRows, resource: int, place:
     if agents.reported != NO_ANSWERS:
         change = kept - present if responds else np.nan
         report(agents.answers, bits_of(moment), rows.due_rank[place], agent, j, change)
-        # Written in any case, and counted if somebody wants to know of it.
+        # Written in any case, and counted if a listener asks for it.
         agents.answers.held[0] -= agents.reported != ALL_ANSWERS and not responds
 
 
@@ -345,7 +345,7 @@ def _report_piece(agents: FleetAgents, resource: int, first: int, last: int, bou
     """Note the answers of some agents for their listeners."""
     j, rows, buffers, answers = resource, agents.rows, agents.buffers, agents.answers
     arrival = rows.arrival[j][first:last]
-    # First only whose answers they are, without a branch.
+    # First only which agents answer, without a branch.
     count = np.uint64(0)
     if agents.reported == ALL_ANSWERS:
         for k in range(last - first):

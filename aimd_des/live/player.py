@@ -241,7 +241,7 @@ class Player:
     def measured(self) -> Iterator[bytes]:
         """Yield what has been measured since the last time, and the optimum for what is used in the end."""
         while self._looks:
-            # One at a time: whoever stops in between finds the others the next time.
+            # One at a time: a stop in between leaves the others for the next time.
             look = self._looks.pop(0)
             if self.problem.n_agents > _MOST_MEASURED:
                 continue

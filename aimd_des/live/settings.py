@@ -26,7 +26,7 @@ DEFAULT: dict[str, Any] = {
     "channel": {"latency": {"kind": "exponential", "mean": 0.6}, "loss": 0.1},
 }
 
-# More changes than that nobody has made by hand.
+# More changes than that are not made by hand.
 _MOST_CHANGES = 1000
 # Shape of the Pareto distribution: its variance is finite, and one latency in 100 is 4.4 times the mean.
 _SHAPE = 2.2

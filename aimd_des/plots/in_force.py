@@ -23,9 +23,9 @@ class Observation(NamedTuple):
     """The agents that are here at a time, and what they are compared with."""
 
     problem: Problem  # in force, for the agents that are here
-    present: npt.NDArray[np.bool_]  # (n,): who they are
+    present: npt.NDArray[np.bool_]  # (n,): which agents they are
     average: FloatArray  # (k, m): their averages, in units of the resources
-    best: Optimum  # of the problem
+    best: Optimum  # of the problem in force
 
     @property
     def for_used(self) -> Optimum | None:

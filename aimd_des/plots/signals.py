@@ -54,7 +54,7 @@ def demand_and_signals(axes: Axes, result: Result, *, start: float = 0.0, end: f
     if len(shown) < 2:
         return style.note(axes, _NO_LOOKS)
     times, sent = seen.demand_times[shown], result.signals_sent
-    # Discrete demand stands still between ticks and jumps at them.
+    # Discrete demand is constant between ticks and jumps at them.
     steps = "steps-post" if result.dynamics == "discrete" else "default"
     for j, resource in enumerate(problem.resources):
         curve = seen.total_demand[shown, j] / scale.divisor[j]

@@ -21,7 +21,7 @@ from aimd_des.utils.colours import COLOURS
 REFERENCE = "0.35"
 
 _LONGEST_LABEL = 28
-# Resources differ by their marks, too: colours are not told apart by everybody, and not in print.
+# Resources differ by their marks, too: not all readers tell colours apart, and print does not.
 _MARKS = "os^Dv<>"
 
 

@@ -14,7 +14,7 @@ Agents = str | int | Sequence[str | int]
 def _index(field: str, names: Sequence[str], given: object) -> int:
     """Find one of the names, or take an index for what it is."""
     if type(given) is int and 0 <= given < len(names):
-        return given  # at once: whoever looks at totals asks for nothing else
+        return given  # at once: a process that reads totals asks for nothing else
     if not isinstance(given, str):
         return validation.integer(field, given, low=0, high=len(names) - 1)
     few = len(names) <= 12

@@ -58,7 +58,7 @@ class Chart:
 
     id: str  # of the element
     title: str  # above it
-    text: str  # what is to be seen: below it, and for those who do not see it
+    text: str  # what is to be seen: below it, and for screen readers
     spec: dict[str, Any]  # Vega-Lite, with its data
     wide: bool = True  # whether it takes the whole width, where there is room for several side by side
 

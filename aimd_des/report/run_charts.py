@@ -31,7 +31,7 @@ _POSITIONS = 100
 _PARTS = (1, 2, 5, 10, 20, 50, 100)
 # The window at first: a twentieth of the run, from the middle on.
 _START, _PART = 50, 20
-# A line between looks shows the teeth of the saw where it has so many looks a tooth; else there are
+# A line between looks shows the sawtooth where it has so many looks a period; else there are
 # envelopes, of so many looks each.
 _LOOKS_A_TOOTH, _LOOKS_A_PIECE = 6, 8
 _ROUNDED = 1.0 + 1e-9

@@ -337,7 +337,7 @@ def _map_parameters(
     return [
         *_parameters(axes, start),
         chosen("up", "1"),
-        # Along and up the same axis there would be nothing but a diagonal.
+        # Along and up the same axis there would only be a diagonal.
         alt.param(name="other", expr="up != along ? up : along == '0' ? '1' : '0'"),
         chosen("measure", "0"),
         chosen("of", "0"),

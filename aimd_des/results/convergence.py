@@ -41,7 +41,7 @@ def convergence_frame(result: "Result", count: int) -> "pd.DataFrame":
             in_force = piece_problem(problem, piece)
             measured[row] = misallocation(in_force, average)
             best = result.optimum_of(piece)
-            assert best is not None  # noqa: S101 - somebody is here
+            assert best is not None  # noqa: S101 - an agent is present
             error[row] = metrics.relative_error(average, best.allocation)
             cost[row] = metrics.cost_ratio(in_force.costs, average, best.allocation)
     return pd.DataFrame(

@@ -80,7 +80,7 @@ class EventLog:
         self._before: Callable[[], None] = lambda: None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A copy has the entries alone: whoever leads the log belongs to a run, which cannot be copied.
+        # A copy has the entries alone: the owner of the log belongs to a run, which cannot be copied.
         return EventLog, (array("d", self._rows(0).tobytes()),)
 
     def __len__(self) -> int:
@@ -92,7 +92,7 @@ class EventLog:
         for piece in self._earlier:
             pieces.append(piece[since:])
             since = max(since - len(piece), 0)
-        # A copy: the array cannot grow while somebody looks at its memory.
+        # A copy: the array cannot grow while its memory is being read.
         pieces.append(np.array(self._numbers[_FIELDS * since :]).reshape(-1, _FIELDS))
         return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
 

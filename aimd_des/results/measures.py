@@ -36,7 +36,7 @@ class Measured:
     bits_per_signal: int  # what a signal costs
     account: Account  # copies and responses
     overshoot: metrics.Overshoot  # over the whole run
-    # Gives the optimum that the averages are held against, None where nobody is here.
+    # Gives the optimum that the averages are held against, None where no agent is present.
     optimum: Callable[[], Optimum | None]
     recovery: Callable[[], FloatArray]  # gives the recovery times of the last change, (m,)
 
@@ -54,7 +54,7 @@ class Measured:
     def best(self) -> FloatArray:
         """What the agents that are here should hold, shape (n_here, m)."""
         found = self.optimum()
-        assert found is not None  # noqa: S101 - asked for where somebody is here
+        assert found is not None  # noqa: S101 - asked for where an agent is present
         return found.allocation
 
     def cost_ratio(self) -> FloatArray:
@@ -72,7 +72,7 @@ class Measure(NamedTuple):
     unit: str  # what its numbers count, or are shares of
     meaning: str  # in one sentence
     function: Callable[[Measured], npt.NDArray[Any]]  # from a `Measured` to a value for each resource
-    # Whether it is taken of the agents that are here at the end, and so is NaN where nobody is.
+    # Whether it is taken of the agents that are here at the end, and so is NaN where there are none.
     of_those_here: bool = False
     needs_optimum: bool = False  # whether it holds the averages against the optimum of the problem in force
     always: bool = True  # whether it is measured unless others are asked for

@@ -437,7 +437,7 @@ class Result(ShowsItself):
         """
         last, rest = self.history[-1], self.rest
         if optimum is not None:
-            self.optimum_of(last, optimum)  # refuses one that does not fit, whatever is measured
+            self.optimum_of(last, optimum)  # refuses one that does not fit, for any measure
         run = Measured(
             problem=self.problem,
             last=last,

@@ -114,7 +114,7 @@ class Kind:
             made = self.of.make(**own)
         except InputError:
             raise
-        except (Exception, SystemExit) as error:  # whatever it does not check itself
+        except (Exception, SystemExit) as error:  # all that it does not check itself
             cause = f"{type(error).__name__}: {error}".rstrip(": ")
             raise InputError(f"{self.name} makes nothing of these parameters ({cause})") from error
         if self.is_own:

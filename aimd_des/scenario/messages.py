@@ -20,7 +20,7 @@ Place = tuple[str | int, ...]
 # How pydantic begins what we end after "must be".
 _MUST_BE = "Input should be "
 
-# Nobody reads on.
+# More is not read.
 _MOST_SENTENCES = 20
 
 

@@ -47,7 +47,7 @@ def made_by(name: str, parameters: Mapping[str, Any]) -> Problem:
         problem = function(**parameters)
     except InputError:
         raise
-    except (Exception, SystemExit) as error:  # whatever it does not check itself
+    except (Exception, SystemExit) as error:  # all that it does not check itself
         cause = f"{type(error).__name__}: {error}".rstrip(": ")
         raise InputError(f"parameters: {name} makes no problem of them ({cause})") from error
     if not isinstance(problem, Problem):

@@ -14,7 +14,7 @@ from aimd_des.utils.parts import MODEL, REGISTERED, Registered
 # An installed package names the modules with its parts under this group of entry points.
 _ENTRY_POINTS = "aimd_des_parts"
 
-# Where models and parts are looked for that nobody has named.
+# Where models and parts are looked for without a module's name.
 _MODELS = "models"
 
 
@@ -103,7 +103,7 @@ class Names:
     def _import(self, module: str) -> None:
         try:
             import_module(module)
-        except (Exception, SystemExit) as error:  # whatever a module of the user's raises
+        except (Exception, SystemExit) as error:  # anything that a module of the user's raises
             REGISTERED.pop(module, None)  # what it had registered before
             raise self._not_imported(module, error) from error
 

@@ -112,5 +112,5 @@ def _edges(kind: str, given: Mapping[str, Any]) -> float:
     n = size["n_agents"]
     if kind == "star":
         return n
-    # Nobody has neighbours beyond the square.
+    # There are no neighbours beyond the square.
     return n + 0.5 * n * n * min(math.pi * min(abs(size["radius"]), 1.0) ** 2, 1.0)

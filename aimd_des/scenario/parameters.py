@@ -43,7 +43,7 @@ def as_data(value: Any, depth: int = 0) -> Any:
 
 def _is_array(value: Any) -> bool:
     """Tell arrays and NumPy's numbers, and the series and indices of pandas."""
-    # Pandas is slow to import, and whoever has a series has imported it.
+    # Pandas is slow to import, and code that has a series has imported it.
     pandas = sys.modules.get("pandas")
     return isinstance(value, np.ndarray | np.generic) or (
         pandas is not None and isinstance(value, pandas.Series | pandas.Index)

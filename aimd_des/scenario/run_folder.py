@@ -94,7 +94,7 @@ def write_run(
     RuntimeWarning
         For each figure that cannot be drawn: the numbers are there all the same.
     """
-    # Frames and theory are slow to import, and whoever reads a folder may need neither.
+    # Frames and theory are slow to import, and a reader of a folder may need neither.
     from aimd_des.scenario.accuracy import accuracy_of
 
     with new_folder(place) as folder:
@@ -187,13 +187,13 @@ def _add_figures(
                 picture = BytesIO()
                 # Without a date the same run is the same file.
                 figure.savefig(picture, format=form, dpi=_DPI, metadata=_UNDATED.get(form))
-                # By now the folder may be another run's, or somebody's who has made a new one.
+                # By now the folder may be another run's, or a new one of another program.
                 if read_checksums(place.target, "") != sums:
                     raise TakenError(0, "the folder is no longer that of this run")
                 _write(path, picture.getvalue())
                 sums = {**sums, path.name: checksum(picture.getvalue())}
                 write_checksums(place.target, sums)
-        except Exception as failure:  # noqa: BLE001 - whatever it is, the numbers are what the run was for
+        except Exception as failure:  # noqa: BLE001 - for any error, the numbers are what the run was for
             said = f"{place.folder / path.name}: is missing ({type(failure).__name__}: {failure})"
             warnings.warn(f"{said}; all numbers are written", RuntimeWarning, stacklevel=3)
 
@@ -291,7 +291,7 @@ class StoredRun(ShowsItself):
         content = _read(self.folder, f"{name}.parquet", self.checksums)
         try:
             frame = pd.read_parquet(BytesIO(content))
-        except Exception as damage:  # noqa: BLE001 - without a checksum, nobody knows what a damaged file does
+        except Exception as damage:  # noqa: BLE001 - without a checksum, a damaged file may do anything
             path, cause = self.folder / f"{name}.parquet", " ".join(str(damage).split())
             raise InputError(f"{path}: is damaged ({cause}); {_REMEDY}") from None
         return frame.set_axis(columns_now(frame.columns), axis="columns")

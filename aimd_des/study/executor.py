@@ -54,7 +54,7 @@ class _Window:
                     return
                 suspects = self._collect(wait(self.pending, return_when=FIRST_COMPLETED).done)
             if suspects:
-                # A worker died. Whatever was in flight with it is lost, or done; who killed it is not known.
+                # A worker died. Runs in flight are lost, or done; which of them killed it is not known.
                 suspects += self._collect(wait(self.pending).done)
                 self.close()
                 for run in suspects:

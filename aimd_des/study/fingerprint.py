@@ -55,7 +55,7 @@ def _words(value: Any, above: dict[int, Any]) -> Iterator[bytes]:
         yield type(value).__qualname__.encode()
         for part in _parts(value):
             yield from _words(part, above)
-        # Functions are written once, however many call them; equal data look alike wherever they are kept.
+        # Functions are written once, however many call them; equal data are written alike in every place.
         if not isinstance(value, type | FunctionType):
             del above[id(value)]
 

@@ -24,7 +24,7 @@ def append(folder: Path, record: Mapping[str, Any]) -> None:
     """Write a record into the journal of this thread."""
     path = folder / f".{socket.gethostname()}-{os.getpid()}-{threading.get_ident()}{_SUFFIX}"
     text = json.dumps(record)
-    # It begins on a line of its own, whatever an earlier writer has left there.
+    # It begins on a line of its own, after any rest of an earlier writer.
     line = f"\n{text}\t{_digest(text.encode())}\n"
     with path.open("ab") as file:
         file.write(line.encode())

@@ -30,7 +30,7 @@ _PAIRED, _UNPAIRED = 0, 1
 class Point:
     """A position along each axis."""
 
-    name: str  # a hash of the settings: the same whatever values there are besides, and in whatever order
+    name: str  # a hash of the settings: the same with any values besides, and in any order
     labels: dict[str, Value]  # the value of each axis by its name
     scenario: Scenario  # the run at this point, with seed 0
     problem: dict[str, str]  # digests of the problem with seed 0, field by field, and of the user's own parts

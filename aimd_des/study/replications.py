@@ -166,7 +166,7 @@ def _read(folder: Path, name: str) -> Any:
         if not sealed:
             raise ValueError("it has no checksum")
         return decoded(content)
-    except Exception as error:  # noqa: BLE001 - whatever damage makes of it
+    except Exception as error:  # noqa: BLE001 - any error that damage causes
         raise InputError(f"{folder / name}: cannot be read ({error}); {remedy}") from None
 
 

@@ -152,7 +152,7 @@ def run_study(
         finally:
             write_study()
             put_in_order(store, read_rows(store, run_schema(study)), [run.key for run in schedule.runs])
-        # All runs are back, so that nobody writes: what is left is of workers that were killed.
+        # All runs are back, so that no worker writes: what is left is of workers that were killed.
         store.tidy()
         if sweep.unwritten is not None:
             raise OSError(sweep.unwritten.errno, sweep.unwritten.message, str(out))
@@ -271,7 +271,7 @@ def _interrupted(pool: Pool) -> Iterator[Callable[[], bool]]:
     """Take the first Ctrl-C as a wish, the second as an order."""
     pressed = threading.Event()
     if threading.current_thread() is not threading.main_thread():
-        yield pressed.is_set  # signals are somebody else's
+        yield pressed.is_set  # signals are for others
         return
 
     def press(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - of a signal handler

@@ -48,7 +48,7 @@ class _SharedPoint:
         self.scenario = Scenario.model_validate(job.tables)
         self.words = problem_words(self.scenario)
         self.expected: dict[int, list[float]] = {}
-        self.warm_up: bytes | None = None  # in words, as soon as somebody has asked for it
+        self.warm_up: bytes | None = None  # in words, once it has been asked for
 
     def with_seed(self, job: Job) -> Scenario:
         """Give the scenario of a run."""

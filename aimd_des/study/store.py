@@ -77,7 +77,7 @@ class Store:
                 table: pa.Table = file.read(use_threads=False)
             if not sealed:
                 table.validate(full=True)
-        except Exception as error:  # noqa: BLE001 - whatever damage makes of it
+        except Exception as error:  # noqa: BLE001 - any error that damage causes
             raise InputError(f"{self.folder / name}: cannot be read ({error}); {remedy}") from None
         return table
 

@@ -135,5 +135,5 @@ def put_in_order(store: Store, rows: StoredRows, planned: Sequence[str]) -> None
     for name in set(rows.files) - set(names):
         store.forget(name)
     for path, size in rows.journals.items():
-        if path.stat().st_size == size:  # else somebody still writes
+        if path.stat().st_size == size:  # else a worker still writes
             path.unlink()

@@ -74,7 +74,7 @@ def perform(task: Task, job: Job) -> Outcome:
         labels = {**job.labels, "digest": result.digest, VERSIONS: json.dumps(_versions())}
         record = journal.record_of(labels, {**summary, RUN_AWAY: result.run_away.tolist()})
         frames = {name: frame_table(job.key, result, name) for name in task.keep}
-    except Exception as error:  # noqa: BLE001 - whatever goes wrong in one run must not stop the others
+    except Exception as error:  # noqa: BLE001 - no error of one run may stop the others
         message = raised_in(error) or f"{type(error).__name__}: {error}"
         return _written(
             lambda: failure(store, job, message, traceback.format_exc()), Outcome("failed", message)

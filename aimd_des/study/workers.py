@@ -107,7 +107,7 @@ def _deaf() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):  # on Windows
         yield
         return
-    # Whoever starts it starts this before, and hears again when that is done.
+    # The code that starts it starts this before, and is told when that is done.
     resource_tracker.ensure_running()
     earlier = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

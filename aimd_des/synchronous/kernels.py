@@ -194,7 +194,7 @@ def _take_alone(
     """Take steps of one resource, whose derivatives do not depend on the others."""
     j, step, drawn = resource, first, False
     while step < steps:
-        # Until somebody answers all demands are lines.  The draws of the next answer are needed in any case.
+        # Until an agent answers all demands are lines.  The draws of the next answer are needed in any case.
         if drawn:
             add_ahead(state, parameters, j, step, buffers)
         else:
@@ -228,7 +228,7 @@ def look_together(
         total = buffers.totals[0]
         buffers.acting[j] = _look(state, parameters, j, step, total, lag, control, records, buffers)
         anybody = anybody or buffers.acting[j]
-    # Averages must be taken before anybody answers: derivatives may read all of them.
+    # Averages must be taken before any agent answers: derivatives may read all of them.
     if anybody:
         for j in range(state.demand.shape[0]):
             average_row(state, parameters, j, step, buffers)
@@ -248,7 +248,7 @@ def answer_together(
     """Let all agents answer the signals that act at this step."""
     for j in range(state.demand.shape[0]):
         if buffers.acting[j]:
-            # The draws that an asynchronous run takes for the same broadcast, whatever happened before it.
+            # The draws that an asynchronous run takes for the same broadcast, after any past.
             uniforms_row(key, j, control.answered[j], 0, buffers.draws)
             _answer(state, parameters, table, j, step, control, buffers)
 

@@ -99,7 +99,7 @@ def start_synchronous(
     key = rng.key(seed, Purpose.RESPONSE)
     recording = Recording() if recording is None else recording
     validation.instance("recording", recording, Recording, "a Recording, such as Recording(demand='end')")
-    # Refused, not ignored: who asks for a log and gets none would look for it in the result.
+    # Refused, not ignored: a caller that asks for a log would look for it in the result.
     if recording.events:
         raise InputError.of("recording.events", True, "False: the synchronous algorithm has no events")
     n, m = problem.n_agents, problem.n_resources

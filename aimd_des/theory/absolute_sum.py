@@ -23,7 +23,7 @@ from aimd_des.utils.validation import FloatArray
 
 _OUTSIDE = 0.025
 _NORMAL = 1.959964  # the quantile of the standard normal distribution that belongs to it
-# With less skewness a gamma variate is a normal one to all digits that anybody wants.
+# With less skewness a gamma variate is a normal one to all digits that matter.
 _SKEWED = 1e-3
 
 

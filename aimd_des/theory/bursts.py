@@ -42,7 +42,7 @@ _TEETH = 3
 _POINTS, _REACH = 4_000, 40.0
 _ROUNDS, _RESTS = 50, 1e-4
 
-# With so many bits who loses half of the signals is mistaken at one in a billion of them.
+# With so many bits an agent that loses half of the signals is mistaken at one in a billion of them.
 _NEVER_MISTAKEN = 6
 
 

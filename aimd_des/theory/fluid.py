@@ -74,7 +74,7 @@ class _Averages:
         self.past = [self.sum]  # of a window: the sum at every step
 
     def add(self, demand: FloatArray, here: FloatArray) -> None:
-        kept = np.where(here > 0.0, self.kept, 1.0)  # the past of agents that are away stands still
+        kept = np.where(here > 0.0, self.kept, 1.0)  # the past of agents that are away does not change
         self.sum = kept * self.sum + here * demand * self.step
         self.weight = kept * self.weight + here * self.step
         if self.parts:

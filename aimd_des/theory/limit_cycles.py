@@ -32,7 +32,7 @@ from aimd_des.utils.validation import FloatArray
 
 _TOLERANCE = 1e-9
 _MAX_ROUNDS = 500
-# Latencies of whole hold-offs are counted as such whatever the last bit of their ratio.
+# Latencies of whole hold-offs are counted as such for any last bit of their ratio.
 _WHOLE = 1e-9
 _LONGEST_ROW = 1e7
 
@@ -185,7 +185,7 @@ def _cycle(limit: float, alpha: FloatArray, kappa: FloatArray, hold_off: float, 
     rest, before = high(row)
     low = before - alpha * rest
     period = row * hold_off + rest
-    # The teeth between signals, each below its end by half of what it grows, and then the growth.
+    # The sawtooth between signals, each period below its end by half of what it grows, and then the growth.
     ends = row * floor + (before - floor) * keep * (1.0 - keep**row) / kappa
     area = hold_off * (ends - 0.5 * row * alpha * hold_off) + rest * (low + 0.5 * alpha * rest)
     return _Cycle(row, period, low, before, area / period)

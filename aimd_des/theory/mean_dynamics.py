@@ -227,12 +227,12 @@ class Path:
     def _fast(self, begun: npt.NDArray[np.bool_], time: float, state: FloatArray) -> FloatArray:
         average, found, divisor = state
         increase = self.setting.problem.increase
-        # Who receives a signal on the clock does not grow in its step.
+        # An agent that receives a signal on the clock does not grow in its step.
         taken = self._kappa(average, divisor) * found + self._held_back
         share = self._growth / taken.sum(axis=0)
         moved = increase - np.where(begun, share, 0.0) * taken
         tooth = begun * self._tooth(found)
-        if self.origin is not None:  # agents that have just come hold less than a tooth
+        if self.origin is not None:  # agents that have just come hold less than the height of the sawtooth
             tooth *= np.minimum(found / self.steady.found, 1.0)
         follows = np.where(begun, self._counting(time) * (found - divisor), increase * (self.origin is None))
         return np.stack([self.memory.rate(time - self.joined) * (found - tooth - average), moved, follows])

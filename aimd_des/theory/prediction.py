@@ -198,7 +198,7 @@ def follow(setting: Setting, expected: Steady) -> list[Levels]:
 def check_enough(setting: Setting, signals: FloatArray) -> None:
     """Refuse what would need more signals than there can be."""
     if setting.discrete and not setting.loss.any():
-        return  # on the clock nobody grows in a step whose signal arrives, so that there are always enough
+        return  # on the clock no agent grows in a step whose signal arrives, so that there are always enough
     least = 1.0 if setting.discrete else max(setting.period, setting.hold_off or 0.0)
     if (signals * least >= _NEARLY_ALL).any():
         name, value = ("loss", setting.loss.max()) if setting.loss.any() else ("period", setting.period)
@@ -250,7 +250,7 @@ def found_by_signals(setting: Setting, kappa: FloatArray) -> tuple[FloatArray, F
     if not setting.discrete:
         growth = total / per_growth.sum(axis=0)
         return 1.0 / growth, growth * per_growth
-    # Who loses a signal grows in its step; where nothing is left of the cuts then, no share will do.
+    # An agent that loses a signal grows in its step; where no cuts are left then, no share will do.
     growth = np.maximum(total - (setting.loss * per_growth).sum(axis=0), 0.0) / per_growth.sum(axis=0)
     return 1.0 / (1.0 + growth), (growth + setting.loss) * per_growth
 

@@ -73,7 +73,7 @@ class Levels(NamedTuple):
             middle = 0.5 * (low + high)
             if _time_above(pieces, middle) > wanted:
                 low = middle
-                reach = pieces.top > low  # the others are below whatever comes
+                reach = pieces.top > low  # the others are below all that come
                 bottom, top, duration, found = pieces
                 pieces = Levels(bottom[reach], top[reach], duration[reach], found)
             else:

@@ -11,7 +11,7 @@ import sys
 
 _LONGEST = 500
 
-# Where an object lies in memory says nothing to anybody, and differs from run to run.
+# Where an object lies in memory tells readers nothing, and differs from run to run.
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 
 

@@ -160,7 +160,7 @@ def _take_place(temporary: Path, place: Place) -> None:
     except BaseException:
         aside.rmdir()
         raise
-    # Nobody finds it there, so that what is seen now is what is removed.
+    # No other program finds it there, so that what is seen now is what is removed.
     try:
         if _contents(old) != place.held:
             raise TakenError

@@ -38,7 +38,7 @@ except ImportError:  # another Numba, which keeps in other places what is privat
 if sys.platform != "win32":  # where processes compile side by side
     import fcntl
 
-# Nobody has to set up logging to see a warning; whoever does can silence it.
+# Warnings are seen without setting up logging, which can silence them.
 _LOGGER = logging.getLogger("aimd_des")
 
 _FORMULAS = "formulas (some seconds)"

@@ -107,7 +107,7 @@ class _EnterPart(LoweringPass):  # type: ignore[misc]
         environment = state.targetctx.get_env_name(lowered.fndesc)
         if state.library.mentions(environment) > 1:
             raise NotImplementedError(f"{state.func_id.func_qualname} calls Python")
-        # Numba takes nothing but built-in callables here.  This one is new each time, and refuses all calls.
+        # Numba takes built-in callables only here.  This one is new each time, and refuses all calls.
         entry: Any = {}.popitem
         state.targetctx.insert_user_function(entry, lowered.fndesc, [state.library])
         state["cr"] = lowered._replace(cfunc=entry)
@@ -138,7 +138,7 @@ def take_in(dispatcher: Any, part: Any) -> None:
 _RESULTS = {None: types.none, bool: types.boolean, int: types.int64, float: types.float64}
 
 
-# Why kernels could not be compiled; whoever has called them is told.
+# Why kernels could not be compiled; the caller is told.
 _FAILURES: list[BaseException] = []
 
 
@@ -165,11 +165,11 @@ def _find_address(wanted: int, size: int, kept: int) -> None:
             )
         address = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
         c_void_p.from_address(kept).value = address
-    except BaseException as error:  # noqa: BLE001 - whatever a compiler raises, and what stops it
+    except BaseException as error:  # noqa: BLE001 - anything that a compiler raises, and what stops it
         _FAILURES.append(error)
 
 
-# Machine code on the disk knows the function by this name, in whatever process it is loaded.
+# Machine code on the disk knows the function by this name, in every process that loads it.
 _ASK = "aimd_des_find_address"
 binding.add_symbol(_ASK, cast(_find_address, c_void_p).value)
 

@@ -21,7 +21,7 @@ def opaque(typingctx: Any, number: Any) -> Any:  # noqa: ARG001 - numba's callin
     """
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
-        # Assembly, be it empty, is left as it is: whatever machine it is for, the number may become another.
+        # Even empty assembly is left as it is: on every machine the number may become another.
         word = ir.IntType(64)
         return builder.asm(ir.FunctionType(word, [word]), "", "=r,0", [args[0]], side_effect=True)
 

@@ -72,7 +72,7 @@ def _load(builder: Any, address: Any) -> Any:
             value = builder.insert_value(value, part, place)
         return value
     value = builder.load(address)
-    # A record never changes while compiled code runs, whatever is written to its arrays: without this promise
+    # A record never changes while compiled code runs, though its arrays may: without this promise
     # all would be loaded again after every store.
     value.set_metadata("invariant.load", builder.module.add_metadata([]))
     return value

@@ -50,8 +50,8 @@ class Snapshot(NamedTuple):
     demand: FloatArray
     capacity: FloatArray
     signals: npt.NDArray[np.int64]  # how many were sent until now
-    utilisation: FloatArray  # sum of the averages of those who are here, over the capacity
-    misallocation: FloatArray  # of those who are here; NaN where it is not measured
+    utilisation: FloatArray  # sum of the averages of present agents, over the capacity
+    misallocation: FloatArray  # of present agents; NaN where it is not measured
     in_flight: npt.NDArray[np.int64] | None = None  # copies that have left and not arrived
     agent: Agent | None = None
     paused: bool = False

@@ -37,7 +37,7 @@ class Finding:
     # What draws each figure, by the name of its file.
     figures: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
     pages: dict[str, str] = field(default_factory=dict)  # texts to write beside, by the name of their file
-    title: str = ""  # of what is printed; name and settings unless given
+    title: str = ""  # of what is printed; default: name and settings
     record: dict[str, Any] = field(default_factory=dict)  # what the provenance holds besides
 
 
@@ -69,7 +69,7 @@ def write(found: Finding, place: Place) -> None:
             picture = BytesIO()
             draw().savefig(picture, dpi=_DPI)
             path.write_bytes(picture.getvalue())
-        except Exception as failure:  # noqa: BLE001 - whatever it is, the numbers are what was asked for
+        except Exception as failure:  # noqa: BLE001 - for any error, the numbers are what was asked for
             said = f"{place.folder / path.name}: is missing ({type(failure).__name__}: {failure})"
             warnings.warn(f"{said}; all numbers are written", RuntimeWarning, stacklevel=2)
 

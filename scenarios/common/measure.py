@@ -61,7 +61,7 @@ class Run:
     control_unit: Sampled | Crossing = field(default_factory=Sampled)  # what senses
     latency: float = 0.0  # common to all copies
     loss: float | FloatArray = 0.0  # (n,): probability of loss
-    clocks: Clocks | None = None  # of discrete agents, in phase unless given
+    clocks: Clocks | None = None  # of discrete agents, default: in phase
 
 
 class Measures(NamedTuple):

@@ -15,7 +15,7 @@ from aimd_des.lowlevel import Draws, FloatArray, Purpose, System
 from scenarios.common.measure import quietly, sensed
 from scenarios.common.systems import memory_alone
 
-# Loss depends on demand from here on, so that the start of a run is none of the causes; nobody hears from
+# Loss depends on demand from here on, so that the start of a run is none of the causes; no agent hears from
 # `OUTAGE` on for a while.
 BEGIN, OUTAGE = 200.0, 300.0
 # A level of demand is a mean over so much time.
@@ -112,7 +112,7 @@ class Silence(NamedTuple):
 
     law: Law
     hold_off: float
-    silence: float  # how long nobody hears, in units of time
+    silence: float  # how long no agent hears, in units of time
     threshold: float = 1.0
     after: float = 400.0  # how long it runs afterwards
 

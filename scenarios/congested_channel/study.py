@@ -59,7 +59,7 @@ _LAWS: dict[str, Law] = {
 # What chance may take away: loss, hold-off and threshold; and how far beyond the turning load that is.
 _STAYS = ((_EXCESS, 1.0, 1.0), (_LOWER, 1.0, 0.9))
 _GONE = 0.5
-# Who is cut off for so long has a load far beyond every turning load.
+# An agent that is cut off for so long has a load far beyond every turning load.
 _LONG = 60.0
 # A load that is not back: below it are all that demand has under control.
 _AWAY = 1.2

@@ -79,7 +79,7 @@ class _Drawn:
         """Signal when the integral of the rate has reached the next exponential number."""
         slope = float(system.parameters.increase[0].sum())
         while True:
-            # At an instant copies land before anybody looks: the last signal has been answered here.
+            # At an instant copies land before any look: the last signal has been answered here.
             yield system.env.at(system.env.now, EventKind.SENSE)
             wait = self.random.exponential() / self.rate
             if self.per_demand:

@@ -60,7 +60,7 @@ class LatencyTable(NamedTuple):
 
     distribution: int  # of `Distribution`
     # (n,): its parameters in the order in which the model's constructor has them (of a lognormal one: median
-    # and sigma; of an empirical one: scale); whatever is not needed is 0.
+    # and sigma; of an empirical one: scale); parameters that are not needed are 0.
     first: FloatArray
     second: FloatArray
     third: FloatArray

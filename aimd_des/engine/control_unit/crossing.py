@@ -18,13 +18,13 @@ from aimd_des.utils.old_keywords import keywords
 from aimd_des.utils.parts import built_in
 from aimd_des.utils.shown import brief
 
-# Broadcasts at one instant, one after another without anybody responding, after which time is
-# taken to stand still.  If responses were possible at all, with a chance of 1/100 say, to get here
+# Broadcasts at one instant, one after another without a response, after which time is
+# taken not to advance.  If responses were possible at all, with a chance of 1/100 say, to get here
 # would have a probability of 1e-43.
 MOST_AT_ONE_INSTANT = 10_000
 
 
-# Below this share of the total, a difference is rounding and nobody's answer.
+# Below this share of the total, a difference is rounding and no answer.
 _ROUNDING = 1e-9
 
 
@@ -34,15 +34,15 @@ def soonest_crossing(now: float, limit: float, total: float, growth: float) -> f
     # A crossing unit signals at the threshold; a sampled one, as Algorithm 1 has it, only above it.
     if total >= limit:
         return now
-    # May round to `now` though the total is still below: that counts as there, or time would stand still.
+    # May round to `now` though the total is still below: that counts as reached, or time would not advance.
     return now + (limit - total) / growth if growth > 0.0 else math.inf
 
 
 @formula
 def adapted(hold_off: float, shortest: float, longest: float, expected: float, total: float) -> float:
     """Return the next hold-off where one has ended with demand still at its threshold."""
-    # Half as long where the signal was answered and did not suffice; twice as long where nobody has answered
-    # yet, since the signal may still be on its way.  `expected` is the total if nobody had: answers are small
+    # Half as long where the answers did not suffice; twice as long where no agent has answered
+    # yet, since the signal may still be on its way.  `expected` is the total without answers: they are small
     # beside it, but not as small as the rounding of two sums over all agents.
     if expected - total > _ROUNDING * expected:
         return max(0.5 * hold_off, shortest)

@@ -13,7 +13,7 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
 _N_SAMPLES = 64
-# The search moves by this factor at first, and halves the move wherever it leads no further up.
+# The search moves by this factor at first, and halves the move where it leads no further up.
 _FIRST_FACTOR = 2.0
 _ROUNDS = 48
 # Where the box reaches down to 0, samples stop at this part of its upper corner: 0 is looked at on its own.
