@@ -97,6 +97,18 @@ def test_a_memory_that_fills_while_the_process_goes_on_changes_nothing(
     assert fingerprint(value) == before
 
 
+def test_what_is_assigned_is_read_anew_where_its_file_has_changed(tmp_path: Path) -> None:
+    path = tmp_path / "prices.py"
+    made: dict[str, Any] = {"__name__": "__main__", "__file__": str(path), "PRICES": [1.0]}
+    exec("def first(): return PRICES[0]", made)
+    digests = []
+    for text in ("PRICES = [1.0]\nOTHERS = [1.0]", "PRICES = [1.0]\nOTHERS = [2, 3]", "PRICES = [2.0]", "("):
+        path.write_text(text, encoding="utf-8")
+        digests.append(fingerprint(made["first"]))
+    assert digests[0] == digests[1]
+    assert len(set(digests)) == 3
+
+
 @pytest.mark.parametrize(
     ("one", "other"),
     [

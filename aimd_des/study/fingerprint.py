@@ -10,7 +10,7 @@ from functools import cache, cached_property, partial
 from hashlib import sha256
 from pathlib import Path
 from types import BuiltinFunctionType, CellType, CodeType, FunctionType, MethodType, ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -172,15 +172,30 @@ def _held(cell: CellType) -> Any:
 def _assigned(name: str, path: str | None) -> list[str]:
     """Read what a module assigns to a name."""
     try:
-        statements = ast.parse(Path(str(path)).read_bytes()).body
+        found = Path(str(path)).stat()
+        return _assignments(_File(str(path), found.st_mtime_ns, found.st_size)).get(name, [])
     except (OSError, SyntaxError):
         return []
-    found = [one for one in statements if isinstance(one, ast.Assign | ast.AnnAssign | ast.AugAssign)]
-    return [
-        ast.unparse(one)
-        for one in found
-        if any(isinstance(part, ast.Name) and part.id == name for part in ast.walk(one))
-    ]
+
+
+class _File(NamedTuple):
+    """A file as it is now: another one where it is written again."""
+
+    path: str
+    changed: int  # in nanoseconds
+    size: int
+
+
+@cache
+def _assignments(file: _File) -> dict[str, list[str]]:
+    """Read what a module assigns to each name."""
+    found: dict[str, list[str]] = {}
+    for one in ast.parse(Path(file.path).read_bytes()).body:
+        if isinstance(one, ast.Assign | ast.AnnAssign | ast.AugAssign):
+            text = ast.unparse(one)
+            for name in {part.id for part in ast.walk(one) if isinstance(part, ast.Name)}:
+                found.setdefault(name, []).append(text)
+    return found
 
 
 def _names(code: CodeType) -> Iterator[str]:
