@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from aimd_des import CoupledCosts, CustomCosts, InputError, PolynomialCosts, Problem, Resource, Result
 from aimd_des.costs import ExponentialCosts, PowerCosts, TermCosts, TrackingCosts, UtilityCosts
@@ -276,6 +277,13 @@ def assert_same_run(first: Result, second: Result) -> None:
     for name in ("peak", "time", "mean"):
         one, other = (getattr(result.observations.overshoot, name) for result in (first, second))
         assert np.array_equal(one, other), name
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """Width and height of a picture whose checksums are right; its pixels take long to decode."""
+    with Image.open(path) as picture:
+        picture.verify()
+        return picture.size
 
 
 def python(

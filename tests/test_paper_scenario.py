@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
-from matplotlib.image import imread
 
 from aimd_des import InputError, load_scenario, run_synchronous, solve_optimum
 from aimd_des.utils.folders import check_folder
@@ -17,7 +16,7 @@ from models.smart_cameras import smart_cameras
 from scenarios import paper
 from scenarios.paper.table import CAPACITY_EVENTS, table
 from scenarios.paper.text import markdown, sentences
-from tests.conftest import ROOT
+from tests.conftest import ROOT, picture_size
 
 STORED = Path(__file__).parent / "data" / "paper_quick.csv"
 RESOURCES = list(CAPACITY_EVENTS)
@@ -65,7 +64,7 @@ def test_the_command_writes_twelve_panels_and_the_stored_table(tmp_path: Path) -
     assert {path.name for path in out.iterdir()} == FILES
     assert [path.name for path in out.parent.iterdir()] == ["paper"]  # nothing temporary is left
     for number in range(1, 5):
-        height, width, _ = imread(out / f"figure{number}.png").shape
+        width, height = picture_size(out / f"figure{number}.png")
         assert width > 2000
         assert height > 600
     assert differences(read(out / "table.csv"), read(STORED)) == []

@@ -13,7 +13,6 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
-from matplotlib.image import imread
 
 from aimd_des import theory
 from aimd_des.engine.control_unit import Crossing
@@ -29,7 +28,7 @@ from scenarios.theory_table import accuracy as accuracy_rows
 from scenarios.theory_table import losses
 from scenarios.theory_table import signals as signal_rows
 from scenarios.theory_table.rows import Row, Rule, Size, digest, frame, markdown
-from tests.conftest import python
+from tests.conftest import picture_size, python
 
 STORED = Path(__file__).parent / "data"
 NAMES = [
@@ -103,7 +102,7 @@ def test_the_command_writes_figure_and_stored_table(name: str, tmp_path: Path) -
     assert {path.name for path in out.iterdir()} == {f"{name}.json", "table.csv"} | figures
     assert [path.name for path in out.parent.iterdir()] == [name]  # nothing temporary is left
     for path in out.glob("*.png"):
-        height, width, _ = imread(path).shape
+        width, height = picture_size(path)
         assert width > 2000
         assert height > 600
     assert differences(read(out / "table.csv"), read(STORED / f"{name}_quick.csv")) == []
