@@ -261,7 +261,7 @@ def test_demand_at_signals_as_divisor_takes_the_bias_away() -> None:
     """
     problem = smart_cameras(0)
     for response, runs in ((responses.EventNormalised(), 16), (responses.Randomised(), 4)):
-        mean, error = mean_of_runs(problem, runs, steps=300_000, response=response)
+        mean, error = mean_of_runs(problem, runs, steps=100_000, response=response)
         noise = np.sqrt(2.0 / np.pi) * error.sum(axis=0) / mean.sum(axis=0)
         assert (distance(problem, mean) < 1.5 * noise).all() == (runs == 16)
 
