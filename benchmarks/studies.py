@@ -35,6 +35,13 @@ __all__ = ["main"]
 ALONE = "the runs alone"
 STORED = 5000  # runs of a large study
 CHEAP = [name for name in MEASURED if name != "misallocation"]
+SCENARIO: dict[str, Any] = {
+    "model": "models.smart_cameras",
+    "dynamics": "continuous",
+    "control_unit": {"kind": "crossing"},
+}
+LATENCIES = [0.1 * number for number in range(1, 21)]
+SHARED = ("workers", "shared, s", "each its own, s", "ratio")
 COLUMNS = ("program", "CPU ms\nper run", "over the\nruns alone")
 LEGEND = (
     "The least of all repeats.  'The runs alone' are `Scenario.run` of scenarios that are there already;\n"
@@ -48,12 +55,7 @@ def _study(options: argparse.Namespace, seed: int, measures: list[str] | None) -
             "replications": options.replications,
             "seed": seed,
             "measures": measures,
-            "scenario": {
-                "model": "models.smart_cameras",
-                "dynamics": "continuous",
-                "control_unit": {"kind": "crossing"},
-                "until": options.until,
-            },
+            "scenario": {**SCENARIO, "until": options.until},
             "axes": [
                 {"name": "latency", "key": "channel.latency", "values": [0.0, 0.25, 0.5, 1.0]},
                 {"name": "loss", "key": "channel.loss", "values": [0.0, 0.1, 0.2]},
@@ -121,7 +123,7 @@ def _parts(options: argparse.Namespace, folder: Path) -> dict[str, float]:
     records = [
         journal.record_of(
             {**job.labels, "digest": result.digest, VERSIONS: "{}"},
-            {**summary_of(result, MEASURED, problem, list), RUN_AWAY: result.run_away.tolist()},
+            {**summary_of(result, MEASURED, problem, list, dict), RUN_AWAY: result.run_away.tolist()},
         )
         for job, result, problem in done
     ]
@@ -132,10 +134,10 @@ def _parts(options: argparse.Namespace, folder: Path) -> dict[str, float]:
         "seed and key": _milliseconds(lambda run: run_of(study, points[0], run.replication), runs, cpu),
         "the scenario in the worker": _milliseconds(shared.scenario, jobs, cpu),
         "summary without misallocation": _milliseconds(
-            lambda one: summary_of(one[1], CHEAP, one[2], list), done, cpu
+            lambda one: summary_of(one[1], CHEAP, one[2], list, dict), done, cpu
         ),
         "misallocation, an optimum": _milliseconds(
-            lambda one: summary_of(one[1], ["misallocation"], one[2], list), done, cpu
+            lambda one: summary_of(one[1], ["misallocation"], one[2], list, dict), done, cpu
         ),
         "a line of the journal": _milliseconds(
             lambda record: journal.append(store.folder / "runs", record), records, cpu
@@ -168,9 +170,36 @@ def _stored(study: Study, folder: Path) -> dict[str, float]:
     }
 
 
+def _warm_up(options: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
+    """Time studies of 20 points whose warm-up takes ten times as long as the rest, by the wall."""
+    found = []
+    for workers in (1, 2):
+        seconds = {}
+        for paired in (True, False):  # runs with seeds of their own have nothing in common
+            study = Study.model_validate(
+                {
+                    "measures": CHEAP,
+                    "paired": paired,
+                    "warm_up": options.warm_up,
+                    "scenario": {**SCENARIO, "until": 1.1 * options.warm_up},
+                    "axes": [{"name": "latency", "key": "channel.latency", "values": LATENCIES}],
+                }
+            )
+            start = time.perf_counter()
+            run_study(study, folder / f"{workers} {paired}", workers=workers)
+            seconds[paired] = time.perf_counter() - start
+        found.append({"workers": workers, "shared": seconds[True], "each": seconds[False]})
+    return found
+
+
 def _rows(timings: Sequence[Timing[None]], runs: int) -> list[dict[str, Any]]:
     each = {timing.name: 1000.0 * timing.best / runs for timing in timings}
     return [{"program": name, "ms": value, "over": value - each[ALONE]} for name, value in each.items()]
+
+
+def _ratio(row: dict[str, Any]) -> tuple[str, ...]:
+    seconds = f"{row['shared']:.1f}", f"{row['each']:.1f}"
+    return str(row["workers"]), *seconds, f"{row['shared'] / row['each']:.2f}"
 
 
 def _options(arguments: list[str] | None) -> argparse.Namespace:
@@ -182,6 +211,9 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
         "--replications", type=positive, default=20, help="of each of 12 points (default: %(default)s)"
     )
     parser.add_argument("--until", type=float, default=60.0, help="end of the runs (default: %(default)s)")
+    parser.add_argument(
+        "--warm-up", type=float, default=300_000.0, help="of 20 points that share it (default: %(default)s)"
+    )
     parser.add_argument("--out", type=Path, help="a folder to write below (default: a temporary one)")
     add_options(parser, repeats=5)
     return parser.parse_args(arguments)
@@ -197,15 +229,19 @@ def main(arguments: list[str] | None = None) -> None:
         _carried_out(_study(options, options.seed, None), Path(place, "warm"))  # what is compiled is loaded
         timings = interleaved(_contestants(options, Path(place, "study")), options.repeats, options.seed)
         parts = _parts(options, Path(place))
+        shared = _warm_up(options, Path(place))
     runs = 12 * options.replications
     rows = _rows(timings, runs)
     cells = [(row["program"], f"{row['ms']:.2f}", f"{row['over']:.2f}") for row in rows]
     out.print(table(f"{runs} runs, each to {options.until:g}", COLUMNS, cells))
     out.print(LEGEND, soft_wrap=True)
     out.print(table("Steps", ("step", "ms"), [(name, f"{value:.2f}") for name, value in parts.items()]))
+    out.print(table("20 points with a warm-up of ten times the rest", SHARED, map(_ratio, shared)))
     if options.json:
-        settings = {name: getattr(options, name) for name in ("replications", "until", "repeats", "seed")}
-        write_json(options.json, {"machine": host, "settings": settings, "rows": rows, "parts": parts})
+        names = ("replications", "until", "warm_up", "repeats", "seed")
+        settings = {name: getattr(options, name) for name in names}
+        found = {"rows": rows, "parts": parts, "shared": shared}
+        write_json(options.json, {"machine": host, "settings": settings, **found})
 
 
 if __name__ == "__main__":
