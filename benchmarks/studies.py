@@ -23,6 +23,7 @@ from benchmarks.harness import (
     Timing,
     add_options,
     console,
+    cpu_seconds,
     interleaved,
     machine,
     positive,
@@ -41,7 +42,7 @@ SCENARIO: dict[str, Any] = {
     "control_unit": {"kind": "crossing"},
 }
 LATENCIES = [0.1 * number for number in range(1, 21)]
-SHARED = ("workers", "shared, s", "each its own, s", "ratio")
+TOGETHER = "a warm-up that all share"
 COLUMNS = ("program", "CPU ms\nper run", "over the\nruns alone")
 LEGEND = (
     "The least of all repeats.  'The runs alone' are `Scenario.run` of scenarios that are there already;\n"
@@ -170,36 +171,28 @@ def _stored(study: Study, folder: Path) -> dict[str, float]:
     }
 
 
-def _warm_up(options: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
-    """Time studies of 20 points whose warm-up takes ten times as long as the rest, by the wall."""
-    found = []
-    for workers in (1, 2):
-        seconds = {}
-        for paired in (True, False):  # runs with seeds of their own have nothing in common
-            study = Study.model_validate(
-                {
-                    "measures": CHEAP,
-                    "paired": paired,
-                    "warm_up": options.warm_up,
-                    "scenario": {**SCENARIO, "until": 1.1 * options.warm_up},
-                    "axes": [{"name": "latency", "key": "channel.latency", "values": LATENCIES}],
-                }
-            )
-            start = time.perf_counter()
-            run_study(study, folder / f"{workers} {paired}", workers=workers)
-            seconds[paired] = time.perf_counter() - start
-        found.append({"workers": workers, "shared": seconds[True], "each": seconds[False]})
+def _warm_up(options: argparse.Namespace, folder: Path) -> dict[str, float]:
+    """Time studies of 20 points whose warm-up takes ten times as long as the rest, in s of CPU."""
+    found = {}
+    for name, paired in ((TOGETHER, True), ("each its own", False)):  # unpaired runs have nothing in common
+        study = Study.model_validate(
+            {
+                "measures": CHEAP,
+                "paired": paired,
+                "warm_up": options.warm_up,
+                "scenario": {**SCENARIO, "until": 1.1 * options.warm_up},
+                "axes": [{"name": "latency", "key": "channel.latency", "values": LATENCIES}],
+            }
+        )
+        start = cpu_seconds()
+        _carried_out(study, folder / name)
+        found[name] = cpu_seconds() - start
     return found
 
 
 def _rows(timings: Sequence[Timing[None]], runs: int) -> list[dict[str, Any]]:
     each = {timing.name: 1000.0 * timing.best / runs for timing in timings}
     return [{"program": name, "ms": value, "over": value - each[ALONE]} for name, value in each.items()]
-
-
-def _ratio(row: dict[str, Any]) -> tuple[str, ...]:
-    seconds = f"{row['shared']:.1f}", f"{row['each']:.1f}"
-    return str(row["workers"]), *seconds, f"{row['shared'] / row['each']:.2f}"
 
 
 def _options(arguments: list[str] | None) -> argparse.Namespace:
@@ -212,7 +205,7 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--until", type=float, default=60.0, help="end of the runs (default: %(default)s)")
     parser.add_argument(
-        "--warm-up", type=float, default=300_000.0, help="of 20 points that share it (default: %(default)s)"
+        "--warm-up", type=float, default=60_000.0, help="of 20 points that share it (default: %(default)s)"
     )
     parser.add_argument("--out", type=Path, help="a folder to write below (default: a temporary one)")
     add_options(parser, repeats=5)
@@ -236,7 +229,9 @@ def main(arguments: list[str] | None = None) -> None:
     out.print(table(f"{runs} runs, each to {options.until:g}", COLUMNS, cells))
     out.print(LEGEND, soft_wrap=True)
     out.print(table("Steps", ("step", "ms"), [(name, f"{value:.2f}") for name, value in parts.items()]))
-    out.print(table("20 points with a warm-up of ten times the rest", SHARED, map(_ratio, shared)))
+    least = shared[TOGETHER]
+    cells = [(name, f"{seconds:.2f}", f"{seconds / least:.1f}") for name, seconds in shared.items()]
+    out.print(table("20 points, warm-up ten times the rest", ("program", "CPU s", "ratio"), cells))
     if options.json:
         names = ("replications", "until", "warm_up", "repeats", "seed")
         settings = {name: getattr(options, name) for name in names}
