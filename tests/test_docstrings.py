@@ -171,7 +171,9 @@ def class_gaps(name: str, cls: type) -> Iterator[str]:
         yield f"{name}: no docstring"
         return
     listed = documented(cls.__doc__, "Parameters", "Other Parameters")
-    known = listed | documented(cls.__doc__, "Attributes")
+    # A base alone has no readers: the class that inherits from it may say what its fields mean.
+    heirs = [heir.__doc__ or "" for heir in cls.__subclasses__()]
+    known = listed.union(*(documented(text, "Attributes") for text in [cls.__doc__, *heirs]))
     if not issubclass(cls, BaseException):  # the exceptions take the one message that all exceptions take
         wanted = class_parameters(cls)
         # What a run hands out lists its fields as attributes.

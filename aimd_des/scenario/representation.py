@@ -1,15 +1,11 @@
 """What a scenario shows of itself: read off its data, with no model built."""
 
-from typing import TYPE_CHECKING
-
+from aimd_des.scenario.keys import ScenarioKeys
 from aimd_des.utils.formatting import given
 from aimd_des.utils.shown import Shown
 
-if TYPE_CHECKING:
-    from aimd_des.scenario.scenario import Scenario
 
-
-def shown_scenario(scenario: "Scenario") -> Shown:
+def shown_scenario(scenario: ScenarioKeys) -> Shown:
     """Show problem, control unit, channel and the number of interventions."""
     spoken = scenario.spoken()
     problem = scenario.model or f"written out, {len(scenario.resources or ()):,} resources"

@@ -15,7 +15,7 @@ from aimd_des.scenario import Scenario, validate_scenario
 from aimd_des.scenario.canonical import with_seed
 from aimd_des.scenario.kind_tables import own_parts
 from aimd_des.scenario.old_keys import with_first_keys
-from aimd_des.scenario.warm_up import before
+from aimd_des.scenario.simulations import before
 from aimd_des.study.axis import Value
 from aimd_des.study.fingerprint import fingerprint, problem_digests
 from aimd_des.study.study import Study, place_of, shown_labels

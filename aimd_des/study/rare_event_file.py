@@ -8,7 +8,7 @@ from aimd_des.problem.lookup import resource_index
 from aimd_des.problem.problem import Problem
 from aimd_des.results.measures import RARE
 from aimd_des.scenario import Scenario
-from aimd_des.scenario.warm_up import simulation_of
+from aimd_des.scenario.simulations import simulation_of
 from aimd_des.study.rare_events import RareEvent, rare_event
 from aimd_des.utils.errors import InputError, SimulationError
 

@@ -16,7 +16,7 @@ from aimd_des.problem.problem import Problem
 from aimd_des.results.result import Result
 from aimd_des.scenario import Scenario
 from aimd_des.scenario.canonical import with_seed
-from aimd_des.scenario.warm_up import gone_on, warm_up_of, warmed
+from aimd_des.scenario.simulations import gone_on, warm_up_of, warmed
 from aimd_des.study.points import Job, problem_words, shared_words
 from aimd_des.utils.errors import InputError, SimulationError
 
