@@ -136,11 +136,7 @@ def run_study(
         warm_ups = WarmUps(study, store.folder, len(points))
         sweep = _Sweep(study, store, schedule, warm_ups, watch)
         try:
-            with (
-                _pool(executor, many, store) as pool,
-                _interrupted(pool) as interrupted,
-                warm_ups.kept(),
-            ):
+            with _pool(executor, many, store) as pool, _interrupted(pool) as interrupted, warm_ups.kept():
                 execute(
                     pool,
                     sweep.task,
