@@ -4,6 +4,7 @@ Public is what the faces of the package hand out, what the pages of the API list
 have a sentence.
 """
 
+import ast
 import enum
 import functools
 import importlib
@@ -234,6 +235,29 @@ def gaps(module: ModuleType) -> list[str]:
 
 def test_docstrings_are_complete() -> None:
     assert [gap for name in MODULES for gap in gaps(importlib.import_module(name))] == []
+
+
+def repeated(docstring: str | None) -> list[str]:
+    """Texts that several entries of a docstring have: they are one entry, or say what differs."""
+    entries = re.findall(
+        r"^\S.* : .*\n((?:    .*(?:\n|$))+)", inspect.cleandoc(docstring or ""), re.MULTILINE
+    )
+    texts = [" ".join(text.split()) for text in entries]
+    return sorted({text for text in texts if texts.count(text) > 1})
+
+
+def test_no_two_parameters_have_one_text() -> None:
+    found = [
+        f"{path.name}: {text}"
+        for package in (aimd_des, models)
+        for path in sorted(Path(package.__path__[0]).rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef | ast.FunctionDef)
+        for text in repeated(ast.get_docstring(node))
+    ]
+    assert found == []
+    assert repeated(_full.__doc__) == []
+    assert repeated("a : int\n    One.\nb, c : int\n    One.\nd : int\n    Two.") == ["One."]
 
 
 class _Fake:

@@ -367,11 +367,12 @@ def convergence(
     lag : int, optional
         Steps after which a signal acts on the clock; default: `latency` rounded up.
     latency : float
-        As for `predict`.
+        d >= 0, common to all agents; on the clock in whole steps, rounded up.
     period : float
-        As for `predict`.
+        Time between two samples of a control unit that samples, for continuous agents; 0: it senses crossings.
     hold_off : float, optional
-        As for `predict`.
+        Hold-off of a control unit that senses crossings, for continuous agents.  If it is given, signals that
+        repeat are taken into account.
     loss : float or array_like, shape (n,)
         Probability that a signal is lost on an agent, independent of all else.
     averaging : Averaging, optional
