@@ -369,7 +369,7 @@ def convergence(
     latency : float
         d >= 0, common to all agents; on the clock in whole steps, rounded up.
     period : float
-        Time between two samples of a control unit that samples, for continuous agents; 0: it senses crossings.
+        Time between two samples of a control unit, for continuous agents; 0 for one that senses crossings.
     hold_off : float, optional
         Hold-off of a control unit that senses crossings, for continuous agents.  If it is given, signals that
         repeat are taken into account.
