@@ -1,8 +1,7 @@
 """Continuous agents as a SimPy program the way SimPy's documentation teaches it.
 
-A process per camera, which waits on a Store of its own; a process with a Timeout for every message
-in flight ("Event Latency" in the documentation's examples); a process of the control unit for each
-resource.
+A process per camera waits on a Store of its own. Every message in flight is a process with a Timeout
+("Event Latency" in the documentation's examples). The control unit has a process for each resource.
 """
 
 from collections.abc import Generator

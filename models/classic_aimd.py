@@ -1,10 +1,10 @@
 r"""Classic AIMD, the paper's section III: one resource, and all agents respond to every capacity event.
 
-With costs x**2 / 2 and Gamma = 1 the response probability of eq. (prob_x) is average / average, which is
-exactly 1 in floating point, too: every agent that has ever held something responds, and none counts as
-saturated.  What remains is synchronised AIMD (Chiu and Jain, 1989) with growth alpha_i and decrease beta_i
-of each agent: x_i(k+1) = beta_i x_i(k) + alpha_i T(k) from event to event, with shares at events that tend to
-be in proportion to alpha_i / (1 - beta_i).
+With costs x**2 / 2 and Gamma = 1 the response probability is average / average, which is exactly 1 in
+floating point, too. Every agent that has ever held something responds, and none counts as saturated. What
+remains is synchronised AIMD (Chiu and Jain, 1989) with growth alpha_i and decrease beta_i of each agent.
+From event to event x_i(k+1) = beta_i x_i(k) + alpha_i T(k), and shares at events tend to be in proportion
+to alpha_i / (1 - beta_i).
 """
 
 from collections.abc import Sequence

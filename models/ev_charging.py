@@ -1,9 +1,10 @@
 r"""Electric vehicles that charge overnight behind one transformer, the urgent ones faster.
 
-AIMD for charging, with one-bit signals that the power is used up, is from S. Stuedli, E. Crisostomi,
-R. Middleton and R. Shorten, A flexible distributed framework for realising electric and plug-in hybrid
-vehicle charging policies, International Journal of Control 85(8), 2012.  The setting is theirs, costs and
-numbers are ours.  The unit of time is the minute, and minute 0 is noon, so that a night is in one piece.
+AIMD for charging, with one-bit signals that the power is used up, is from S. Stuedli, E. Crisostomi, R.
+Middleton and R. Shorten. Their paper is "A flexible distributed framework for realising electric and
+plug-in hybrid vehicle charging policies", International Journal of Control 85(8), 2012. The setting is
+theirs, costs and numbers are ours.  The unit of time is the minute, and minute 0 is noon, so that a night
+is in one piece.
 
 A vehicle that needs the energy E_i in the time T_i that it stays has to charge with u_i = E_i / T_i in the
 mean, its urgency in kW.  What all have in common at the optimum is the derivative of their costs.  For shares

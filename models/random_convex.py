@@ -4,10 +4,10 @@ With y^j = x^j / s^j, the demand of a resource in multiples of a scale s^j, agen
 
     f_i = sum_jp c_ijp (y^j)^p + y' Q_i y / 2 + g_i2 z^2 + g_i3 z^3,   p in {2, 3, 4}, z = w_i . y.
 
-What is drawn first is where the optimum shall be: y_i^j uniform on 0.4 to 1.6.  Then an interaction is drawn
-for each agent, a quadratic form Q = B B' and a convex function of a weighted sum, each scaled so that the
-largest of its derivatives at y_i is 0.1 to 0.4.  Last come powers of each demand by itself, in random parts,
-and make up what is lacking to
+What is drawn first is where the optimum shall be: y_i^j uniform on 0.4 to 1.6.  Then an interaction is
+drawn for each agent, a quadratic form Q = B B' and a convex function of a weighted sum. Each is scaled so
+that the largest of its derivatives at y_i is 0.1 to 0.4.  Last come powers of each demand by itself, in
+random parts, and make up what is lacking to
 
     df_i / dy^j = 1   at y_i, for every agent and resource.
 

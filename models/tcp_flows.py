@@ -1,11 +1,12 @@
 r"""TCP flows through one bottleneck: AIMD that ends in proportional fairness, and the square-root law.
 
-Flows with log utilities share the capacity so that sum_i w_i log x_i is largest: proportional fairness
-(F. Kelly, A. Maulloo and D. Tan, Rate control for communication networks, Journal of the Operational Research
-Society 49, 1998).  On one link that is w_i / x_i = nu for all flows, x_i = w_i C / sum(w).  The negative of
-such a utility is no cost here, since it does not increase; none is needed.  AIMD makes derivatives of costs
-agree, weighted by (1 - beta_i) / alpha_i, and costs whose weighted derivatives agree where w_i / x_i does
-have the same solution.  Two ways to get there, both with beta = 1/2 as in TCP Reno:
+Flows with log utilities share the capacity so that sum_i w_i log x_i is largest. That is proportional
+fairness (F. Kelly, A. Maulloo and D. Tan, Rate control for communication networks, Journal of the
+Operational Research Society 49, 1998).  On one link that is w_i / x_i = nu for all flows, x_i = w_i C /
+sum(w).  The negative of such a utility is no cost here, since it does not increase; none is needed.  AIMD
+makes derivatives of costs agree, weighted by (1 - beta_i) / alpha_i, and costs whose weighted derivatives
+agree where w_i / x_i does have the same solution.  Two ways to get there, both with beta = 1/2 as in TCP
+Reno:
 
 "proportional"
     f_i = x**2 / (2 w_i), the same alpha for all.  The response probability Gamma / w_i does not depend on

@@ -1,10 +1,10 @@
 """Does it matter whether losses come in bursts?
 
-Little, while the part of the capacity that bad links hold, n p alpha B / C, is small and each link has bursts
-of its own.  Where it is larger each agent takes about p alpha B with any costs: shares level out, and signals
-do not suffice in the end.  Where all links have their bursts together, total demand rises by n alpha B in
-each and is above the capacity for p of the time and a little more; shares stay right up to bursts of some
-tens of periods.  Compensation for loss does not help where bursts are long.
+Little, while the part of the capacity that bad links hold, n p alpha B / C, is small and each link has
+bursts of its own.  Where it is larger each agent takes about p alpha B with any costs: shares level out,
+and signals do not suffice in the end.  Where all links have their bursts together, total demand rises by
+n alpha B in each, and is above the capacity for p of the time and a little more. Shares stay right up to
+bursts of some tens of periods.  Compensation for loss does not help where bursts are long.
 """  # noqa: D400 - a question
 
 from functools import lru_cache, partial

@@ -3,9 +3,10 @@
 Utilisation stays high until cameras leave about as fast as they grow: it is 0.95 with a mean stay of 80
 periods, and 0.72 with 24, below the critical C / (n alpha) = 32. Peaks stay below the growth over the
 latency. Churn evens out the shares, nearly as a square added to all costs. Averages over the whole past
-follow the optimum of those present the slower the older the run, within 17 % after 800 periods and 10 % after
-8,000; short memories follow within 20 to 22 % at any age. A camera that has forgotten its average takes 1.35
-times its share with costs of power 6, because a small average makes a small response probability.
+follow the optimum of present cameras the slower the older the run, within 17 % after 800 periods and 10 %
+after 8,000. Short memories follow within 20 to 22 % at any age. A camera that has forgotten its average
+takes 1.35 times its share with costs of power 6, because a small average makes a small response
+probability.
 """  # noqa: D400 - a question
 
 from collections.abc import Sequence

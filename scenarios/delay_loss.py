@@ -1,9 +1,9 @@
 """Latency and loss together: which of them is survived, and what does each cost?
 
-Loss decides whether demand is held, and latency does not: on both sides of the critical loss of theory, the
-means of 20 replications agree with it at latencies from 0 to 10 periods, except at a few points next to it.
-Shares stay right to within 3.2 % on both sides, until responses are cut off at probability 1.  Latency is
-paid in excess over the capacity, loss in signals.
+Loss decides whether demand is held, and latency does not. On both sides of the critical loss of theory,
+the means of 20 replications agree with it at latencies from 0 to 10 periods. A few points next to it are
+exceptions. Shares stay right to within 3.2 % on both sides, until responses are cut off at probability 1.
+Latency is paid in excess over the capacity, loss in signals.
 """  # noqa: D400 - a question
 
 from collections.abc import Iterator, Mapping

@@ -1,10 +1,11 @@
 """How much loss is survived, how much is usable, and which agents does loss cost?
 
-Loss that is the same for all changes no shares, and makes signals more frequent while there are opportunities
-to signal: up to 1 - rho r with hold-off r, up to 1 / (1 + rho) on the clock, where demand runs away. Long
-before, demand is often above the capacity: the loss at which that is 1 % of the time is far less for a long
-hold-off. Loss that differs moves the averages to the optimum of reweighted costs: agents that receive less
-take more. The rest is random error, and the bias of the rule, which is less than without loss.
+Loss that is the same for all changes no shares, and makes signals more frequent while there are
+opportunities to signal. Demand runs away beyond 1 - rho r with hold-off r, and beyond 1 / (1 + rho) on
+the clock. Long before, demand is often above the capacity: the loss at which that is 1 % of the time is
+far less for a long hold-off. Loss that differs moves the averages to the optimum of reweighted costs:
+agents that receive less take more. The rest is random error, and the bias of the rule, which is less than
+without loss.
 """  # noqa: D400 - a question
 
 from collections.abc import Sequence

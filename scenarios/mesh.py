@@ -1,10 +1,10 @@
 """What does a lossy mesh do to cameras far away, and does flooding help?
 
 Along the tree of shortest paths each edge may lose the signal, so cameras far away receive less and take
-more: shares are those of costs weighted by the probability of delivery, a product over the path.  Networks
-differ in this by factors.  Sending over each edge of the tree three times corrects the shares in all of them,
-for half of the transmissions of flooding, which does not help cameras on a single edge.  Knowing the loss is
-cheapest, where response probabilities can rise.
+more. Shares are those of costs weighted by the probability of delivery, a product over the path.
+Networks differ in this by factors.  Sending over each edge of the tree three times corrects the shares in
+all of them, for half of the transmissions of flooding, which does not help cameras on a single edge.
+Knowing the loss is cheapest, where response probabilities can rise.
 """  # noqa: D400 - a question
 
 from functools import lru_cache, partial

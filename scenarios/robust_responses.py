@@ -2,9 +2,9 @@
 
 Agents that know their loss, or estimate it from running numbers of 5 bits, end up within 2 % of the
 optimum, from 9 to 32 % off; numbers of 2 bits do not help. Thresholds from theory keep demand below the
-capacity except for about 1 % of the time, at up to 8 points of utilisation. A hold-off that adapts survives
-as much loss as a short one, and saves signals under latency, if it is bounded below 1 / rho; one that may
-grow beyond saves them by letting demand run away.
+capacity except for about 1 % of the time, at up to 8 points of utilisation. A hold-off that adapts
+survives as much loss as a short one, and saves signals under latency, if it is bounded below 1 / rho. One
+that may grow beyond saves them by letting demand run away.
 """  # noqa: D400 - a question
 
 from collections.abc import Mapping, Sequence
