@@ -337,6 +337,16 @@ def test_what_is_on_its_way_when_a_partition_begins_arrives(agents: Any) -> None
     assert everybody.account.lost.sum(axis=0).tolist() == [3, 3]
 
 
+@BOTH
+def test_no_second_copy_gets_through_a_partition(agents: Any) -> None:
+    problem = growing(2, capacity=1.0, normalization=1e-9)
+    doubling = BroadcastChannel(latency=1.5, duplication=1.0)
+    parts: dict[str, Any] = {"control_unit": Sampled(phase=1.0), "agents": agents}
+    account = run(problem, 10.0, Partition(3.0, 3.0, ["1"]), channel=doubling, **parts).account
+    assert account.delivered.sum(axis=0).tolist() == [8, 5]
+    assert account.duplicated.sum(axis=0).tolist() == [8, 5]
+
+
 # -- costs -----------------------------------------------------------------------------------------------
 
 
