@@ -77,3 +77,50 @@ def test_an_unknown_field_is_refused_when_it_is_compiled() -> None:
 
     with pytest.raises(numba.core.errors.TypingError, match="missing"):
         ask(_record(False))
+
+
+@record
+class Arrays(NamedTuple):
+    line: FloatArray
+    table: FloatArray
+    block: npt.NDArray[np.int16]
+    strided: FloatArray
+    turned: FloatArray
+    empty: FloatArray
+
+
+@compiled  # type: ignore[untyped-decorator]
+def _describe(arrays: Arrays, out: FloatArray) -> float:
+    line, table, block, strided, turned = (
+        arrays.line,
+        arrays.table,
+        arrays.block,
+        arrays.strided,
+        arrays.turned,
+    )
+    out[0], out[1], out[2] = line.size, table.size, block.size
+    out[3], out[4], out[5] = line.itemsize, block.itemsize, turned.itemsize
+    out[6], out[7], out[8] = line.strides[0], table.strides[0], table.strides[1]
+    out[9], out[10], out[11] = block.strides[0], block.strides[1], block.strides[2]
+    out[12], out[13], out[14] = strided.strides[0], turned.strides[0], turned.strides[1]
+    out[15], out[16], out[17] = block.shape[0], block.shape[1], block.shape[2]
+    row, column = table[1], table[:, 1]
+    out[18], out[19], out[20] = row[2], column[2], block[1, 2, 3]
+    out[21], out[22], out[23] = strided[1], turned[2, 1], arrays.empty.size
+    return out[0]
+
+
+def test_compiled_code_knows_the_form_of_arrays_in_a_record() -> None:
+    numbers = np.arange(24.0)
+    arrays = Arrays(
+        numbers[:7],
+        numbers[:12].reshape(3, 4),
+        np.arange(24, dtype=np.int16).reshape(2, 3, 4),
+        numbers[::3],
+        numbers.reshape(4, 6).T,
+        np.zeros((0, 4)),
+    )
+    found, expected = np.full(24, np.nan), np.full(24, np.nan)
+    _describe(arrays, found)
+    _describe.py_func(arrays, expected)
+    assert np.array_equal(found, expected)

@@ -87,20 +87,41 @@ def _field(context: Any, builder: Any, kind: _Record, value: Any, name: str) -> 
     return impl_ret_borrowed(context, builder, kind.kinds[place], _load(builder, address))
 
 
+def _filler(kind: Any, c: Any) -> Any:
+    """Return a module's function that writes an array into a structure and tells whether it failed."""
+    # What Numba makes of an array is long, and a kernel takes a hundred: one copy serves all of a type.
+    name = f"aimd_des_fill_{sha256(str(kind).encode()).hexdigest()[:8]}"
+    module = c.builder.module
+    if name in module.globals:
+        return module.globals[name]
+    address = c.context.get_value_type(kind).as_pointer()
+    function = ir.Function(module, ir.FunctionType(cgutils.bool_t, [c.pyapi.pyobj, address]), name)
+    function.linkage = "internal"
+    function.attributes.add("noinline")
+    builder = ir.IRBuilder(function.append_basic_block("entry"))
+    array, address = function.args
+    native = c.context.get_python_api(builder).to_native_value(kind, array)
+    builder.store(native.value, address)
+    builder.ret(native.is_error)
+    return function
+
+
 def _fill(kind: _Record, record: Any, address: Any, c: Any, failed: Any) -> None:
     """Write the fields of a tuple of Python into a structure."""
+    builder = c.builder
     for place, field in enumerate(kind.kinds):
-        item, target = (
-            c.pyapi.tuple_getitem(record, place),
-            cgutils.gep_inbounds(c.builder, address, 0, place),
-        )
+        item = c.pyapi.tuple_getitem(record, place)
+        target = cgutils.gep_inbounds(builder, address, 0, place)
         if isinstance(field, _Record):
             _fill(field, item, target, c, failed)
+            continue
+        if isinstance(field, types.Array):
+            is_error = builder.call(_filler(field, c), [item, target])
         else:
             native = c.unbox(field, item)
-            c.builder.store(native.value, target)
-            with c.builder.if_then(native.is_error, likely=False):
-                c.builder.store(cgutils.true_bit, failed)
+            builder.store(native.value, target)
+            is_error = native.is_error
+        builder.store(builder.or_(builder.load(failed), is_error), failed)
 
 
 @unbox(_Record)  # type: ignore[untyped-decorator]
