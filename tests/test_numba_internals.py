@@ -215,3 +215,26 @@ def test_compiling_can_be_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
 @jit.deferred
 def _interrupted(x: float) -> float:
     return 3.0 * x
+
+
+def test_options_that_are_compared_quickly_are_equal_where_those_of_numba_are() -> None:
+    settings: list[dict[str, object]] = [
+        {},
+        {"nrt": False},  # as if it were not set
+        {"nrt": True},
+        {"no_compile": True},
+        {"nrt": True, "no_compile": True},
+        {"nrt": True, "error_model": "numpy"},
+    ]
+    plain = [Flags() for _ in settings]
+    for flags, setting in zip(plain, settings, strict=True):
+        for name, value in setting.items():
+            setattr(flags, name, value)
+    quick = [numba_internals._QuickFlags(flags) for flags in plain]
+    for one, same in zip(quick, plain, strict=True):
+        assert hash(one) == hash(same)
+        assert [one == other for other in quick] == [same == other for other in plain]
+        assert [one == other for other in plain] == [other == one for other in plain]
+        assert [one == other for other in plain] == [same == other for other in plain]
+    assert quick[0] == quick[1] != quick[2]
+    assert quick[0] != "flags"

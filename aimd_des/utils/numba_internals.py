@@ -8,10 +8,12 @@ A *deferred* kernel is the opposite: machine code of its own, which all callers 
 its address, empty at first, and the types of the arguments, with which they ask for it.  So what a run never
 calls is never compiled, and what several kernels call is compiled once.
 
-Numba has no option for either.  What is overridden here is private to Numba, and the same in all versions
-that `_TESTED` spans.  With another version, or where a name is missing, there are no parts, nothing is
-deferred, and each function is compiled on its own: it takes longer, and gives the same bits.  Versions before
-`_DEFERS_FROM` have parts, and what would be deferred is one.
+Both have options that are compared quickly, since Numba compares them thousands of times for a kernel.
+
+Numba has no option for any of this.  What is overridden here is private to Numba, and is the same in all
+versions that `_TESTED` spans.  With another version, or where a name is missing, there are no parts, nothing
+is deferred, and each function is compiled on its own: it takes longer, and gives the same bits.  Versions
+before `_DEFERS_FROM` have parts, and what would be deferred is one.
 """
 
 import pickle
@@ -25,7 +27,7 @@ from numba import types
 from numba.core import cgutils
 from numba.core.callconv import CPUCallConv
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder, Flags
+from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder, Flags
 from numba.core.compiler_machinery import LoweringPass, PassManager, register_pass
 from numba.core.dispatcher import Dispatcher
 from numba.core.typed_passes import NativeLowering
@@ -53,7 +55,7 @@ _NAMES: dict[type, tuple[str, ...]] = {
     CompilerBase: ("define_pipelines",),
     DefaultPassBuilder: ("define_nopython_pipeline",),
     Dispatcher: ("get_call_template", "get_overload"),
-    Flags: ("no_compile",),
+    Flags: ("is_set", "no_compile", "values"),
     PassManager: ("add_pass_after", "finalize"),
 }
 
@@ -114,7 +116,39 @@ class _EnterPart(LoweringPass):  # type: ignore[misc]
         return True
 
 
-class PartCompiler(CompilerBase):  # type: ignore[misc]
+# Numba's hash of flags is of their names, and so the same for all values.
+_HASH = hash(Flags())
+
+
+class _QuickFlags(Flags):  # type: ignore[misc]
+    """Options of a compilation, which Numba compares whenever it searches for the code of an operator."""
+
+    __slots__ = ()
+
+    def __hash__(self) -> int:
+        """Return Numba's hash, for which it lists and sorts all names."""
+        return _HASH
+
+    def __eq__(self, other: object) -> bool:
+        """Compare what is set in either; Numba compares all that could be."""
+        if not isinstance(other, Flags):
+            return NotImplemented
+        one, another = self._values, other._values
+        return one == another or all(
+            getattr(self, name) == getattr(other, name) for name in one.keys() | another.keys()
+        )
+
+
+class KernelCompiler(Compiler):  # type: ignore[misc]
+    """Numba's steps to machine code; for the option `pipeline_class` of `numba.njit`."""
+
+    def __init__(self, *args: Any) -> None:
+        """Set Numba's compiler up, with options that are compared quickly."""
+        super().__init__(*args)
+        self.state.flags = _QuickFlags(self.state.flags)
+
+
+class PartCompiler(KernelCompiler):
     """Numba's steps, as far as a part takes them; for the option `pipeline_class` of `numba.njit`."""
 
     def define_pipelines(self) -> list[Any]:
