@@ -266,7 +266,7 @@ def test_numbers_written_out_in_calls_make_no_code_of_their_own(module: ModuleTy
 @pytest.mark.parametrize("n", [1, 3])
 @pytest.mark.parametrize("m", [1, 2])
 def test_one_cost_table_has_the_types_of_all(n: int, m: int) -> None:
-    """Or all that uses it would be compiled once more, which for the fleet takes 20 seconds."""
+    """Or all that uses it would be compiled once more, which for the fleet takes ten seconds."""
     kinds = {
         numba.typeof(cost_table(random_problem(0, *size, family).costs))
         for size in ((n, m), (5, 3))

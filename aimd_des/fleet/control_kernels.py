@@ -29,6 +29,7 @@ from aimd_des.fleet.observer_kernels import FleetOvershoot, ObservedTotals
 from aimd_des.fleet.response_kernels import settle
 from aimd_des.results.metrics import fold_overshoot
 from aimd_des.utils.jit import announced, formula
+from aimd_des.utils.validation import FloatArray
 
 # Plain numbers, as kernels take them.
 _SENSE, _OBSERVE = int(EventKind.SENSE), int(EventKind.OBSERVE)
@@ -167,7 +168,7 @@ def _signal(
     return REACHED
 
 
-@announced("the fleet (some 20 seconds)")
+@announced("the fleet (some ten seconds)")
 def sample(
     agents: FleetAgents,
     control: FleetControl,
@@ -221,6 +222,16 @@ def sample(
 
 
 @formula
+def _next_alarm(look_time: FloatArray) -> int:
+    """Return whose alarm is first."""
+    first = 0
+    for j in range(1, look_time.shape[0]):
+        if look_time[j] < look_time[first]:
+            first = j
+    return first
+
+
+@formula
 def _hold_off(control: FleetControl, resource: int, now: float, total: float) -> None:
     """Set the alarm to the end of the hold-off after a signal."""
     j = resource
@@ -233,7 +244,7 @@ def _hold_off(control: FleetControl, resource: int, now: float, total: float) ->
     control.look_time[j] = now + control.hold_off[j]
 
 
-@announced("the fleet (some 20 seconds)")
+@announced("the fleet (some ten seconds)")
 def sense(
     agents: FleetAgents,
     control: FleetControl,
@@ -246,7 +257,7 @@ def sense(
     look_time = control.look_time
     while True:
         # Of alarms at one instant the first is that of the lowest index, which is their order as events.
-        j = int(np.argmin(look_time))
+        j = _next_alarm(look_time)
         now, row = look_time[j], _next_row(observed)
         # Strictly: at one instant the control unit looks before observers do.
         if row < now:

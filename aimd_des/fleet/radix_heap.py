@@ -26,7 +26,7 @@ from llvmlite import ir
 from numba import types
 
 from aimd_des.fleet.in_flight import BLOCK, DUE, CopiesInFlight
-from aimd_des.utils.jit import formula, instruction
+from aimd_des.utils.jit import built, formula, instruction
 
 
 def _length(word: int) -> int:
@@ -45,14 +45,22 @@ def _highest_bit(typingctx: Any, word: Any) -> Any:  # noqa: ARG001 - numba's ca
     return signature, codegen
 
 
-@formula
+def _build_bits(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+    return builder.bitcast(builder.fadd(args[0], ir.Constant(args[0].type, 0.0)), ir.IntType(64))
+
+
+def _build_time(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+    return builder.bitcast(args[0], ir.DoubleType())
+
+
+@built(types.int64(types.float64), _build_bits)
 def bits_of(time: float) -> Any:
     """Return the bits of a time, as an integer that is in the order of times."""
     # Adding 0.0 makes +0.0 of -0.0, whose bits would be a negative number; all other times are at least 0.
     return np.float64(time + 0.0).view(np.int64)
 
 
-@formula
+@built(types.float64(types.int64), _build_time)
 def time_of(key: int) -> Any:
     """Return the time that bits stand for."""
     return np.int64(key).view(np.float64)

@@ -153,7 +153,7 @@ def open_row(agents: FleetAgents, resource: int, number: int, arrival: FloatArra
         row[i] = time
         # The least of whole numbers is found several at a time; that of floating-point numbers is not.
         first = min(first, bits_of(time))
-    rows.first[resource] = np.int64(first).view(np.float64)
+    rows.first[resource] = time_of(first)
     rows.rank[resource] = first_rank
 
 
@@ -408,7 +408,11 @@ def settle_rows(agents: FleetAgents, resource: int, time: float, limit: int) -> 
         spill(agents.copies, rows, j)
         return
     if rows.first_listed[j] <= time:
-        waiting = _answer_in_turn(agents, j, _take_due(rows, j, time, limit), answering)
-    if answering:
+        waiting = _take_due(rows, j, time, limit)
+    # Before the row and after it, by one call: compiled code holds a copy of what is called for each.
+    while True:
+        waiting = _answer_in_turn(agents, j, waiting, answering)
+        if not answering:
+            break
         _answer_row(agents, j, time, limit)
-        _answer_in_turn(agents, j, waiting, False)
+        answering = False
