@@ -117,13 +117,13 @@ def test_a_study_draws_a_measure_along_one_axis_or_over_two(tmp_path: Path) -> N
     assert [panel.get_title(loc="left") for panel in panels] == ["memory", "disk"]
     assert {(panel.get_xlabel(), panel.get_ylabel()) for panel in panels} == {("loss", "latency")}
     (lines,) = results.plot("misallocation", by=["latency"]).axes
-    assert lines.get_ylabel().startswith("Misallocation")
+    assert lines.get_ylabel().replace("\n", " ") == "Misallocation (% of what is used)"
     runs = results.runs
     for name, drawn in zip(("memory", "disk"), lines.containers, strict=True):
         x, y = drawn.lines[0].get_data()
         means = runs[runs["resource"] == name].groupby("latency")["misallocation"].mean()
         assert x.tolist() == means.index.tolist()
-        assert y.tolist() == pytest.approx(means.tolist(), rel=1e-12)
+        assert y.tolist() == pytest.approx((100.0 * means).tolist(), rel=1e-12)
 
 
 @pytest.mark.parametrize(

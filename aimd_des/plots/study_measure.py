@@ -10,11 +10,8 @@ from pandas.api.types import is_numeric_dtype
 
 from aimd_des.plots.maps import heat_map
 from aimd_des.plots.style import REFERENCE, NotebookFigure, axis_label, colour, frame, mark, plain
-from aimd_des.results.measures import MEASURES
+from aimd_des.results.shown_measures import AROUND_CAPACITY, shown_measure
 from aimd_des.utils.errors import InputError
-
-# Measures in shares of the capacity, which their figures show.
-_OF_CAPACITY = ("utilisation", "overshoot_peak")
 
 
 def plot_measure(table: pd.DataFrame, axes: Sequence[str], measure: str) -> Figure:
@@ -25,7 +22,8 @@ def plot_measure(table: pd.DataFrame, axes: Sequence[str], measure: str) -> Figu
         raise InputError(
             f"a figure needs one or two axes with several values, not {found}; choose them by name"
         )
-    rows = table[table["measure"] == measure]
+    rows = table[table["measure"] == measure].copy()
+    rows[["mean", "low", "high"]] *= shown_measure(measure).factor
     names = list(dict.fromkeys(rows["resource"].astype(str)))
     maps = len(varied) == 2
     size = (4.6 * len(names) + 0.6, 3.8) if maps else (6.4, 4.0)
@@ -39,8 +37,8 @@ def plot_measure(table: pd.DataFrame, axes: Sequence[str], measure: str) -> Figu
 
 
 def _map(panel: Axes, rows: pd.DataFrame, varied: list[str], measure: str, name: str) -> None:
-    title, unit = MEASURES[measure].title, MEASURES[measure].unit
-    around = 1.0 if measure in _OF_CAPACITY else None
+    title, unit, factor = shown_measure(measure)
+    around = factor if measure in AROUND_CAPACITY else None
     cells = rows.rename(columns={"mean": title})
     heat_map(panel, cells, varied[1], varied[0], title, units={title: unit}, middle=around)
     panel.set_title(plain(name), loc="left", fontsize="medium")
@@ -55,9 +53,10 @@ def _lines(panel: Axes, rows: pd.DataFrame, axis: str, measure: str, names: list
         style = "-" if numbers else "none"
         look: dict[str, Any] = {"marker": mark(j), "linestyle": style, "capsize": 2.5, "markersize": 5.0}
         panel.errorbar(at, own["mean"], reach, color=colour(j), label=plain(name), **look)
-    if measure in _OF_CAPACITY:
-        panel.axhline(1.0, color=REFERENCE, linewidth=1.0, linestyle="--", label="capacity")
+    title, unit, factor = shown_measure(measure)
+    if measure in AROUND_CAPACITY:
+        panel.axhline(factor, color=REFERENCE, linewidth=1.0, linestyle="--", label="capacity")
     panel.set_xlabel(plain(axis))
-    panel.set_ylabel(axis_label(MEASURES[measure].title, MEASURES[measure].unit))
+    panel.set_ylabel(axis_label(title, unit))
     frame(panel)
     panel.legend(frameon=False, fontsize="small")

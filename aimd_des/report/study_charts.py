@@ -20,8 +20,8 @@ from aimd_des.report.charts import (
     slid,
 )
 from aimd_des.report.html_page import Chart, Choice, Slider
-from aimd_des.report.shown_measures import AROUND_CAPACITY, LIMITS, shown_measure
 from aimd_des.report.study_axes import Along
+from aimd_des.results.shown_measures import AROUND_CAPACITY, LIMITS, shown_measure
 from aimd_des.utils.formatting import short
 
 

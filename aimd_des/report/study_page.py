@@ -9,10 +9,10 @@ import tomli_w
 
 from aimd_des.report.boundaries import boundary_words, critical_losses, critical_words
 from aimd_des.report.html_page import Chart, Choice, Page, PageTable, Slider, Verdict
-from aimd_des.report.shown_measures import LIMITS, shown_measure
 from aimd_des.report.study_axes import Along, axes_of, placed
 from aimd_des.report.verdicts import JUDGED, card
 from aimd_des.results.measures import EXPECTED, FIRST
+from aimd_des.results.shown_measures import LIMITS, shown_measure
 from aimd_des.study import StudyResults, summarise
 from aimd_des.study.results import run_away_words
 from aimd_des.study.statistics.summary import means_by_point

@@ -1,4 +1,4 @@
-"""How pages write measures: shares as percentages, with the unit said once."""
+"""How pages and figures of studies write measures: shares as percentages, with the unit said once."""
 
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ _SHARE = "share of "
 
 
 class Shown(NamedTuple):
-    """A measure as charts and tables of a page have it."""
+    """A measure as charts and tables have it."""
 
     title: str  # for people
     unit: str  # of its numbers
