@@ -99,7 +99,7 @@ FACES = {
         event_interval event_mean flow hold_off_bounds limit_cycle loss_weights mixture_lift
         needed_rate partition_runaway peak_lift poisson_moment predict price_in_bits recovery
         recovery_time reweighted_optimum runaway_multiplier safe_threshold share_rates signal_rate
-        signal_share square_root_law steady_total synchronised_utilisation utilisation
+        signal_share square_root_law steady_total synchronised_utilisation time_above utilisation
     """,
     "topology": """
         FloodChannel TreeChannel balanced_tree flood from_edges from_graphml grid random_geometric star

@@ -521,6 +521,23 @@ def test_safe_thresholds_follow_what_they_are_given() -> None:
     assert theory.safe_threshold(changed, latency=1.0) == theory.safe_threshold(problem, latency=1.0)
 
 
+def test_time_above_is_what_a_safe_threshold_leaves() -> None:
+    problem = part(smart_cameras(seed=0), 0)
+    given: dict[str, Any] = {"dynamics": "continuous", "latency": 1.0, "hold_off": 1.0}
+    careful = with_thresholds(problem, theory.safe_threshold(problem, **given))
+    # `safe_threshold` rests where thresholds change by 2e-4 of the capacity.
+    low, at, high = theory.time_above(careful, [1.0 - 2e-4, 1.0, 1.0 + 2e-4], **given)[:, 0]
+    assert high <= 0.75 * EXCEEDANCE <= low
+    assert high < at < low
+    # In proportion to the capacity, of all resources, and by the clock: all of the time, and none of it.
+    whole = theory.time_above(smart_cameras(seed=0), [0.2, 5.0], latency=1.0)
+    assert whole.tolist() == [[1.0] * 3, [0.0] * 3]
+    with pytest.raises(InputError, match="hold_off"):
+        theory.time_above(problem, [1.0], "continuous", latency=1.0)
+    with pytest.raises(InputError, match="levels"):
+        theory.time_above(problem, [math.nan])
+
+
 def test_what_no_threshold_can_do_is_refused() -> None:
     problem = part(smart_cameras(seed=0), 0)
     with pytest.raises(InputError, match="hold_off"):

@@ -33,7 +33,7 @@ from aimd_des.theory.signals import (
     utilisation,
 )
 from aimd_des.theory.steady import SteadyTotal, needed_rate, steady_total
-from aimd_des.theory.thresholds import partition_runaway, safe_threshold
+from aimd_des.theory.thresholds import partition_runaway, safe_threshold, time_above
 
 __all__ = [
     "BurstRunaway",
@@ -84,5 +84,6 @@ __all__ = [
     "square_root_law",
     "steady_total",
     "synchronised_utilisation",
+    "time_above",
     "utilisation",
 ]
