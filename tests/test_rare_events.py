@@ -17,6 +17,8 @@ from aimd_des import (
     latency,
 )
 from aimd_des.study import mean_interval, rare_event
+from aimd_des.study.rare_events import _DemandPath, _Sight, _Work
+from aimd_des.study.splitting import Estimate
 from models import smart_cameras
 from tests.conftest import refusal
 
@@ -73,6 +75,7 @@ def test_it_is_the_share_of_plain_runs_that_reach_the_level(changes: dict[str, A
     assert 0.0 < found.low < found.probability < found.high
     assert found.run_length == AFTER + WITHIN
     assert found.levels[-1] == level
+    assert [each.mean for each in found.reached[-1:]] == [found.probability] * (method == "fixed_effort")
 
 
 def test_the_same_arguments_give_the_same_estimate_and_other_seeds_another() -> None:
@@ -90,6 +93,53 @@ def test_what_is_rarer_pays_more() -> None:
     assert found.gain > 2.0
     runs = (1.0 - found.probability) / (found.probability * found.relative_error**2)
     assert found.gain == pytest.approx(runs * 30.0 / (found.work + found.pilot_work))
+
+
+def test_lower_levels_are_estimated_on_the_way() -> None:
+    simulation = late_cameras()
+    peaks = plain_peaks(simulation, 150)[:, 1]
+    wanted = [float(np.quantile(peaks, share)) for share in (0.5, 0.8, 0.9)]
+    found = rare_event(
+        simulation,
+        level=wanted[-1],
+        via=wanted[:-1],
+        within=WITHIN,
+        after=AFTER,
+        resource="disk",
+        trials=20,
+        repetitions=6,
+    )
+    assert len(found.reached) == len(found.levels)
+    for level in wanted:
+        one, plain = found.reached[found.levels.index(level)], mean_interval((peaks >= level).astype(float))
+        assert abs(one.mean - plain.mean) < 3.5 * np.hypot(one.standard_error, plain.standard_error)
+        assert 0.0 <= one.low <= one.mean <= one.high <= 1.0
+    assert [one.mean for one in found.reached] == sorted((one.mean for one in found.reached), reverse=True)
+
+
+@pytest.mark.parametrize("salt", range(3))
+def test_a_path_is_split_where_it_passes_a_level_and_before_it_is_cut(salt: int) -> None:
+    """All paths that are split from it would share the cut."""
+    run = late_cameras().start(AFTER + WITHIN).fork(salt)
+    path = _DemandPath(run, _Sight(AFTER, 0.25, _Work()), 1)
+    assert path.reach(1.01)
+    total = run.system.total("disk") / run.simulation.problem.capacity[1]
+    assert total == pytest.approx(1.01, rel=1e-12)
+    # Where it stands above the level already, as at the start of the time that counts, it goes no further.
+    before = run.time
+    assert path.reach(1.005)
+    assert run.time == before
+
+
+def test_an_event_that_only_the_pilot_has_seen_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An interval from 0 to 0 would say that it is impossible."""
+    none = Estimate(0.0, (0.0,))
+    monkeypatch.setattr("aimd_des.study.rare_events.fixed_effort", lambda *_: none)
+    asked: dict[str, Any] = {"within": 5.0, "after": AFTER, "trials": 10, "repetitions": 2}
+    with pytest.raises(
+        SimulationError, match=r"no path of 2 repetitions came to level = 1\.01, but the pilot"
+    ):
+        rare_event(late_cameras(), level=1.01, **asked)
 
 
 def test_capacities_that_change_are_those_in_force() -> None:
@@ -126,6 +176,8 @@ def test_misallocation_and_functions_are_looked_at_after_every_step() -> None:
         ({"trials": 9}, "trials"),
         ({"repetitions": 1}, "repetitions"),
         ({"step": 11.0}, "step"),
+        ({"via": [1.1, 1.05]}, "via"),
+        ({"via": [1.2]}, "via"),
         ({"after": -1.0}, "after"),
         ({"method": "luck"}, "method"),
         ({"measure": "cost"}, "measure"),

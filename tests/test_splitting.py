@@ -55,7 +55,7 @@ class Walk:
 
 
 def estimates(method: str, level: int, trials: int, repetitions: int, seed: int = 0) -> list[float]:
-    levels, found = find_levels(Walk([seed, 0]), level, trials)
+    levels, found = find_levels(Walk([seed, 0]), [level], trials)
     assert found
     if method == "fixed_effort":
         return [
@@ -97,7 +97,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(method: str) -> None:
 
 
 def test_levels_are_passed_by_a_fifth() -> None:
-    levels, found = find_levels(Walk([3]), 20.0, 200)
+    levels, found = find_levels(Walk([3]), [20.0], 200)
     assert found
     assert levels[-1] == 20.0
     assert list(levels) == sorted(set(levels))
@@ -107,8 +107,17 @@ def test_levels_are_passed_by_a_fifth() -> None:
     assert one.probability == math.prod(one.shares)
 
 
+def test_levels_that_are_wanted_are_among_them() -> None:
+    wanted = [1.0, 7.0, 13.0]
+    levels, found = find_levels(Walk([3]), wanted, 100)
+    assert found
+    assert levels[-1] == 13.0
+    assert set(wanted) < set(levels)
+    assert list(levels) == sorted(set(levels))
+
+
 def test_what_cannot_be_reached_is_told() -> None:
-    levels, found = find_levels(Walk([5]), STEPS + 1.0, 50)
+    levels, found = find_levels(Walk([5]), [STEPS + 1.0], 50)
     assert not found
     assert levels[-1] <= STEPS
 

@@ -28,7 +28,8 @@ class RareEventSettings(Table):
     trials, repetitions : int
         Paths from each level, and independent estimates.
     step : float
-        How soon after it has passed a level a path is split, in units of time.
+        How soon after it has passed a level a path is split, in units of time; by fixed effort, paths of
+        continuous demand are split at once.
     """
 
     level: float

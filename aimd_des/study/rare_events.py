@@ -1,8 +1,8 @@
 """How likely it is that total demand, or another measure, exceeds a level that it hardly ever reaches."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, Self, get_args
 
 import numpy as np
@@ -12,9 +12,9 @@ from aimd_des.problem.lookup import resource_index
 from aimd_des.results.misallocation import misallocation
 from aimd_des.results.recording import Recording
 from aimd_des.study.splitting import Estimate, Path, find_levels, fixed_effort, restart
-from aimd_des.study.statistics.intervals import mean_interval
+from aimd_des.study.statistics.intervals import Interval, mean_interval
 from aimd_des.utils import validation
-from aimd_des.utils.errors import SimulationError
+from aimd_des.utils.errors import InputError, SimulationError
 
 if TYPE_CHECKING:
     from aimd_des.engine.run_in_progress import Run
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 Method = Literal["fixed_effort", "restart"]
 Measure = Literal["demand", "misallocation"]
 
-# Steps of a path in which it is looked at once, before it is looked at in every one of them.
-_STRIDE = 16
 # No more steps in the time within which the level may be reached.
 _FINEST = 1_000_000
 
@@ -50,6 +48,8 @@ class RareEvent:
     shares : tuple of float
         Of the trials from the level before, those that reach each, in the mean of the repetitions that have
         come to the last level but one; empty by RESTART.
+    reached : tuple of Interval
+        The probability that each level is reached, unbiased; the last is that of the event; empty by RESTART.
     work, pilot_work : float
         What was simulated for the estimate, and to choose the levels, in units of time.
     run_length : float
@@ -64,6 +64,7 @@ class RareEvent:
     repetitions: int
     levels: tuple[float, ...]
     shares: tuple[float, ...]
+    reached: tuple[Interval, ...]
     work: float
     pilot_work: float
     run_length: float
@@ -99,6 +100,7 @@ def rare_event(
     repetitions: int = 20,
     step: float = 0.25,
     confidence: float = 0.95,
+    via: Sequence[float] = (),
 ) -> RareEvent:
     """Estimate the probability that a level is reached, by multilevel splitting.
 
@@ -127,9 +129,13 @@ def rare_event(
     repetitions : int
         At least 2: independent estimates, which the interval is made of.
     step : float
-        Greater than 0, in units of time: how soon after it has passed a level a path is split.
+        Greater than 0, in units of time: how soon after it has passed a level a path is split.  By fixed
+        effort, paths of continuous demand are split when they pass it.
     confidence : float
         Between 0 and 1.
+    via : sequence of float
+        Lower levels, ascending, whose probabilities are wanted as well: they are among the levels, with
+        fixed effort at no further cost.
 
     Returns
     -------
@@ -142,7 +148,7 @@ def rare_event(
         If an argument is outside its range, the simulation cannot be forked, or a function of yours gives
         back what is no finite number.
     SimulationError
-        If the pilot does not come to the level: it is out of reach, or needs more trials.
+        If the pilot or all repetitions do not come to the level: it is out of reach, or needs more trials.
 
     Notes
     -----
@@ -172,7 +178,7 @@ def rare_event(
     """
     number = validation.number
     until = number("after", after, low=0.0) + number("within", within, low=0.0, low_open=True)
-    level = number("level", level)
+    wanted = _ascending(via, number("level", level))
     step = number("step", step, low=within / _FINEST, high=within, low_open=True)
     trials = validation.integer("trials", trials, low=10)
     repetitions = validation.integer("repetitions", repetitions, low=2)
@@ -192,28 +198,51 @@ def rare_event(
             return _DemandPath(run, _Sight(after, step, spent), _one(resource, run))
         return _MeasuredPath(run, _Sight(after, step, spent), _function(measure, resource))
 
-    levels, found = find_levels(root(0), level, trials)
+    levels, found = find_levels(root(0), wanted, trials)
     if not found:
         best = levels[-1] if levels else math.nan
         reason = f"the pilot of {trials} paths a level came to {best:.6g} and not to level = {level!r}"
         raise SimulationError(f"{reason}: raise trials, or the level is out of reach within {within!r}")
     pilot_work, spent.time = spent.time, 0.0
     estimates = [_estimate(root(salt), levels, method, trials, salt) for salt in range(1, repetitions + 1)]
-    whole = mean_interval([each.probability for each in estimates], confidence)
+    if not any(each.probability for each in estimates):
+        # An interval from 0 to 0 would not hold the truth: the pilot has seen that it is more.
+        reason = f"no path of {repetitions} repetitions came to level = {levels[-1]!r}, but the pilot did"
+        raise SimulationError(f"{reason}: raise trials or repetitions")
+    whole = _within_range(mean_interval([each.probability for each in estimates], confidence))
     shares = np.array([each.shares for each in estimates if len(each.shares) == len(levels)])
+    # By repetition and level; shares that are missing follow one that is 0.
+    products = np.zeros((repetitions, len(levels)))
+    for row, each in zip(products, estimates, strict=True):
+        row[: len(each.shares)] = np.cumprod(each.shares)
+    reached = (_within_range(mean_interval(column, confidence)) for column in products.T)
     return RareEvent(
         probability=whole.mean,
         standard_error=whole.standard_error,
-        low=max(0.0, whole.low),
-        high=min(1.0, whole.high),
+        low=whole.low,
+        high=whole.high,
         confidence=confidence,
         repetitions=repetitions,
         levels=levels,
         shares=tuple(shares.mean(axis=0).tolist()) if shares.size else (),
+        reached=tuple(reached) if method == "fixed_effort" else (),
         work=spent.time,
         pilot_work=pilot_work,
         run_length=until,
     )
+
+
+def _ascending(via: Sequence[float], level: float) -> list[float]:
+    """List the levels whose probabilities are wanted."""
+    wanted = [*validation.array("via", via, ("n_levels",)).tolist(), level]
+    if sorted(set(wanted)) != wanted:
+        raise InputError.of("via", list(via), f"ascending, and below level = {level!r}")
+    return wanted
+
+
+def _within_range(found: Interval) -> Interval:
+    """Cut the interval of a probability off at 0 and 1."""
+    return replace(found, low=max(0.0, found.low), high=min(1.0, found.high))
 
 
 def _estimate(root: Path, levels: tuple[float, ...], method: Method, trials: int, salt: int) -> Estimate:
@@ -292,25 +321,24 @@ class _DemandPath(_RunPath):
             _overshoot(self.run).forget_peaks()
 
     def reach(self, level: float) -> bool:
-        """Go to the end in one piece; where the level was reached, come again to where it was."""
+        """Go on to when total demand comes to the level, before anything else happens at that moment."""
         self._begin()
-        if self.reached >= level:
-            return True
-        ahead = self.fork(None)
-        ahead.advance(self.run.until)
-        if ahead.reached < level:
-            self.run = ahead.run
-            return False
-        # The same path, since nothing is drawn otherwise: in strides, and the last one in steps.
-        ahead, step = self.fork(None), self._sight.step
-        before = self.run.time
-        while ahead.reached < level:
-            before = ahead.run.time
-            ahead.advance(before + _STRIDE * step)
-        self.advance(before)
         while self.reached < level:
-            self.advance(self.run.time + step)
+            if self.over:
+                return False
+            self.advance(self._soonest(level))
         return True
+
+    def _soonest(self, level: float) -> float:
+        """When total demand can come to the level by growth alone."""
+        system, now = self.run.system, self.run.time
+        total = system.allocations()[0].sum(axis=1)
+        needed = (level * system.parameters.capacity - total) / system.conditions.growth
+        wait = float(np.min(needed[self._resource]))
+        # A path that were split later would have been cut already, and so would all that come of it.  Demand
+        # of agents that tick is constant in between.
+        ticks = isinstance(_overshoot(self.run), ConstantPieces)
+        return max(now + max(wait, self._sight.step * ticks), math.nextafter(now, math.inf))
 
     def step(self) -> float | None:
         """Go on by one step, and return the peak within it."""

@@ -53,22 +53,25 @@ class Estimate:
     probability : float
         Unbiased; may be above 1 by RESTART.
     shares : tuple of float
-        By fixed effort, of the trials of each level, those that have reached it; empty by RESTART.
+        By fixed effort, of the trials of each level, those that have reached it, up to the first level that
+        none has reached; empty by RESTART.
     """
 
     probability: float
     shares: tuple[float, ...] = ()
 
 
-def find_levels(root: Path, level: float, trials: int) -> tuple[tuple[float, ...], bool]:
+def find_levels(root: Path, wanted: Sequence[float], trials: int) -> tuple[tuple[float, ...], bool]:
     """Choose levels by a pilot: each is reached by a fifth of the paths from the one before, or by fewer.
+
+    Those that are wanted are among them, and may be reached by more.
 
     Parameters
     ----------
     root : Path
         Which has not reached the first of them.
-    level : float
-        The last of them.
+    wanted : sequence of float
+        Ascending; the last of them is the last of all.
     trials : int
         How many paths from each level.
 
@@ -79,7 +82,7 @@ def find_levels(root: Path, level: float, trials: int) -> tuple[tuple[float, ...
     found : bool
         Whether the pilot has come to the last one; if not, the others are those it has come to.
     """
-    salts = count()
+    salts, left = count(), list(wanted)
     states, levels = [root], list[float]()
     kept = max(2, trials // _SPLIT)
     while len(levels) < _MOST_LEVELS:
@@ -87,7 +90,7 @@ def find_levels(root: Path, level: float, trials: int) -> tuple[tuple[float, ...
         born = [(states[trial % len(states)], next(salts)) for trial in range(trials)]
         ways = [parent.fork(salt) for parent, salt in born]
         for way in ways:
-            way.reach(level)
+            way.reach(left[0])
         reached = sorted((way.reached for way in ways), reverse=True)
         best = reached[kept - 1]
         if levels and best <= levels[-1]:
@@ -96,9 +99,11 @@ def find_levels(root: Path, level: float, trials: int) -> tuple[tuple[float, ...
             if not further:
                 return tuple(levels), False
             best = further[-1]
-        if best >= level:
-            return (*levels, level), True
+        if best >= left[0]:
+            best = left.pop(0)
         levels.append(best)
+        if not left:
+            return tuple(levels), True
         again = [
             parent.fork(salt) for (parent, salt), way in zip(born, ways, strict=True) if way.reached >= best
         ]
