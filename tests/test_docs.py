@@ -314,6 +314,7 @@ def test_indices_stand_behind_a_letter_with_an_accent(accent: str) -> None:
         ('<p role="heading">Guides</p>', "heading without a level"),
         ('<a href="x.html"><img src="x.png" alt=""></a>', "link without a name x.html"),
         ("<table><tr><th></th><th>p</th></tr></table>", "header of a table without a text"),
+        ("<dl><dd>x</dd></dl>", "list of definitions without a term"),
         ('<img src="x.png">', "picture x.png without a text"),
         ('<aside class="a"></aside><aside class="b"></aside>', "asides without names of their own"),
         ('<p id="x"></p><p id="x"></p>', "id x twice"),
@@ -326,6 +327,7 @@ def test_the_build_tells_what_a_page_lacks_for_those_who_do_not_see_it(part: str
         '<h1 id="t">Title</h1><p role="heading" aria-level="2">A</p><aside aria-label="All pages"></aside>'
         '<aside aria-label="This page"></aside><a href="x.html"><img src="x.png" alt="A figure"></a><a></a>'
         "<table><tr><th><math><mi>p</mi></math></th></tr></table>"
+        "<dl><dt>x</dt><dd>y</dd></dl>"
     )
     assert missing(whole) == []
     assert missing(whole + part) == [what]

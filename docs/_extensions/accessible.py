@@ -22,6 +22,7 @@ class _Page(HTMLParser):
         self.ids: set[str] = set()
         self.titles = 0
         self.asides: list[str] = []
+        self._list_begins = False
         self._named: list[tuple[str, str, list[str]]] = []  # tag, where, its texts
         self.feed(text)
         if self.titles != 1:
@@ -32,6 +33,9 @@ class _Page(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         found = {name: value or "" for name, value in attrs}
         self.titles += tag == "h1"
+        if self._list_begins and tag != "dt":
+            self.missing.append("list of definitions without a term")
+        self._list_begins = tag == "dl"
         if tag == "aside":
             self.asides.append(found.get("aria-label", ""))
         if found.get("role") == "heading" and "aria-level" not in found:
