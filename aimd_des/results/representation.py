@@ -1,26 +1,32 @@
 """What a result shows of itself: what was run, and the measures that need no optimum."""
 
-from typing import TYPE_CHECKING
+import numpy as np
+import numpy.typing as npt
 
-from aimd_des.problem.problem import shared_words
+from aimd_des.problem.problem import Problem, shared_words
 from aimd_des.results.measures import SHOWN, shown_measures
 from aimd_des.utils.shown import Shown
 from aimd_des.utils.validation import FloatArray
 
-if TYPE_CHECKING:
-    from aimd_des.results.result import Result
+#: What is shown and takes no optimum to be solved.
+UNSOLVED = [name for name in SHOWN if name != "misallocation"]
 
 
-def shown_result(result: "Result", misallocation: FloatArray | None) -> Shown:
+def shown_result(
+    run: str,
+    problem: Problem,
+    run_away: npt.NDArray[np.bool_],
+    known: dict[str, FloatArray],
+    misallocation: FloatArray | None,
+) -> Shown:
     """Show a result, with its misallocation where that has been measured."""
-    known = result.measures(names=[name for name in SHOWN if name != "misallocation"])
     if misallocation is not None:
-        known["misallocation"] = misallocation
-    names = result.problem.resource_names
-    away = [name for name, gone in zip(names, result.run_away, strict=True) if gone]
+        known = {**known, "misallocation": misallocation}
+    names = problem.resource_names
+    away = [name for name, gone in zip(names, run_away, strict=True) if gone]
     words = [
-        f"Result: {result.dynamics}, seed {result.seed}, until {result.until:,g}",
+        f"Result: {run}",
         *([f"demand has run away from {', '.join(away)}"] if away else []),
-        shared_words(result.problem),
+        shared_words(problem),
     ]
     return Shown("; ".join(words), *shown_measures(names, known))

@@ -18,12 +18,12 @@ import numpy.typing as npt
 
 from aimd_des.problem.optimum import Optimum
 from aimd_des.problem.problem import Problem
-from aimd_des.results.convergence import convergence_frame, default_looks
+from aimd_des.results.convergence import convergence_frame
 from aimd_des.results.event_log import EventLog
 from aimd_des.results.frames import categorical
 from aimd_des.results.measures import MEASURED, MEASURES, Measured, summary_frame
 from aimd_des.results.overload import Opportunities, overload_words, run_away
-from aimd_des.results.representation import shown_result
+from aimd_des.results.representation import UNSOLVED, shown_result
 from aimd_des.results.run_data import Account, Observations, Piece, Rest, Signals
 from aimd_des.results.tracking import Distance, PieceOptima, pieces_frame, recovery_frame, tracking_frame
 from aimd_des.utils import validation
@@ -308,16 +308,14 @@ class Result(ShowsItself):
 
         Notes
         -----
-        Allocations must be recorded, such as with ``Recording(allocations="auto")``; else there is one row
-        for each resource, of the end.
+        Unless allocations are recorded (``Recording(allocations="auto")``), there are rows of the end alone.
 
         See Also
         --------
         aimd_des.Simulation.convergence : What theory expects.
         """
-        if looks is None:
-            return convergence_frame(self, default_looks(self.problem.n_agents))
-        return convergence_frame(self, validation.integer("looks", looks, low=1))
+        count = None if looks is None else validation.integer("looks", looks, low=1)
+        return convergence_frame(self.problem, self.observations, self.piece_at, self.optimum_of, count)
 
     def recovery(
         self,
@@ -497,4 +495,6 @@ class Result(ShowsItself):
         registered("save")(self, folder, overwrite=overwrite, figures=figures)
 
     def _shown(self) -> Shown:
-        return shown_result(self, self._misallocation)
+        run = f"{self.dynamics}, seed {self.seed}, until {self.until:,g}"
+        known = self.measures(names=UNSOLVED)
+        return shown_result(run, self.problem, self.run_away, known, self._misallocation)
