@@ -47,6 +47,7 @@ NAMES = [
     "loss",
     "mesh",
     "outage",
+    "rare",
     "responses",
     "robust_responses",
     "theory_table",
