@@ -209,26 +209,44 @@ def rare_event(
         # An interval from 0 to 0 would not hold the truth: the pilot has seen that it is more.
         reason = f"no path of {repetitions} repetitions came to level = {levels[-1]!r}, but the pilot did"
         raise SimulationError(f"{reason}: raise trials or repetitions")
-    whole = _within_range(mean_interval([each.probability for each in estimates], confidence))
-    shares = np.array([each.shares for each in estimates if len(each.shares) == len(levels)])
+    reached = _reached(estimates, len(levels), confidence) if method == "fixed_effort" else ()
+    return _gathered(estimates, levels, reached, confidence, work=(spent.time, pilot_work), run_length=until)
+
+
+def _reached(estimates: Sequence[Estimate], n_levels: int, confidence: float) -> tuple[Interval, ...]:
+    """Estimate the probability of each level."""
     # By repetition and level; shares that are missing follow one that is 0.
-    products = np.zeros((repetitions, len(levels)))
+    products = np.zeros((len(estimates), n_levels))
     for row, each in zip(products, estimates, strict=True):
         row[: len(each.shares)] = np.cumprod(each.shares)
-    reached = (_within_range(mean_interval(column, confidence)) for column in products.T)
+    return tuple(_within_range(mean_interval(column, confidence)) for column in products.T)
+
+
+def _gathered(
+    estimates: Sequence[Estimate],
+    levels: tuple[float, ...],
+    reached: tuple[Interval, ...],
+    confidence: float,
+    *,
+    work: tuple[float, float],
+    run_length: float,
+) -> RareEvent:
+    """Put the estimates of the repetitions together."""
+    whole = _within_range(mean_interval([each.probability for each in estimates], confidence))
+    shares = np.array([each.shares for each in estimates if len(each.shares) == len(levels)])
     return RareEvent(
         probability=whole.mean,
         standard_error=whole.standard_error,
         low=whole.low,
         high=whole.high,
         confidence=confidence,
-        repetitions=repetitions,
+        repetitions=len(estimates),
         levels=levels,
         shares=tuple(shares.mean(axis=0).tolist()) if shares.size else (),
-        reached=tuple(reached) if method == "fixed_effort" else (),
-        work=spent.time,
-        pilot_work=pilot_work,
-        run_length=until,
+        reached=reached,
+        work=work[0],
+        pilot_work=work[1],
+        run_length=run_length,
     )
 
 
