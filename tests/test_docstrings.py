@@ -173,7 +173,7 @@ def class_gaps(name: str, cls: type) -> Iterator[str]:
         return
     listed = documented(cls.__doc__, "Parameters", "Other Parameters")
     # A base alone has no readers: the class that inherits from it may say what its fields mean.
-    heirs = [heir.__doc__ or "" for heir in cls.__subclasses__()]
+    heirs = [heir.__doc__ for heir in cls.__subclasses__() if heir.__doc__]
     known = listed.union(*(documented(text, "Attributes") for text in [cls.__doc__, *heirs]))
     if not issubclass(cls, BaseException):  # the exceptions take the one message that all exceptions take
         wanted = class_parameters(cls)

@@ -146,7 +146,7 @@ def time_above(
     latency, period : float
         In units of time.
     hold_off : float, optional
-        In units of time.
+        Of continuous agents, in units of time.
     loss : float or array_like, shape (n,)
         Probability of loss.
 
