@@ -35,6 +35,10 @@ def late_cameras(seed: int = 0, **changes: Any) -> Simulation:
     return Simulation(smart_cameras(0, 10), seed=seed, **{**parts, **changes})
 
 
+def sight() -> _Sight:
+    return _Sight(AFTER, 0.25, _Work())
+
+
 def plain_peaks(simulation: Simulation, count: int) -> Any:
     """Peaks of total demand over the capacity, of runs with draws of their own: (count, m)."""
     start = simulation.start(AFTER + WITHIN)
@@ -121,7 +125,7 @@ def test_lower_levels_are_estimated_on_the_way() -> None:
 def test_a_path_is_split_where_it_passes_a_level_and_before_it_is_cut(salt: int) -> None:
     """All paths that are split from it would share the cut."""
     run = late_cameras().start(AFTER + WITHIN).fork(salt)
-    path = _DemandPath(run, _Sight(AFTER, 0.25, _Work()), 1)
+    path = _DemandPath(run, sight(), 1)
     assert path.reach(1.01)
     total = run.system.total("disk") / run.simulation.problem.capacity[1]
     assert total == pytest.approx(1.01, rel=1e-12)
@@ -129,6 +133,17 @@ def test_a_path_is_split_where_it_passes_a_level_and_before_it_is_cut(salt: int)
     before = run.time
     assert path.reach(1.005)
     assert run.time == before
+
+
+def test_paths_are_split_in_time_where_agents_are_away_and_return() -> None:
+    """Nothing grows where the time that counts begins: what is to come must not be missed."""
+    away = interventions.Absence(list(range(10)), AFTER - 1.0, AFTER + 3.0)
+    run = late_cameras(interventions=[away]).start(AFTER + WITHIN).fork(0)
+    path = _DemandPath(run, sight(), 1)
+    assert path.reach(0.2)
+    total = run.system.total("disk") / run.simulation.problem.capacity[1]
+    assert total == pytest.approx(0.2, rel=1e-12)
+    assert AFTER + 3.0 < run.time < AFTER + WITHIN
 
 
 def test_an_event_that_only_the_pilot_has_seen_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

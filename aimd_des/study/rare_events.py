@@ -130,7 +130,8 @@ def rare_event(
         At least 2: independent estimates, which the interval is made of.
     step : float
         Greater than 0, in units of time: how soon after it has passed a level a path is split.  By fixed
-        effort, paths of continuous demand are split when they pass it.
+        effort, paths of continuous demand are split when they pass it, or within a step where an intervention
+        has changed how fast demand grows.
     confidence : float
         Between 0 and 1.
     via : sequence of float
@@ -350,13 +351,16 @@ class _DemandPath(_RunPath):
     def _soonest(self, level: float) -> float:
         """When total demand can come to the level by growth alone."""
         system, now = self.run.system, self.run.time
-        total = system.allocations()[0].sum(axis=1)
-        needed = (level * system.parameters.capacity - total) / system.conditions.growth
-        wait = float(np.min(needed[self._resource]))
-        # A path that were split later would have been cut already, and so would all that come of it.  Demand
-        # of agents that tick is constant in between.
-        ticks = isinstance(_overshoot(self.run), ConstantPieces)
-        return max(now + max(wait, self._sight.step * ticks), math.nextafter(now, math.inf))
+        lacking = level * system.parameters.capacity - system.allocations()[0].sum(axis=1)
+        with np.errstate(divide="ignore"):  # it takes for ever where no agent is present
+            wait = float(np.min((lacking / system.conditions.growth)[self._resource]))
+        # A path that is split later has been cut already, and so have all that come of it.  Demand of agents
+        # that tick is constant in between.
+        if isinstance(_overshoot(self.run), ConstantPieces):
+            wait = max(wait, self._sight.step)
+        elif self.run.simulation.interventions:  # which may let it grow faster, or begin to grow
+            wait = min(wait, self._sight.step)
+        return max(now + wait, math.nextafter(now, math.inf))
 
     def step(self) -> float | None:
         """Go on by one step, and return the peak within it."""
