@@ -130,7 +130,11 @@ def _unbox(kind: _Record, record: Any, c: Any) -> Any:
     failed = cgutils.alloca_once_value(c.builder, cgutils.false_bit)
     address = cgutils.alloca_once(c.builder, c.context.get_value_type(kind).pointee)
     _fill(kind, record, address, c, failed)
-    return NativeValue(address, is_error=c.builder.load(failed))
+    # Fields are promised to be invariant, which holds from here on alone. Where LLVM follows the address into
+    # the kernel, it may load them before they are filled: it must not know that this address is the same.
+    known = ir.FunctionType(address.type, [address.type])
+    hidden = c.builder.asm(known, "", "=r,0,~{memory}", [address], side_effect=True)
+    return NativeValue(hidden, is_error=c.builder.load(failed))
 
 
 def record(cls: _Class) -> _Class:
