@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from aimd_des import CoupledCosts, CustomCosts, PolynomialCosts, Problem, Resource
 from aimd_des.problem.costs import weighted_costs
@@ -42,6 +43,10 @@ class Price:
 def problem(costs: Any, **changes: Any) -> Problem:
     given = {"capacity": 4.0, "increase": 0.03, "decrease": 0.5, "normalization": 0.02, **changes}
     return Problem([Resource("memory", **given)], costs)
+
+
+def quantile(x: float) -> float:
+    return float(norm.ppf(x))
 
 
 SQUARES = PolynomialCosts([2], [[[1.0]], [[2.0]]])
@@ -140,3 +145,11 @@ def test_functions_typed_in_by_hand_have_a_digest() -> None:
     made: dict[str, Any] = {"__name__": "__main__"}
     exec("def one(x): return x + 1\ndef two(x): return x + 2", made)
     assert fingerprint(made["one"]) != fingerprint(made["two"])
+
+
+def test_a_distribution_of_scipy_has_one_digest_whatever_has_been_drawn() -> None:
+    # It refers to the generator that NumPy's functions draw from, which begins anew in each process.
+    before = fingerprint(quantile)
+    np.random.random()  # noqa: NPY002 - this very generator
+    assert fingerprint(quantile) == before
+    assert fingerprint(np.random.default_rng(0)) != fingerprint(np.random.default_rng(1))

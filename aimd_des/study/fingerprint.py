@@ -24,6 +24,8 @@ _DIGITS = 16
 _OURS = __name__.partition(".")[0]
 # Whose source is no part of a study: a key holds the version of results, a run those of the libraries.
 _LIBRARIES = tuple({sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")})
+# What NumPy's functions draw from is of the process: distributions of SciPy refer to it.
+_COMMON_GENERATOR = np.random.mtrand._rand  # noqa: SLF001 - as SciPy does
 _FIELDS = ("name", "capacity", "increase", "decrease", "normalization", "threshold", "unit")
 
 
@@ -91,6 +93,8 @@ def _parts(value: Any) -> Iterator[Any]:
 
 def _made(value: Any) -> list[Any] | None:
     """Say what makes a thing anew that has a way of its own, such as a path, a date or a generator."""
+    if value is _COMMON_GENERATOR:
+        return ["numpy.random"]
     if getattr(type(value), "__reduce__", None) == object.__reduce__:
         return None
     try:
