@@ -5,9 +5,12 @@ import random
 import signal
 import time
 from pathlib import Path
+from typing import cast
 
+import numpy as np
 import pytest
 
+from aimd_des.lowlevel import Run
 from aimd_des.scenario import checkpoints, load_scenario
 from aimd_des.utils.errors import SimulationError
 from tests.command_line import everything, invoke, refusal, run, write
@@ -31,6 +34,38 @@ def checkpoint_at(until: float, at: float, **changes: object) -> None:
     begun = scenario.simulation().start(until)
     begun.advance(at)
     begun.save(KEPT)
+
+
+class SlowlySaved:
+    """A run that takes a second for each unit of time, and four to be saved."""
+
+    until = 2000.0
+
+    def __init__(self) -> None:
+        self.time = self.clock = 0.0
+        self.saved: list[float] = []
+
+    def advance(self, to: float | None = None, watch: object = None) -> None:
+        goal = self.until if to is None else to
+        self.clock, self.time = self.clock + goal - self.time, goal
+
+    def save(self, path: Path) -> None:
+        self.saved.append(self.clock)
+        self.clock += 4.0
+
+    def result(self) -> float:
+        return self.clock
+
+
+def test_checkpoints_take_no_more_than_a_fiftieth_of_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    slow = SlowlySaved()
+    monkeypatch.setattr(checkpoints.time, "monotonic", lambda: slow.clock)
+    checkpoints.finish(cast(Run, slow), KEPT, 10.0)
+    # The first as asked for; then each after fifty times what it has taken, and a piece at most.
+    waits = np.diff([-4.0, *slow.saved]) - 4.0
+    assert 10.0 <= waits[0] <= 10.5
+    assert len(waits) == 10
+    assert ((waits[1:] >= 200.0) & (waits[1:] <= 200.5)).all()
 
 
 def test_checkpoints_change_nothing_and_are_gone_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:

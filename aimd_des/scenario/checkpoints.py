@@ -20,6 +20,9 @@ _SHARE, _SHORTEST, _LONGEST = 0.1, 0.02, 0.5
 # The first piece, as a share of the whole run.
 _FIRST = 1e-4
 
+# What checkpoints may cost: all that a run has recorded is in each, and grows with it.
+_COST = 0.02
+
 
 def begin(scenario: Scenario, path: Path, *, resumed: bool) -> Run:
     """Begin a run that can be saved, or go on with one that was.
@@ -70,7 +73,8 @@ def finish(run: Run, path: Path, seconds: float, watch: Watch | None = None) -> 
     path : Path
         The file, which is replaced each time.
     seconds : float
-        Of wall time between two checkpoints; infinity for none.
+        Of wall time between two checkpoints, and more where writing would take over 2 % of the time;
+        infinity for none.
     watch : callable, optional
         As for `Run.advance`.
 
@@ -85,14 +89,15 @@ def finish(run: Run, path: Path, seconds: float, watch: Watch | None = None) -> 
         As `Run.advance` and `Run.save` do.
     """
     longest = max(min(_SHARE * seconds, _LONGEST), _SHORTEST)
-    piece, saved = _FIRST * run.until, time.monotonic()
+    piece, saved, wait = _FIRST * run.until, time.monotonic(), seconds
     while run.time < run.until and not math.isinf(seconds):
         began = time.monotonic()
         run.advance(min(run.time + piece, run.until), watch)
         ended = time.monotonic()
         piece *= 2.0 if ended - began < 0.5 * longest else 0.5 if ended - began > longest else 1.0
-        if ended - saved >= seconds and run.time < run.until:
+        if ended - saved >= wait and run.time < run.until:
             run.save(path)
             saved = time.monotonic()
+            wait = max(seconds, (saved - ended) / _COST)
     run.advance(watch=watch)
     return run.result()
