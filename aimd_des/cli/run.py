@@ -40,7 +40,7 @@ def _formats(_context: click.Context, _option: click.Parameter, given: str) -> t
 @click.option(
     "--checkpoint",
     type=click.FloatRange(0.0, min_open=True),
-    help="Every so many seconds, or later if that takes over 2 % of the time, write to OUT.checkpoint where "
+    help="Every so many seconds, or later if that takes over 1 % of the time, write to OUT.checkpoint where "
     "the run stands; for fleets.",
 )
 @click.option("--resume", is_flag=True, help="Go on from OUT.checkpoint, if there is one.")

@@ -21,7 +21,7 @@ _SHARE, _SHORTEST, _LONGEST = 0.1, 0.02, 0.5
 _FIRST = 1e-4
 
 # What checkpoints may cost: all that a run has recorded is in each, and grows with it.
-_COST = 0.02
+_COST = 0.01
 
 
 def begin(scenario: Scenario, path: Path, *, resumed: bool) -> Run:
@@ -73,7 +73,7 @@ def finish(run: Run, path: Path, seconds: float, watch: Watch | None = None) -> 
     path : Path
         The file, which is replaced each time.
     seconds : float
-        Of wall time between two checkpoints, and more where writing would take over 2 % of the time;
+        Of wall time between two checkpoints, and more where writing would take over 1 % of the time;
         infinity for none.
     watch : callable, optional
         As for `Run.advance`.
