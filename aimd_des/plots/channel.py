@@ -57,14 +57,14 @@ def copies(axes: Axes, result: Result, resource: int) -> Axes:
 
 @panel
 def latencies(axes: Axes, result: Result) -> Axes:
-    """Draw how many of the copies that have arrived took longer than a time, on logarithmic axes.
+    """Draw how many of the copies that have arrived took longer than a time, on a logarithmic scale.
 
     Parameters
     ----------
     result : Result
         The run, with its log kept: ``Recording(events=True)``.
     """
-    axes.set_xlabel("latency")
+    axes.set_xlabel("latency (units of time)")
     axes.set_ylabel("copies that take longer (%)")
     if result.log is None:
         return style.note(axes, signals.NO_LOG)
