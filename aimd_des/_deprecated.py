@@ -9,6 +9,8 @@ import warnings
 from importlib import import_module
 from importlib.machinery import ModuleSpec
 
+from aimd_des.utils.deprecation import REMOVED_IN, SINCE, renamed
+
 # Nothing is imported here that takes time: every program that imports the package waits for it.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -22,11 +24,7 @@ if TYPE_CHECKING:
 else:
     _Finder = object
 
-__all__ = ["MOVED", "NAMES", "SINCE", "install", "new_name", "renamed"]
-
-#: The version that has brought the new names.
-SINCE = "0.1"
-_REMOVED_IN = "0.3"
+__all__ = ["MOVED", "NAMES", "install", "new_name"]
 
 #: Old names at the top of the package, each with the new one and the version that has brought it.
 NAMES: dict[str, tuple[str, str]] = {
@@ -64,11 +62,6 @@ def new_name(old: str) -> str | None:
     return new
 
 
-def renamed(old: str, new: str, since: str = SINCE) -> str:
-    """Say that something has another name now."""
-    return f"{old} is called {new} since {since}; the old name ends with {_REMOVED_IN}"
-
-
 class _OldPaths(_Finder):
     """Finds old paths, and nothing else."""
 
@@ -84,7 +77,7 @@ class _OldPaths(_Finder):
     def exec_module(self, module: "ModuleType") -> None:
         """Warn, and let the new modules give every name that is asked for."""
         old = module.__name__
-        message = f"{old} has moved: import from {MOVED[old][0]}; the old path ends with {_REMOVED_IN}"
+        message = f"{old} has moved: import from {MOVED[old][0]}; the old path ends with {REMOVED_IN}"
         warnings.warn(message, DeprecationWarning, stacklevel=2)
 
         def look_up(name: str) -> "Any":

@@ -11,8 +11,8 @@ ROOT = Path(__file__).resolve().parents[1]
 # Each module of the framework imports only from those above it. A package counts as one module.
 ORDER = [
     "_version",
-    "_deprecated",
     "utils",
+    "_deprecated",
     "checks",
     "channel",
     "latency",

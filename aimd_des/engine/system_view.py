@@ -5,7 +5,6 @@ import warnings
 
 import numpy as np
 
-from aimd_des._deprecated import renamed
 from aimd_des.dynamics.clocks import AgentClocks
 from aimd_des.dynamics.demand import demand_at
 from aimd_des.dynamics.state import AgentParameters, State
@@ -13,6 +12,7 @@ from aimd_des.dynamics.totals import average_of, observe, observe_totals, piece,
 from aimd_des.engine.environment import OrderedEnvironment
 from aimd_des.problem.lookup import agent_index, resource_index
 from aimd_des.problem.problem import Problem
+from aimd_des.utils.deprecation import renamed
 from aimd_des.utils.validation import FloatArray
 
 

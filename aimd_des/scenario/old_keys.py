@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from aimd_des._deprecated import renamed
+from aimd_des.utils.deprecation import renamed
 from aimd_des.utils.old_keywords import KEYWORDS, refuse_both
 
 _LOGGER = logging.getLogger("aimd_des")

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Any, TypeVar
 
-from aimd_des._deprecated import renamed
+from aimd_des.utils.deprecation import renamed
 from aimd_des.utils.errors import InputError
 
 _Made = TypeVar("_Made", bound=Callable[..., Any])
