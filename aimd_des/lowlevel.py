@@ -10,8 +10,7 @@ from aimd_des.dynamics.responses import response_probability
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, SampledTable, SampledUnit
 from aimd_des.engine.delivery import Agent, ProcessGenerator, Signal
 from aimd_des.engine.environment import EventKind, OrderedEnvironment
-from aimd_des.engine.run_file import resume
-from aimd_des.engine.run_in_progress import Run
+from aimd_des.engine.run_in_progress import Run, resume
 from aimd_des.engine.system import System
 from aimd_des.problem.lookup import agent_indices
 from aimd_des.synchronous import SynchronousRun, start_synchronous

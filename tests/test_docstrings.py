@@ -23,8 +23,7 @@ from matplotlib.figure import Figure
 import aimd_des
 import models
 from aimd_des import Simulation
-from aimd_des.lowlevel import Channel, ControlUnit, Run
-from aimd_des.responses import Response
+from aimd_des.lowlevel import Run
 from aimd_des.theory import Convergence
 from aimd_des.utils.docstrings import described_like
 from tests.test_public_names import FACES, TOP
@@ -44,9 +43,6 @@ LATER = {
     "Figure": Figure,
     "pd": pd,
     "Convergence": Convergence,
-    "Channel": Channel,
-    "ControlUnit": ControlUnit,
-    "Response": Response,
     "Run": Run,
     "Simulation": Simulation,
 }

@@ -1,7 +1,8 @@
 """Imports go one way, and SimPy's privates stay in one file: both are read from the source."""
 
 import ast
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -110,6 +111,26 @@ def wrong_imports(source: str, path: Path) -> list[str]:
     return wrong
 
 
+def circle(sources: Mapping[Path, str]) -> list[str]:
+    """Modules of which each imports the one before, and the first the last; imports for types alone count."""
+    modules = {".".join(path.with_suffix("").parts).removesuffix(".__init__"): path for path in sources}
+
+    def module_of(name: str) -> str:
+        while name and name not in modules:
+            name = name.rpartition(".")[0]
+        return name
+
+    imported = {
+        module: {module_of(name) for _, name in imports(ast.parse(sources[path]), path)} - {"", module}
+        for module, path in modules.items()
+    }
+    try:
+        TopologicalSorter(imported).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
 def classes_on_simpy(tree: ast.Module) -> set[ast.ClassDef]:
     """Classes whose base is written with a name that comes from simpy."""
     names = {
@@ -165,6 +186,39 @@ def test_the_list_names_each_module_once() -> None:
 def test_all_files_keep_to_it(find: Callable[[str, Path], list[str]]) -> None:
     found = [line for path in FILES for line in find((ROOT / path).read_text(encoding="utf-8"), path)]
     assert found == []
+
+
+def test_no_files_import_each_other_in_a_circle() -> None:
+    assert circle({path: (ROOT / path).read_text(encoding="utf-8") for path in FILES}) == []
+
+
+@pytest.mark.parametrize(
+    "sources",
+    [
+        {"run": "from aimd_des.engine.fork import branch", "fork": "from .run import Run"},
+        {
+            "run": "from aimd_des.engine.fork import branch",
+            "fork": "if TYPE_CHECKING:\n    from aimd_des.engine.run import Run",
+        },
+        {"run": "def later():\n    from .fork import branch", "fork": "import aimd_des.engine.run"},
+        {
+            "run": "from .fork import branch",
+            "fork": "from .simulation import Simulation",
+            "simulation": "from . import run",
+        },
+        {"__init__": "from aimd_des.engine.run import Run", "run": "from aimd_des.engine import Run"},
+    ],
+)
+def test_a_circle_of_imports_is_found(sources: dict[str, str]) -> None:
+    """Within one folder, where the list of modules has no order."""
+    found = {Path(f"aimd_des/engine/{name}.py"): source for name, source in sources.items()}
+    assert {wrong for path, source in found.items() for wrong in wrong_imports(source, path)} == set()
+    assert len(set(circle(found))) == len(sources)
+
+
+def test_files_that_share_another_are_no_circle() -> None:
+    sources = {"a": "from .c import C\nfrom .b import B", "b": "from .c import C", "c": "import math"}
+    assert circle({Path(f"aimd_des/engine/{name}.py"): source for name, source in sources.items()}) == []
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,12 @@ probability lambda = Gamma * grad_j f(average) / average^j, eq. (prob_x), or as 
 `responses` has it.  The formulas are the rule, written once: kernels compile them, processes call them.
 """
 
+from typing import Literal
+
 from aimd_des.utils.jit import formula
+
+#: Which agents: those that act at ticks, or those that grow all the time.
+Dynamics = Literal["discrete", "continuous"]
 
 #: The tick weight: what the moment at hand itself counts for in the average.
 DISCRETE, CONTINUOUS = 1.0, 0.0

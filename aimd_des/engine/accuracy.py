@@ -1,6 +1,6 @@
 """The parts of a simulation as arguments of `theory.convergence`, or why theory does not cover them."""
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -8,8 +8,8 @@ from aimd_des.channel import BroadcastChannel
 from aimd_des.channel.latency import Constant
 from aimd_des.channel.loss import Bernoulli
 from aimd_des.engine.agent_process import AgentProcess
+from aimd_des.engine.arguments import Arguments
 from aimd_des.engine.control_unit import Crossing, Sampled
-from aimd_des.problem.problem import Problem
 from aimd_des.theory import Convergence, convergence
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
@@ -21,20 +21,7 @@ _REMEDY = "theory covers nothing else"
 _LEFT_OUT = ("special", "interventions", "processes", "compensation")
 
 
-class _Parts(Protocol):
-    """What is asked of a simulation, whose module imports this one."""
-
-    problem: Problem
-    dynamics: Any
-    agents: Any
-    averaging: Any
-    response: Any
-    channel: Any
-    control_unit: Any
-    clocks: Any
-
-
-def convergence_of(simulation: _Parts) -> Convergence:
+def convergence_of(simulation: Arguments) -> Convergence:
     """Ask theory about a simulation."""
     for name in _LEFT_OUT:
         if given := getattr(simulation, name):
@@ -62,7 +49,7 @@ def _name(part: Any) -> str:
     return str(getattr(part, "__name__", type(part).__name__))
 
 
-def _channel(simulation: _Parts) -> tuple[float, FloatArray]:
+def _channel(simulation: Arguments) -> tuple[float, FloatArray]:
     """Give how long signals take, sensing included, and with what probability copies are lost."""
     channel = simulation.channel
     if type(channel) is not BroadcastChannel:
@@ -85,7 +72,7 @@ def _channel(simulation: _Parts) -> tuple[float, FloatArray]:
     return float(np.max(delays)), np.asarray(loss.probability)
 
 
-def _timing(simulation: _Parts, delay: float) -> dict[str, Any]:
+def _timing(simulation: Arguments, delay: float) -> dict[str, Any]:
     """Say when signals are sent, and how long they take."""
     unit, clocks = simulation.control_unit, simulation.clocks
     if type(unit) not in (Sampled, Crossing):

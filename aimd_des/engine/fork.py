@@ -1,21 +1,18 @@
 """A run that goes on where another one stands: what every part of that keeps is loaded into it."""
 
 from collections.abc import Collection, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from aimd_des.engine.agenda import Agenda, is_planned
+from aimd_des.engine.arguments import Begun
 from aimd_des.engine.observers import ConstantPieces, observer_of
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
-if TYPE_CHECKING:
-    from aimd_des.engine.run_in_progress import Run
-    from aimd_des.engine.simulation import Simulation
-
 _GENERATOR = "which keep where they are in generators of Python, and these cannot be copied"
 
 
-def check_data(run: "Run") -> None:
+def check_data(run: Begun) -> None:
     """Refuse a run in which something is kept that is no data.
 
     Parameters
@@ -50,34 +47,24 @@ def check_data(run: "Run") -> None:
         raise InputError.of("control_unit", simulation.control_unit, allowed, remedy)
 
 
-def branch(
-    run: "Run", simulation: "Simulation", salts: tuple[int, ...], given: Collection[str] = ()
-) -> "Run":
-    """Begin a run of a simulation where another run stands.
+def take_over(fresh: Begun, run: Begun, given: Collection[str]) -> None:
+    """Let a fork, in which nothing has happened, stand where its run does, which goes on unaffected.
 
     Parameters
     ----------
+    fresh : Run
+        Begun with the same end; it differs in channel, control unit, response and interventions at most.
     run : Run
-        Of a simulation that differs in channel, control unit, response and interventions at most.
-    simulation : Simulation
-        Whose run it shall be from now on.
-    salts : tuple of int
-        Of the draws from now on.
+        Of which it is a fork.
     given : collection of str
         The parts that take over now, by name.
-
-    Returns
-    -------
-    Run
-        At the same time; the other one goes on unaffected.
 
     Raises
     ------
     InputError
         If a part is no data, or an intervention would act before now.
     """
-    before = run.simulation
-    fresh = simulation.begin(run.until, salts, run)
+    before, simulation = run.simulation, fresh.simulation
     state = state_of(run)
     # What an intervention has put in force in the meantime is not what the simulation was made of.
     retimed = run.system.conditions.retimed
@@ -94,16 +81,15 @@ def branch(
         state.pop(name, None)
         state["environment"]["processes"].pop(name, None)
     load(fresh, state, new - {"link"} | _handed_over(run, fresh, state))
-    return fresh
 
 
-def state_of(run: "Run") -> dict[str, Any]:
+def state_of(run: Begun) -> dict[str, Any]:
     """Return all that a run has come to, by the names of its parts; nothing of it may be written to."""
     parts, env = run.system.parts, run.system.env
     return {**{name: part.state() for name, part in parts.items()}, "environment": env.state()}
 
 
-def load(fresh: "Run", state: dict[str, Any], anew: set[str]) -> None:
+def load(fresh: Begun, state: dict[str, Any], anew: set[str]) -> None:
     """Let a run that has begun, and in which nothing has happened, stand where another one does.
 
     Parameters
@@ -119,7 +105,7 @@ def load(fresh: "Run", state: dict[str, Any], anew: set[str]) -> None:
     if state["environment"]["beginning"]:
         # Nothing has happened but that some processes have begun, as they do in any run.
         while system.env.beginning > state["environment"]["beginning"] and not anew:
-            fresh.step()
+            system.env.run_to(system.until, one=True)
         return
     for name, part in parts.items():
         if name in state:
@@ -133,9 +119,9 @@ def load(fresh: "Run", state: dict[str, Any], anew: set[str]) -> None:
         control.resume_events(state["control"])
 
 
-def _new_interventions(run: "Run", fresh: "Run") -> Iterator[str]:
+def _new_interventions(run: Begun, fresh: Begun) -> Iterator[str]:
     """Yield the names of interventions that the run has not had; refuse what would act before now."""
-    before, now = run.simulation.interventions, run.time
+    before, now = run.simulation.interventions, float(run.system.env.now)
     for place, intervention in enumerate(fresh.simulation.interventions):
         if place < len(before) and intervention is before[place]:
             continue
@@ -144,13 +130,13 @@ def _new_interventions(run: "Run", fresh: "Run") -> Iterator[str]:
         if isinstance(agenda, Agenda) and agenda.done:
             allowed = f"as it was: it has acted before the present, {now!r}"
             raise InputError.of(name, intervention, allowed)
-        check_begin(name, intervention, fresh, now)
+        _check_begin(name, intervention, fresh, now)
         yield name
     if len(fresh.simulation.interventions) < len(before):
         raise InputError.of("interventions", fresh.simulation.interventions, "no fewer than before")
 
 
-def check_begin(name: str, intervention: Any, run: "Run", now: float) -> None:
+def _check_begin(name: str, intervention: Any, run: Begun, now: float) -> None:
     """Refuse an intervention that would act before a time."""
     begins = getattr(intervention, "begins", now)
     if is_planned(intervention):
@@ -161,7 +147,7 @@ def check_begin(name: str, intervention: Any, run: "Run", now: float) -> None:
         raise InputError.of(name, intervention, allowed, f"it would act at {begins!r}")
 
 
-def _handed_over(run: "Run", fresh: "Run", state: dict[str, Any]) -> set[str]:
+def _handed_over(run: Begun, fresh: Begun, state: dict[str, Any]) -> set[str]:
     """Let rows and ticks be followed by whom it is up to now; return the processes that begin for it."""
     begun = set()
     processes = state["environment"]["processes"]
@@ -174,11 +160,11 @@ def _handed_over(run: "Run", fresh: "Run", state: dict[str, Any]) -> set[str]:
     return begun
 
 
-def _keeps_totals(run: "Run") -> bool:
+def _keeps_totals(run: Begun) -> bool:
     return observer_of(run.system).watching
 
 
-def _follows_ticks(run: "Run") -> bool:
+def _follows_ticks(run: Begun) -> bool:
     overshoot = run.system.parts.get("overshoot")
     return isinstance(overshoot, ConstantPieces) and overshoot.following
 

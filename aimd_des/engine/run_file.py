@@ -12,19 +12,16 @@ from dataclasses import fields, is_dataclass
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from aimd_des.engine.fork import check_data, load, state_of
+from aimd_des.engine.arguments import Arguments, Begun
+from aimd_des.engine.fork import check_data, state_of
 from aimd_des.problem.costs import Costs, weighted_costs
 from aimd_des.results.metrics import Stretch
 from aimd_des.results.run_data import Piece, Signals
 from aimd_des.utils.errors import InputError
-
-if TYPE_CHECKING:
-    from aimd_des.engine.run_in_progress import Run
-    from aimd_des.engine.simulation import Simulation
 
 _MAGIC = b"aimd-des run 2\n"
 _LAYOUT = "layout"
@@ -49,12 +46,12 @@ _DECISIVE = (
 )
 
 
-def save_run(run: "Run", path: Path) -> None:
+def save_run(run: Begun, path: Path) -> None:
     """Write where a run stands."""
     check_data(run)
     writer = _Writer(run.simulation)
     layout = {
-        "until": run.until,
+        "until": run.system.until,
         "salts": list(run.salts),
         "simulation": fingerprint(run.simulation),
         # First: other things refer to them.
@@ -93,37 +90,16 @@ def _replace(path: Path, content: bytes) -> None:
         raise
 
 
-def resume(path: str | Path, simulation: "Simulation") -> "Run":
-    """Go on with a run that `Run.save` has written to a file.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    simulation : Simulation
-        Of which it was a run, made anew of the same arguments: the file holds what has happened, and not
-        what the parts are.  Functions of one's own are compared by their names alone.
-
-    Returns
-    -------
-    Run
-        At the time at which it was saved; it ends as that run does, to the last bit.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is damaged or of another version, or the simulation is another one.
-    """
-    layout, arrays = _read(Path(path))
+def read_run(path: Path, simulation: Arguments) -> tuple[float, tuple[int, ...], dict[str, Any]]:
+    """Read end, salts and state of a run of the simulation; refuse a file that holds none."""
+    layout, arrays = _read(path)
     if layout["simulation"] != fingerprint(simulation):
         allowed = f"that of which {path} holds a run: problem, seed or another argument differs"
         raise InputError.of("simulation", type(simulation).__name__, allowed, "make it of the same arguments")
     reader = _Reader(simulation, arrays)
     for recipe in layout["recipes"]:
         reader.add(*recipe)
-    fresh, state = simulation.begin(layout["until"], tuple(layout["salts"])), reader.decoded(layout["state"])
-    load(fresh, state, set())
-    return fresh
+    return layout["until"], tuple(layout["salts"]), reader.decoded(layout["state"])
 
 
 def _read(path: Path) -> tuple[dict[str, Any], list[Any]]:
@@ -148,7 +124,7 @@ def _read(path: Path) -> tuple[dict[str, Any], list[Any]]:
 class _Writer:
     """Turns what parts keep into JSON and a list of arrays."""
 
-    def __init__(self, simulation: "Simulation") -> None:
+    def __init__(self, simulation: Arguments) -> None:
         self.arrays: list[Any] = []
         self._costs = [simulation.problem.costs]
         self._channels = _channels(simulation)
@@ -193,7 +169,7 @@ class _Writer:
 class _Reader:
     """Turns JSON and a list of arrays back into what parts keep."""
 
-    def __init__(self, simulation: "Simulation", arrays: list[Any]) -> None:
+    def __init__(self, simulation: Arguments, arrays: list[Any]) -> None:
         self._simulation, self._arrays = simulation, arrays
         self._costs: list[Costs] = [simulation.problem.costs]
         self._channels = _channels(simulation)
@@ -221,12 +197,12 @@ class _Reader:
         return _KINDS[value["kind"]](*self.decoded(value["of"]))
 
 
-def _channels(simulation: "Simulation") -> list[Any]:
+def _channels(simulation: Arguments) -> list[Any]:
     """List the channels that may be in force: that of the run, and those of its interventions."""
     return [simulation.channel, *(getattr(change, "channel", None) for change in simulation.interventions)]
 
 
-def fingerprint(simulation: "Simulation") -> str:
+def fingerprint(simulation: Arguments) -> str:
     """Compute a hash of what a simulation was made of."""
     digest = sha256()
     for name in _DECISIVE:

@@ -3,12 +3,16 @@
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast, get_args
+from typing import TYPE_CHECKING, Any, Literal, Protocol, cast, get_args
 
+from aimd_des.channel import Channel
+from aimd_des.dynamics.responses import Response
+from aimd_des.engine.arguments import Arguments
+from aimd_des.engine.control_unit import ControlUnit
 from aimd_des.engine.declared import Intervention
-from aimd_des.engine.fork import branch, check_data, salted
+from aimd_des.engine.fork import check_data, load, salted, take_over
 from aimd_des.engine.observers import observer_of
-from aimd_des.engine.run_file import save_run
+from aimd_des.engine.run_file import read_run, save_run
 from aimd_des.engine.system import System
 from aimd_des.results.result import Result
 from aimd_des.utils import validation
@@ -17,12 +21,19 @@ from aimd_des.utils.errors import SimulationError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from aimd_des.channel import Channel
-    from aimd_des.dynamics.responses import Response
-    from aimd_des.engine.control_unit import ControlUnit
-    from aimd_des.engine.simulation import Simulation
-
 Step = Literal["event", "signal"]
+
+
+class Source(Arguments, Protocol):
+    """A simulation as its runs see it: it begins others, also after some of its arguments were replaced."""
+
+    def replace(self, **parts: Any) -> "Source":
+        """Make the same simulation but for some of its arguments."""
+        ...
+
+    def begin(self, until: float, salts: tuple[int, ...] = (), like: "Run | None" = None) -> "Run":
+        """Begin a run, which may be the fork of another one."""
+        ...
 
 
 class Run:
@@ -57,7 +68,7 @@ class Run:
 
     def __init__(
         self,
-        simulation: "Simulation",
+        simulation: Source,
         system: System,
         salts: tuple[int, ...],
         conclude: Callable[[], Result],
@@ -166,10 +177,10 @@ class Run:
         self,
         salt: int | None = None,
         *,
-        channel: "Channel | None" = None,
-        control_unit: "ControlUnit | None" = None,
-        response: "Response | None" = None,
-        interventions: Sequence["Intervention"] = (),
+        channel: Channel | None = None,
+        control_unit: ControlUnit | None = None,
+        response: Response | None = None,
+        interventions: Sequence[Intervention] = (),
     ) -> "Run":
         """Begin another run where this one stands, which goes on unaffected.
 
@@ -210,7 +221,9 @@ class Run:
             more = validation.instances("interventions", interventions, Intervention, "an intervention")
             parts["interventions"] = (*self.simulation.interventions, *more)
         simulation = self.simulation.replace(**parts) if parts else self.simulation
-        return branch(self, simulation, salted(self.salts, salt), parts)
+        fresh = simulation.begin(self.until, salted(self.salts, salt), self)
+        take_over(fresh, self, parts)
+        return fresh
 
     def begin_measures(self) -> None:
         """Leave what has been until now out of the measures of the result: a warm-up.
@@ -228,7 +241,7 @@ class Run:
             raise SimulationError(f"the run is over at time {self.time!r}: nothing is left to be measured")
         observer_of(self.system).begin_measures()
 
-    def save(self, path: "str | Path") -> None:
+    def save(self, path: str | Path) -> None:
         """Write to a file where the run stands: `lowlevel.resume` goes on from there, and so does the run.
 
         Parameters
@@ -296,3 +309,30 @@ def completed(run: Run, watch: Callable[[float, int], None] | None, progress: bo
     else:
         run.advance(watch=watch)
     return run.result()
+
+
+def resume(path: str | Path, simulation: Source) -> "Run":
+    """Go on with a run that `Run.save` has written to a file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    simulation : Simulation
+        Of which it was a run, made anew of the same arguments: the file holds what has happened, and not
+        what the parts are.  Functions of one's own are compared by their names alone.
+
+    Returns
+    -------
+    Run
+        At the time at which it was saved; it ends as that run does, to the last bit.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is damaged or of another version, or the simulation is another one.
+    """
+    until, salts, state = read_run(Path(path), simulation)
+    fresh = simulation.begin(until, salts)
+    load(fresh, state, set())
+    return fresh

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, cast, get_args
 from aimd_des.channel import BroadcastChannel, Channel
 from aimd_des.dynamics.averaging import Averaging, Cumulative
 from aimd_des.dynamics.clocks import Clocks
-from aimd_des.dynamics.demand import CONTINUOUS, DISCRETE
+from aimd_des.dynamics.demand import CONTINUOUS, DISCRETE, Dynamics
 from aimd_des.dynamics.loss_compensation import Compensation
 from aimd_des.dynamics.responses import Response
 from aimd_des.dynamics.state import agent_parameters
@@ -33,7 +33,6 @@ from aimd_des.utils.shown import Shown, ShowsItself
 if TYPE_CHECKING:
     from aimd_des.theory import Convergence
 
-Dynamics = Literal["discrete", "continuous"]
 Maker = Callable[[int, System], Agent]
 
 

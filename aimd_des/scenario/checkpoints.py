@@ -5,8 +5,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from aimd_des.engine.run_file import resume, unfinished
-from aimd_des.engine.run_in_progress import Run
+from aimd_des.engine.run_file import unfinished
+from aimd_des.engine.run_in_progress import Run, resume
 from aimd_des.results.result import Result
 from aimd_des.scenario.scenario import Scenario
 from aimd_des.utils.errors import InputError

@@ -8,8 +8,7 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from threading import Lock
 
-from aimd_des.engine.run_file import resume
-from aimd_des.engine.run_in_progress import Run
+from aimd_des.engine.run_in_progress import Run, resume
 from aimd_des.interventions import Intervention
 from aimd_des.problem.optimum import Optimum, solve_optimum
 from aimd_des.problem.problem import Problem

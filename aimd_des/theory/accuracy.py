@@ -15,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.dynamics.averaging import Averaging, Cumulative, Forgetting, Polynomial, Window
+from aimd_des.dynamics.demand import Dynamics
 from aimd_des.dynamics.responses import Response
 from aimd_des.problem.optimum.nearby_optima import optimal_allocations
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.absolute_sum import absolute_interval, absolute_mean
-from aimd_des.theory.arguments import Dynamics
 from aimd_des.theory.mean_dynamics import Memory, Path, first_signals
 from aimd_des.theory.prediction import Steady, check_enough, settle, steady_state
 from aimd_des.theory.response_rule import largest, probability

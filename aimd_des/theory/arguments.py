@@ -1,16 +1,14 @@
 """Checks of what the closed forms are given: numbers or arrays of any shape that broadcast together."""
 
-from typing import Literal, TypedDict, get_args
+from typing import TypedDict, get_args
 
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.dynamics.demand import Dynamics
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
-
-#: Which agents a formula is for: those that act at ticks, or those that grow all the time.
-Dynamics = Literal["discrete", "continuous"]
 
 
 class _Range(TypedDict, total=False):

@@ -12,8 +12,9 @@ times the derivative that agents agree on, and the averages are the optimum of w
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.dynamics.demand import Dynamics
 from aimd_des.dynamics.loss_compensation import compensation_factor
-from aimd_des.theory.arguments import Dynamics, arguments, check_dynamics
+from aimd_des.theory.arguments import arguments, check_dynamics
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.old_keywords import keywords
 from aimd_des.utils.validation import FloatArray

@@ -21,10 +21,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.dynamics.demand import Dynamics
 from aimd_des.dynamics.responses import Response
 from aimd_des.problem.optimum import solve_optimum
 from aimd_des.problem.problem import Problem
-from aimd_des.theory.arguments import Dynamics
 from aimd_des.theory.moments import averages_between, averages_on_the_clock, moments_at_signals
 from aimd_des.theory.response_rule import chance, cuts_of
 from aimd_des.theory.setting import Setting, check_setting

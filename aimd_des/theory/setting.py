@@ -6,9 +6,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.dynamics.demand import Dynamics
 from aimd_des.dynamics.responses import FULL, Response, ResponseParameters
 from aimd_des.problem.problem import Problem
-from aimd_des.theory.arguments import Dynamics, check_dynamics
+from aimd_des.theory.arguments import check_dynamics
 from aimd_des.theory.response_rule import check_response
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError

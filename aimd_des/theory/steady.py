@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.dynamics.demand import Dynamics
 from aimd_des.problem.optimum import solve_optimum
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.allocations import allocation_at
-from aimd_des.theory.arguments import Dynamics
 from aimd_des.theory.losses import critical_loss, runaway_multiplier
 from aimd_des.theory.prediction import predict
 from aimd_des.theory.signals import signal_rate

@@ -12,8 +12,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from aimd_des.dynamics.demand import Dynamics
 from aimd_des.problem.problem import Problem
-from aimd_des.theory.arguments import Dynamics
 from aimd_des.theory.prediction import check_enough, follow, settle, walked
 from aimd_des.theory.setting import Setting, check_setting
 from aimd_des.utils import validation
