@@ -94,6 +94,8 @@ def test_the_page_on_design_shows_the_wings_as_they_are() -> None:
     text = (DOCS / "design.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \| .+? \| ?(.*?) ?\|$", text, re.MULTILINE)
     assert {wing: set(re.findall(r"\w+", others)) for wing, others in rows} == wings.needed(below)
+    assert max(wings.floors(below).values()) == 9, "a wing that imports less stands lower"
+    assert "wings of aimd_des on nine floors" in text
     drawn = wings.PICTURE.read_text(encoding="utf-8")
     assert drawn == wings.picture(below), "draw it anew: python docs/_extensions/wings.py"
 

@@ -1,6 +1,6 @@
 """The state of all agents and the parameters of their rule, in arrays with one row per resource."""
 
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +32,6 @@ from aimd_des.dynamics.responses import (
     ResponseParameters,
     memory_columns,
 )
-from aimd_des.problem.problem import Problem
 from aimd_des.utils import returned_values, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.locked_arrays import locked
@@ -79,11 +78,28 @@ class AgentParameters(NamedTuple):
     capacity: FloatArray  # (m,): C
     averaging: AveragingParameters  # how demand is averaged
     compensation: CompensationParameters  # how losses are made good for
+class Shared(Protocol):
+    """What the rule asks of a problem; it need not know of costs and their optimum."""
+
+    n_agents: int
+    # Of each agent and resource, (n, m).
+    increase: FloatArray
+    decrease: FloatArray
+    # Of each resource, (m,).
+    normalization: FloatArray
+    capacity: FloatArray
+
+    @property
+    def limit(self) -> FloatArray:
+        """Total demand above which a capacity event is due, (m,)."""
+        ...
+
+
     response: ResponseParameters  # how signals are answered
 
 
 def agent_parameters(
-    problem: Problem,
+    problem: Shared,
     tick_weight: float,
     averaging: Averaging | None = None,
     compensation: Compensation | None = None,
