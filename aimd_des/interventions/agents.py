@@ -19,17 +19,6 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import built_in
 
 
-def _take_times(intervention: object, later: str) -> None:
-    """Check the time at which something begins, and the later one, which may be missing."""
-    name = type(intervention).__name__
-    at = validation.number(f"{name}.at", getattr(intervention, "at"), low=0.0)  # noqa: B009 - of any of these
-    object.__setattr__(intervention, "at", at)
-    until = getattr(intervention, later)
-    if until is not None:
-        until = validation.number(f"{name}.{later}", until, low=at, low_open=True)
-        object.__setattr__(intervention, later, until)
-
-
 class _OfAgents:
     """What interventions on agents share: the agents must exist."""
 
@@ -49,6 +38,31 @@ class _OfAgents:
             If there is no such agent, one is named twice, or none is named.
         """
         agent_indices(problem, self.agents)
+
+
+@dataclass(frozen=True)
+class _ForATime(BeginsAt, _OfAgents):
+    """What begins at some time and is over at a later one, or never."""
+
+    agents: Agents
+    at: float
+    until: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.until is not None:
+            name = f"{type(self).__name__}.until"
+            until = validation.number(name, self.until, low=self.at, low_open=True)
+            object.__setattr__(self, "until", until)
+
+
+class _Away(_ForATime):
+    """What takes agents away."""
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """From when to when the agents are away."""
+        return self.at, math.inf if self.until is None else self.until
 
 
 @built_in("intervention", "join")
@@ -82,7 +96,7 @@ class Join(_OfAgents, Planned):
 
 @built_in("intervention", "absence")
 @dataclass(frozen=True)
-class Absence(BeginsAt, _OfAgents):
+class Absence(_Away):
     """Agents leave, and may come back with their average as it was.
 
     Parameters
@@ -95,18 +109,6 @@ class Absence(BeginsAt, _OfAgents):
         When they come back, later than that; default: never.
     """
 
-    agents: Agents
-    at: float
-    until: float | None = None
-
-    def __post_init__(self) -> None:
-        _take_times(self, "until")
-
-    @property
-    def span(self) -> tuple[float, float]:
-        """From when to when the agents are away."""
-        return self.at, math.inf if self.until is None else self.until
-
     def changes(self, system: System, memory: Memory) -> Iterator[Change]:
         """Let the agents go, and come back."""
         return _away(system, self.agents, self.at, self.until, anew=False)
@@ -114,7 +116,7 @@ class Absence(BeginsAt, _OfAgents):
 
 @built_in("intervention", "crash")
 @dataclass(frozen=True)
-class Crash(BeginsAt, _OfAgents):
+class Crash(_Away):
     """Agents crash: what they hold is released, and if they come back they have forgotten their average.
 
     Parameters
@@ -126,18 +128,6 @@ class Crash(BeginsAt, _OfAgents):
     until : float, optional
         When they come back, later than that; default: never.
     """
-
-    agents: Agents
-    at: float
-    until: float | None = None
-
-    def __post_init__(self) -> None:
-        _take_times(self, "until")
-
-    @property
-    def span(self) -> tuple[float, float]:
-        """From when to when the agents are away."""
-        return self.at, math.inf if self.until is None else self.until
 
     def changes(self, system: System, memory: Memory) -> Iterator[Change]:
         """Let the agents crash, and come back."""
@@ -162,7 +152,7 @@ def _away(system: System, agents: Agents, at: float, until: float | None, *, ane
 
 @built_in("intervention", "unusual_activity")
 @dataclass(frozen=True)
-class UnusualActivity(BeginsAt, _OfAgents):
+class UnusualActivity(_ForATime):
     """Agents see something unusual and need more for a while: their private costs are scaled.
 
     Parameters
@@ -178,13 +168,10 @@ class UnusualActivity(BeginsAt, _OfAgents):
         the same time are multiplied.
     """
 
-    agents: Agents
-    at: float
-    until: float | None = None
     weight: float = 0.5
 
     def __post_init__(self) -> None:
-        _take_times(self, "until")
+        super().__post_init__()
         clean = validation.number("UnusualActivity.weight", self.weight, low=0.0, low_open=True)
         object.__setattr__(self, "weight", clean)
 

@@ -4,13 +4,18 @@ from aimd_des.engine.agenda import Planned
 from aimd_des.engine.system import System
 from aimd_des.results.event_log import Entry
 from aimd_des.results.run_data import Piece
+from aimd_des.utils import validation
 from aimd_des.utils.locked_arrays import locked
 
 
 class BeginsAt(Planned):
-    """What an intervention that begins at a time tells the run about it."""
+    """An intervention that begins at a time; to be derived from by data classes."""
 
     at: float
+
+    def __post_init__(self) -> None:
+        at = validation.number(f"{type(self).__name__}.at", self.at, low=0.0)
+        object.__setattr__(self, "at", at)
 
     @property
     def begins(self) -> float:

@@ -41,7 +41,7 @@ class CapacityStep(BeginsAt):
     capacity: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "at", validation.number("CapacityStep.at", self.at, low=0.0))
+        super().__post_init__()
         clean = validation.number("CapacityStep.capacity", self.capacity, low=0.0, low_open=True)
         object.__setattr__(self, "capacity", clean)
 

@@ -99,7 +99,7 @@ class ChangeHoldOff(BeginsAt):
     longest_hold_off: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "at", validation.number("ChangeHoldOff.at", self.at, low=0.0))
+        super().__post_init__()
         unit = Crossing(self.hold_off, longest_hold_off=self.longest_hold_off)
         object.__setattr__(self, "hold_off", unit.hold_off)
         object.__setattr__(self, "longest_hold_off", unit.longest_hold_off)
@@ -132,7 +132,7 @@ class ChangeThreshold(BeginsAt):
     resource: str | int | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "at", validation.number("ChangeThreshold.at", self.at, low=0.0))
+        super().__post_init__()
         clean = validation.number(
             "ChangeThreshold.threshold", self.threshold, low=0.0, low_open=True, high=1.0
         )
@@ -177,7 +177,7 @@ class ChangeChannel(BeginsAt):
     channel: Channel
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "at", validation.number("ChangeChannel.at", self.at, low=0.0))
+        super().__post_init__()
         _channel(self.channel)
 
     def check(self, problem: Problem) -> None:

@@ -13,16 +13,22 @@ from aimd_des.utils import validation
 from aimd_des.utils.parts import built_in
 
 
-def _take(fault: "Failover | Partition") -> None:
-    name = type(fault).__name__
-    object.__setattr__(fault, "at", validation.number(f"{name}.at", fault.at, low=0.0))
-    clean = validation.number(f"{name}.duration", fault.duration, low=0.0, low_open=True)
-    object.__setattr__(fault, "duration", clean)
+@dataclass(frozen=True)
+class _Fault(BeginsAt):
+    """What begins at some time, and is over after a while."""
+
+    at: float
+    duration: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        name = f"{type(self).__name__}.duration"
+        object.__setattr__(self, "duration", validation.number(name, self.duration, low=0.0, low_open=True))
 
 
 @built_in("intervention", "failover")
 @dataclass(frozen=True)
-class Failover(BeginsAt):
+class Failover(_Fault):
     """The control unit goes down, and after a while another one takes over.
 
     Signals that are on their way arrive; those that would leave meanwhile, after their sensing delay, are
@@ -38,12 +44,6 @@ class Failover(BeginsAt):
         For how long no control unit senses, greater than 0.
     """
 
-    at: float
-    duration: float
-
-    def __post_init__(self) -> None:
-        _take(self)
-
     def check(self, problem: Problem) -> None:
         """Accept any problem."""
 
@@ -55,7 +55,7 @@ class Failover(BeginsAt):
 
 @built_in("intervention", "partition")
 @dataclass(frozen=True)
-class Partition(BeginsAt):
+class Partition(_Fault):
     """The channel is partitioned, and heals: signals that leave meanwhile are lost on some agents.
 
     Signals that are on their way when it begins arrive.  Where partitions overlap, an agent hears again when
@@ -71,12 +71,7 @@ class Partition(BeginsAt):
         Which agents are cut off; default: all.
     """
 
-    at: float
-    duration: float
     agents: Agents | None = None
-
-    def __post_init__(self) -> None:
-        _take(self)
 
     def check(self, problem: Problem) -> None:
         """Refuse what does not fit a problem."""
