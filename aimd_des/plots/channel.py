@@ -24,8 +24,6 @@ def copies(axes: Axes, result: Result, resource: int) -> Axes:
     ----------
     result : Result
         The run.
-    resource : int
-        j, counted from 0.
 
     Raises
     ------

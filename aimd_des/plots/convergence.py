@@ -39,8 +39,6 @@ def averages_against_optimum(axes: Axes, result: Result, optimum: Optimum | None
         The run.
     optimum : Optimum or None
         The centralised solution, for the agents that are here at the end; None: the one in force.
-    resource : int
-        j, counted from 0.
 
     Raises
     ------

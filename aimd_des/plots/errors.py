@@ -130,8 +130,6 @@ def error_histogram(axes: Axes, result: Result, optimum: Optimum | None, resourc
     ----------
     result : Result
         The run.
-    resource : int
-        j, counted from 0.
     """
     shared, last = result.problem.resources[resource], result.history[-1]
     axes.set_xlabel(style.plain(f"|average − optimum| of {style.resource_label(shared)}"))

@@ -1,5 +1,6 @@
 """What all panels take and return."""
 
+import numpy.typing as npt
 from matplotlib.axes import Axes
 
 from aimd_des.problem.optimum import Optimum
@@ -7,7 +8,15 @@ from aimd_des.results.result import Result
 from aimd_des.utils.docstrings import described_like
 
 
-def _any_panel(axes: Axes, result: Result, optimum: Optimum | None = None) -> Axes:  # noqa: ARG001 - its docstring is used
+def _any_panel(
+    axes: Axes,
+    result: Result,
+    resource: int,
+    optimum: Optimum | None,
+    start: float,
+    end: float | None,
+    agents: npt.ArrayLike | None,
+) -> Axes:
     """Draw a panel.
 
     Parameters
@@ -16,15 +25,23 @@ def _any_panel(axes: Axes, result: Result, optimum: Optimum | None = None) -> Ax
         Where to draw.
     result : Result
         The run, with allocations recorded over time.
+    resource : int
+        j, counted from 0.
     optimum : Optimum, optional
         What stands for the optimum of the problem at the end; default: the one in force at each time.
+    start : float
+        Where the window begins, in units of time.
+    end : float, optional
+        Where it ends; default: the end of the run.
+    agents : array_like of int, shape (q,), optional
+        Which agents, from the bottom to the top; default: all, or a hundred spread evenly over more.
 
     Returns
     -------
     Axes
         The same axes.
     """
-    return axes
+    raise NotImplementedError  # its docstring is used
 
 
 #: Describes what a panel has in common with all others.

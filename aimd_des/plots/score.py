@@ -12,7 +12,6 @@ from aimd_des.results.result import Result
 from aimd_des.utils import validation
 from aimd_des.utils.validation import FloatArray
 
-_LOST_COLOUR = "#D55E00"
 _NO_LOOKS = (
     "Fewer than two samples of this agent lie here.\nRecord them more densely to see this panel:\n"
     "Recording(allocations=0.05, events=True)"
@@ -62,14 +61,6 @@ def score(
     ----------
     result : Result
         The run, with its log kept: ``Recording(events=True)``.
-    resource : int
-        j, counted from 0.
-    start : float
-        Where the window begins, in units of time.
-    end : float, optional
-        Where it ends; default: the end of the run.
-    agents : array_like of int, shape (q,), optional
-        Which agents, from the bottom to the top; default: all, or a hundred spread evenly over more.
 
     Raises
     ------
@@ -99,7 +90,7 @@ def score(
     ]
     axes.add_collection(LineCollection(lines, colors=own, linewidths=1.6, alpha=0.55, label="on its way"))
     size = float(np.clip(500.0 / len(rows), 8.0, 34.0))
-    lost = _LOST_COLOUR if own != _LOST_COLOUR else "black"
+    lost = signals.lost_colour(own)
     for those, face, word in (
         (copies.answered, own, "arrives, responds"),
         (~copies.answered & ~copies.lost, "white", "arrives, holds"),
@@ -117,11 +108,7 @@ def score(
         )
     gone = shown & copies.lost
     axes.scatter(copies.end[gone], up[gone], size, c=lost, marker="x", linewidths=1.3, zorder=3, label="lost")
-    axes.set_ylim(-0.8, len(rows) - 0.2)
-    axes.set_xlim(first, last)
-    style.time_axis(axes, result)
-    axes.grid(visible=False)
-    signals.name_rows(axes, result, rows)
+    signals.finish_rows(axes, result, rows, first, last)
     return axes
 
 
@@ -139,12 +126,6 @@ def agent_timeline(
         The run, with its log and dense samples of agents: ``Recording(allocations=0.05, events=True)``.
     agent : int
         i, counted from 0.
-    resource : int
-        j, counted from 0.
-    start : float
-        Where the window begins, in units of time.
-    end : float, optional
-        Where it ends; default: the end of the run.
 
     Raises
     ------
@@ -173,7 +154,7 @@ def agent_timeline(
     copies = _Copies(result, resource, first, last)
     mine = copies.agent == agent
     lost = mine & copies.lost
-    colour = _LOST_COLOUR if own != _LOST_COLOUR else "black"
+    colour = signals.lost_colour(own)
     axes.plot(copies.sent[mine], np.full(mine.sum(), low), "|", color="0.3", markersize=8, label="signal")
     axes.plot(
         copies.sent[lost], np.full(lost.sum(), 0.5 * low), "x", color=colour, markersize=7, label="copy lost"

@@ -37,10 +37,6 @@ def demand_and_signals(axes: Axes, result: Result, *, start: float = 0.0, end: f
     result : Result
         The run, with totals recorded densely: ``Recording(demand=0.1)`` for continuous agents, every
         step for discrete ones.
-    start : float
-        Where the window begins, in units of time.
-    end : float, optional
-        Where it ends; default: the end of the run.
 
     Raises
     ------
@@ -87,14 +83,6 @@ def signal_raster(
     ----------
     result : Result
         The run, with its log kept: ``Recording(events=True)``.
-    resource : int
-        j, counted from 0.
-    start : float
-        Where the window begins, in units of time.
-    end : float, optional
-        Where it ends; default: the end of the run.
-    agents : array_like of int, shape (q,), optional
-        Which agents, from the bottom to the top; default: all, or a hundred spread evenly over more.
 
     Raises
     ------
@@ -125,23 +113,28 @@ def signal_raster(
     for entry, mark, of, word in (
         (Entry.DELIVER, "o", _HEARD_COLOUR, "heard"),
         (Entry.RESPOND, "o", own, "responded"),
-        (Entry.LOST, "x", _LOST_COLOUR if own != _LOST_COLOUR else "black", "lost"),
+        (Entry.LOST, "x", lost_colour(own), "lost"),
     ):
         those = (kind == entry) & (agent >= 0)
         those[those] = place[agent[those]] >= 0
         axes.scatter(
             time[those], place[agent[those]], size, c=of, marker=mark, linewidths=1.0, zorder=2, label=word
         )
+    finish_rows(axes, result, rows, first, last)
+    return axes
+
+
+def lost_colour(own: str) -> str:
+    """Choose the colour of what is lost beside that of a resource."""
+    return _LOST_COLOUR if own != _LOST_COLOUR else "black"
+
+
+def finish_rows(axes: Axes, result: Result, rows: npt.NDArray[np.intp], first: float, last: float) -> None:
+    """Give a panel with a row for each agent its axes, with the names of agents or of some of them."""
     axes.set_ylim(-0.8, len(rows) - 0.2)
     axes.set_xlim(first, last)
     style.time_axis(axes, result)
     axes.grid(visible=False)
-    name_rows(axes, result, rows)
-    return axes
-
-
-def name_rows(axes: Axes, result: Result, rows: npt.NDArray[np.intp]) -> None:
-    """Name the rows of agents, or some of them."""
     shown = np.arange(0, len(rows), -(-len(rows) // _MOST_NAMES))
     names = [style.plain(result.problem.agent_names[i]) for i in rows[shown]]
     axes.set_yticks(shown, names, fontsize="small")
