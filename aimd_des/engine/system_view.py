@@ -13,6 +13,7 @@ from aimd_des.engine.environment import OrderedEnvironment
 from aimd_des.problem.lookup import agent_index, resource_index
 from aimd_des.problem.problem import Problem
 from aimd_des.utils.deprecation import renamed
+from aimd_des.utils.docstrings import described_like
 from aimd_des.utils.validation import FloatArray
 
 
@@ -208,24 +209,9 @@ class Readings:
             self.rows.demand[j][i], float(self.parameters.increase[j, i]), since, self.tick_weight
         )
 
+    @described_like(demand)
     def average(self, agent: str | int, resource: str | int) -> float:
-        """Read one agent's long-term average of one resource as it is now.
-
-        Parameters
-        ----------
-        agent, resource : str or int
-            Their names, or i and j.
-
-        Returns
-        -------
-        float
-            In units of the resource.
-
-        Raises
-        ------
-        InputError
-            If there is no such agent, or no such resource.
-        """
+        """Read one agent's long-term average of one resource as it is now."""
         i, j = agent_index(self.problem, agent), resource_index(self.problem, resource)
         self.settle()
         return float(average_of(self.state, self.parameters, j, i, self.moment(i), self.tick_weight))
