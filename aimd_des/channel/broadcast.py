@@ -100,20 +100,7 @@ class DrawnLink:
     latest: FloatArray | None
 
     def draw(self, broadcast: Broadcast, departure: float) -> Copies:
-        """Draw when copies arrive if nothing is in their way.
-
-        Parameters
-        ----------
-        broadcast : Broadcast
-            What is sent.
-        departure : float
-            When it leaves.
-
-        Returns
-        -------
-        Copies
-            Times of arrival, inf for a copy that is lost.
-        """
+        """Draw when copies arrive if nothing is in their way."""
         raise NotImplementedError
 
     def keep_order(self, copies: Copies) -> None:
@@ -130,20 +117,7 @@ class DrawnLink:
                     put_in_order(self.latest, arrival)
 
     def transmit(self, broadcast: Broadcast, departure: float) -> Copies:
-        """Say what becomes of a broadcast where nothing is cut.
-
-        Parameters
-        ----------
-        broadcast : Broadcast
-            What is sent.
-        departure : float
-            When it leaves.
-
-        Returns
-        -------
-        Copies
-            Times of arrival, in order where links keep it.
-        """
+        """Say what becomes of a broadcast where nothing is cut."""
         copies = self.draw(broadcast, departure)
         self.keep_order(copies)
         return copies

@@ -75,6 +75,9 @@ class AgentParameters(NamedTuple):
     decrease: FloatArray
     normalization: FloatArray  # (m,): Gamma
     limit: FloatArray  # (m,): total demand above which a capacity event is due
+    response: ResponseParameters  # how signals are answered
+
+
     capacity: FloatArray  # (m,): C
     averaging: AveragingParameters  # how demand is averaged
     compensation: CompensationParameters  # how losses are made good for
@@ -93,9 +96,6 @@ class Shared(Protocol):
     def limit(self) -> FloatArray:
         """Total demand above which a capacity event is due, (m,)."""
         ...
-
-
-    response: ResponseParameters  # how signals are answered
 
 
 def agent_parameters(

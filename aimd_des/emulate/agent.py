@@ -18,23 +18,15 @@ Divisor = Literal["average", "signals", "cuts"]
 
 @dataclass(frozen=True)
 class Rule:
-    """How signals are answered.
+    """How signals are answered."""
 
-    Attributes
-    ----------
-    cut : {"drawn", "fractional", "full"}
-        Multiply by beta with probability lambda; by ``1 - (1 - beta) * lambda`` for certain; or by beta
-        whenever the sum of all lambda passes a whole number.
-    divisor : {"average", "signals", "cuts"}
-        What lambda is divided by: the average over time; the mean demand that signals have found; or
-        (1 + beta) / 2 times the mean demand that the agent's own cuts have found.
-    factor : float
-        Multiplies lambda, for signals that are known to get lost.
-    """
-
+    # Multiply by beta with probability lambda; by 1 - (1 - beta) * lambda for certain; or by beta whenever
+    # the sum of all lambda passes a whole number.
     cut: Cut = "drawn"
+    # What lambda is divided by: the average over time; the mean demand that signals have found; or
+    # (1 + beta) / 2 times the mean demand that the agent's own cuts have found.
     divisor: Divisor = "average"
-    factor: float = 1.0
+    factor: float = 1.0  # multiplies lambda, for signals that are known to get lost
 
 
 class Answer(NamedTuple):
@@ -67,19 +59,7 @@ class Holding:
 
 
 class EmulatedAgent:
-    """One agent: m lines of demand, its averages, and its answers.
-
-    Parameters
-    ----------
-    holdings : sequence of Holding
-        One for each resource.
-    derivative : callable
-        Of its private cost: ``derivative(averages, resource)``.
-    average : Average
-        How demand is averaged.
-    rule : Rule
-        How signals are answered.
-    """
+    """One agent: a line of demand for each resource, its averages, and its answers."""
 
     def __init__(
         self, holdings: Sequence[Holding], derivative: Derivative, average: Average, rule: Rule

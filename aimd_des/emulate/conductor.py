@@ -38,30 +38,15 @@ _PATIENCE, _AHEAD, _LOOK = 60.0, 0.2, 0.1
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What has been collected.
+    """What has been collected."""
 
-    Attributes
-    ----------
-    rows : ndarray
-        Of `records.ROWS`, of all processes.
-    reached : float
-        Up to which time of the run everything is there.
-    stopped : str
-        Why it was stopped before its end; empty if it was not.
-    interrupted : bool
-        Whether Ctrl-C, or a signal to end, was the reason.
-    transport : str
-        How signals went: "multicast" or "unicast".
-    offsets : tuple of (float, float)
-        Of each process on another host: how far the conductor's clock was ahead, and how uncertain that is,
-        in seconds.
-    """
-
-    rows: npt.NDArray[Any]
-    reached: float
-    stopped: str
-    interrupted: bool
-    transport: str
+    rows: npt.NDArray[Any]  # of `records.ROWS`, of all processes
+    reached: float  # up to which time of the run everything is there
+    stopped: str  # why it was stopped before its end; empty if it was not
+    interrupted: bool  # whether Ctrl-C, or a signal to end, was the reason
+    transport: str  # how signals went: "multicast" or "unicast"
+    # Of each process on another host: how far the conductor's clock was ahead, and how uncertain that is, in
+    # seconds.
     offsets: tuple[tuple[float, float], ...] = ()
 
 
@@ -85,18 +70,7 @@ class _EndedError(Exception):
 
 
 class Conductor:
-    """Runs an emulation on this machine.
-
-    Parameters
-    ----------
-    setting : Setting
-        What shall be run.
-    transport : {"auto", "multicast", "unicast"}
-        How signals go: one datagram for all processes, or one for each; "auto" takes the first where it
-        works.
-    watch : callable, optional
-        Called with the time of the run now and then.
-    """
+    """Runs an emulation on this machine; signals go as one datagram for all processes, or one for each."""
 
     def __init__(
         self, setting: Setting, transport: str = "auto", watch: Callable[[float], None] | None = None

@@ -41,31 +41,7 @@ def cut_at(setting: Setting, reached: float) -> Setting:
 def write_emulation(
     place: Place, setting: Setting, measured: Measured, *, figures: bool = True
 ) -> tuple[Result, dict[str, pd.DataFrame]]:
-    """Write the folder of a run, with the records and what was measured of the network.
-
-    Parameters
-    ----------
-    place : Place
-        As `check_folder` has found it.
-    setting : Setting
-        What was run.
-    measured : Measured
-        What was collected.
-    figures : bool
-        Whether to draw.
-
-    Returns
-    -------
-    Result
-        What came out.
-    dict of str to DataFrame
-        What was measured, as `network_frames` gives it.
-
-    Raises
-    ------
-    InputError
-        As `write_run` does.
-    """
+    """Write the folder of a run, with the records and with what was measured of the network."""
     setting = cut_at(setting, measured.reached)
     result, frames = outcome(setting, measured), network_frames(setting, measured)
     about = {
@@ -89,17 +65,7 @@ def write_emulation(
 
 @dataclass(frozen=True, eq=False)
 class StoredEmulation:
-    """A folder that `aimd-des emulate` wrote.
-
-    Attributes
-    ----------
-    run : StoredRun
-        What a run's folder has.
-    setting : Setting
-        What was run.
-    measured : Measured
-        What was collected.
-    """
+    """A folder that `aimd-des emulate` wrote."""
 
     run: StoredRun
     setting: Setting
@@ -112,23 +78,7 @@ class StoredEmulation:
 
 
 def load_emulation(folder: Path) -> StoredEmulation:
-    """Read the folder of an emulation.
-
-    Parameters
-    ----------
-    folder : Path
-        As `aimd-des emulate` wrote it.
-
-    Returns
-    -------
-    StoredEmulation
-        With all records.
-
-    Raises
-    ------
-    InputError
-        If it is no such folder, or a file of it is damaged.
-    """
+    """Read the folder of an emulation with all its records; refuse what is none, or damaged."""
     run = load_run(folder)
     if not run.has(_RECORDS):
         allowed = "one that aimd-des emulate wrote"

@@ -54,24 +54,7 @@ class _Waiting:
 
 
 class Listener(Conductor):
-    """Conducts processes that join from other hosts, or from this one.
-
-    Parameters
-    ----------
-    setting : Setting
-        What shall be run; its number of processes is how many are waited for.
-    address : tuple of str and int
-        Where to listen: TCP for the connections, UDP for the readings of meters.
-    token : str
-        Required of every connection.
-    watch : callable, optional
-        Called with the time of the run now and then.
-
-    Raises
-    ------
-    InputError
-        If the address is not one of this machine, or the port is taken.
-    """
+    """Conducts processes that join from other hosts: over TCP, with the readings of meters over UDP."""
 
     def __init__(
         self,
@@ -174,26 +157,7 @@ class Listener(Conductor):
 
 
 def join(setting: Setting, address: tuple[str, int], token: str, processes: int) -> None:
-    """Let processes of this machine hold agents of an emulation that another host conducts.
-
-    Parameters
-    ----------
-    setting : Setting
-        The same scenario as there.
-    address : tuple of str and int
-        Where the other host listens.
-    token : str
-        That of the other host.
-    processes : int
-        How many processes join.
-
-    Raises
-    ------
-    InputError
-        If the other host refuses them: it runs another scenario, or has enough processes.
-    SimulationError
-        If a process could not join, or was left alone before the end.
-    """
+    """Let processes of this machine hold agents of an emulation that another host conducts."""
     setting.prepare()
     digest, ours = digest_of(setting), list[socket.socket]()
     forks: list[Any] = []

@@ -22,21 +22,7 @@ FILES = {
 
 
 def network_frames(setting: Setting, measured: Measured) -> dict[str, pd.DataFrame]:
-    """Put what was measured into frames.
-
-    Parameters
-    ----------
-    setting : Setting
-        What was run.
-    measured : Measured
-        What was collected.
-
-    Returns
-    -------
-    dict of str to DataFrame
-        By the names of `FILES`.  Times and delays are in units of time of the run, columns that end in
-        ``_ms`` in milliseconds.
-    """
+    """Put what was measured into frames, by the names of `FILES`, in units of time or ``_ms``."""
     sent = sent_signals(measured.rows, measured.reached)
     gone = sent[sent["heard"] > 0.0]
     answered = answers(measured.rows, measured.reached)

@@ -67,20 +67,7 @@ def lines_of(setting: Setting, answered: Rows, agent: int, resource: int) -> Lin
 
 
 def outcome(setting: Setting, measured: Measured) -> Result:
-    """Make the result of a run over sockets.
-
-    Parameters
-    ----------
-    setting : Setting
-        What was run.
-    measured : Measured
-        What was collected; the run ends where that does.
-
-    Returns
-    -------
-    Result
-        As of a simulation; its digest is that of what has happened, which never happens again.
-    """
+    """Make the result of a run over sockets, up to where it was measured; its digest never comes again."""
     until = measured.reached
     sent, answered = sent_signals(measured.rows, until), answers(measured.rows, until)
     seen = _observations(setting, answered, until)

@@ -90,35 +90,16 @@ class _LateLink:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """An emulation and three simulations of it.
+    """An emulation and three simulations of it."""
 
-    Attributes
-    ----------
-    real : Result
-        Over sockets.
-    plain : Result
-        The scenario, simulated.
-    late : Result
-        The same with the lateness of unit, network and agents, as measured at the signals of the same number.
-    replayed : Result
-        With the recorded signals and arrivals, agent by agent.
-    """
-
-    real: Result
-    plain: Result
+    real: Result  # over sockets
+    plain: Result  # the scenario, simulated
+    # The same with the lateness of unit, network and agents, as measured at the signals of the same number.
     late: Result
-    replayed: Result
+    replayed: Result  # with the recorded signals and arrivals, agent by agent
 
     def table(self) -> pd.DataFrame:
-        """Put the four side by side.
-
-        Returns
-        -------
-        DataFrame
-            A row for each measure and resource, with columns measure, resource, emulated, replayed, late and
-            plain.  ``distance`` is the sum over the agents of the distance between their averages at the end
-            and those of the emulation, over the sum of these.
-        """
+        """Put the four side by side: a row for each measure and resource, and distances of averages."""
         runs = {"emulated": self.real, "replayed": self.replayed, "late": self.late, "plain": self.plain}
         measures = {
             name: run.measures(names=["signals", "responses", "utilisation", "misallocation"])
@@ -185,18 +166,7 @@ def _parting(real: Result, plain: Result) -> str:
 
 
 def replay(stored: StoredEmulation) -> Replay:
-    """Simulate what was emulated, in three ways.
-
-    Parameters
-    ----------
-    stored : StoredEmulation
-        What `load_emulation` has read.
-
-    Returns
-    -------
-    Replay
-        All four results.
-    """
+    """Simulate what was emulated, in three ways."""
     setting, measured = stored.setting, stored.measured
     sent = sent_signals(measured.rows, setting.until)
     answered = answers(measured.rows, setting.until)

@@ -16,18 +16,7 @@ _SHOWN = 0.25
 
 
 def replay_figure(found: Replay) -> Figure:
-    """Draw total demand of the first resource towards the end, and the averages of all agents at the end.
-
-    Parameters
-    ----------
-    found : Replay
-        An emulation and its simulations.
-
-    Returns
-    -------
-    Figure
-        Two panels.
-    """
+    """Draw total demand of the first resource towards the end, and the averages of all agents at the end."""
     figure = Figure(figsize=(2 * _PANEL[0], _PANEL[1]), layout=ConstrainedLayoutEngine(w_pad=0.1))
     totals, averages = figure.subplots(1, 2)
     _totals(totals, found)

@@ -34,39 +34,17 @@ _SHORTEST_UNIT, _LONGEST_UNIT = 0.001, 3600.0
 
 @dataclass(frozen=True)
 class Setting:
-    """An emulation, checked.
+    """An emulation, checked."""
 
-    Attributes
-    ----------
-    scenario : Scenario
-        What is run, every value filled in.
-    problem : Problem
-        What is shared.
-    unit : float
-        Seconds for a unit of time.
-    processes : int
-        How many hold agents.
-    control_unit : Sampled or Crossing
-        When signals are sent.
-    channel : BroadcastChannel
-        Latency and loss, which receivers make.
-    average : Average
-        How agents average.
-    rule : Rule
-        How they answer, without what each knows of its losses.
-    losses : tuple of float
-        What each agent knows of its losses; empty where they do nothing about them.
-    """
-
-    scenario: Scenario
+    scenario: Scenario  # every value filled in
     problem: Problem
-    unit: float
-    processes: int
+    unit: float  # seconds for a unit of time
+    processes: int  # how many hold agents
     control_unit: Sampled | Crossing
-    channel: BroadcastChannel
+    channel: BroadcastChannel  # latency and loss, which receivers make
     average: Average
-    rule: Rule
-    losses: tuple[float, ...]
+    rule: Rule  # without what each agent knows of its losses
+    losses: tuple[float, ...]  # what each agent knows of its losses; empty where they do nothing about them
 
     @property
     def until(self) -> float:
@@ -110,28 +88,7 @@ class Setting:
 
 
 def check_setting(scenario: Scenario, *, unit: float, processes: int) -> Setting:
-    """Check that a scenario can be emulated.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        What shall be run.
-    unit : float
-        Seconds for a unit of time, 0.001 to 3600.
-    processes : int
-        How many processes hold agents, 1 to 64 and at most as many as there are agents.
-
-    Returns
-    -------
-    Setting
-        What the processes need.
-
-    Raises
-    ------
-    InputError
-        If a part of the scenario is not served, naming it; if a number is outside its range, or this system
-        cannot fork processes.
-    """
+    """Check that a scenario can be emulated; a part that is not served is named."""
     if not hasattr(os, "fork"):
         raise InputError.of("system", os.name, "one whose processes can fork, such as Linux or macOS")
     seconds = validation.number("unit", unit, low=_SHORTEST_UNIT, high=_LONGEST_UNIT)

@@ -64,20 +64,7 @@ def check_absences(problem: Problem, interventions: Iterable[object]) -> None:
 
 
 def check_hold_offs(interventions: Iterable[object], control_unit: object) -> None:
-    """Refuse changes of a hold-off where the control unit has none.
-
-    Parameters
-    ----------
-    interventions : iterable of Intervention
-        All that are declared; those that change a hold-off have ``of_hold_off``.
-    control_unit : ControlUnit or None
-        That of the run; None stands for one that samples.
-
-    Raises
-    ------
-    InputError
-        Naming the first of them.
-    """
+    """Refuse changes of a hold-off (those with ``of_hold_off``) where the control unit has none."""
     if isinstance(table_of(control_unit), CrossingTable):
         return
     for number, declared in enumerate(interventions):

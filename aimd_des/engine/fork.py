@@ -13,18 +13,7 @@ _GENERATOR = "which keep where they are in generators of Python, and these canno
 
 
 def check_data(run: Begun) -> None:
-    """Refuse a run in which something is kept that is no data.
-
-    Parameters
-    ----------
-    run : Run
-        To be forked or saved.
-
-    Raises
-    ------
-    InputError
-        Naming the part, and the reason.
-    """
+    """Refuse a run in which something is kept that is no data, to be forked or saved; say what, and why."""
     simulation = run.simulation
     if not hasattr(simulation.agents, "populate"):
         name = getattr(simulation.agents, "__name__", simulation.agents)
@@ -48,22 +37,7 @@ def check_data(run: Begun) -> None:
 
 
 def take_over(fresh: Begun, run: Begun, given: Collection[str]) -> None:
-    """Let a fork, in which nothing has happened, stand where its run does, which goes on unaffected.
-
-    Parameters
-    ----------
-    fresh : Run
-        Begun with the same end; it differs in channel, control unit, response and interventions at most.
-    run : Run
-        Of which it is a fork.
-    given : collection of str
-        The parts that take over now, by name.
-
-    Raises
-    ------
-    InputError
-        If a part is no data, or an intervention would act before now.
-    """
+    """Let a fork, in which nothing has happened, stand where its run does, but for parts that are given."""
     before, simulation = run.simulation, fresh.simulation
     state = state_of(run)
     # What an intervention has put in force in the meantime is not what the simulation was made of.
@@ -90,17 +64,7 @@ def state_of(run: Begun) -> dict[str, Any]:
 
 
 def load(fresh: Begun, state: dict[str, Any], anew: set[str]) -> None:
-    """Let a run that has begun, and in which nothing has happened, stand where another one does.
-
-    Parameters
-    ----------
-    fresh : Run
-        Of the same problem and end.
-    state : dict
-        Of the other one; parts that it lacks stay as they are.
-    anew : set of str
-        Processes that begin now.
-    """
+    """Let a run that has just begun stand where another one does; processes that are named begin anew."""
     system, parts = fresh.system, fresh.system.parts
     if state["environment"]["beginning"]:
         # Nothing has happened but that some processes have begun, as they do in any run.

@@ -34,18 +34,7 @@ def _named(text: str) -> str:
 
 
 def policy(connect: str = "'none'") -> str:
-    """Say what the page may do: run its own script, and ask only its server.
-
-    Parameters
-    ----------
-    connect : str
-        Whom it may ask.
-
-    Returns
-    -------
-    str
-        A content security policy.
-    """
+    """Say what the page may do, as a content security policy: run its own script, and ask only its server."""
     style, script = _named(_part("live.css")), _named(_script())
     return (
         f"default-src 'none'; script-src {script}; style-src {style}; img-src data: blob:; "
@@ -59,20 +48,7 @@ def _script() -> str:
 
 
 def render(boot: Mapping[str, Any], *, connect: str = "'none'") -> str:
-    """Put the page together.
-
-    Parameters
-    ----------
-    boot : mapping
-        What the script begins with.
-    connect : str
-        Whom the page may ask.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Put the page together; `boot` is what its script begins with."""
     data = json.dumps(boot, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
     data = data.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
     page = _part("live.html").replace("%POLICY%", policy(connect)).replace("%STYLE%", _part("live.css"))
@@ -80,20 +56,7 @@ def render(boot: Mapping[str, Any], *, connect: str = "'none'") -> str:
 
 
 def description(scenario: Scenario, base: Scenario) -> dict[str, Any]:
-    """Say what is played: names, numbers, and where the controls stand.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        As it is played.
-    base : Scenario
-        That the page has begun with.
-
-    Returns
-    -------
-    dict
-        To be written as JSON.
-    """
+    """Say what is played, for JSON: names, numbers, and where the controls stand."""
     problem = scenario.problem()
     resources = [
         {"name": resource.name, "unit": resource.unit, "colour": COLOURS[j % len(COLOURS)]}
@@ -112,13 +75,7 @@ def description(scenario: Scenario, base: Scenario) -> dict[str, Any]:
 
 
 def controls() -> list[dict[str, Any]]:
-    """Describe the controls.
-
-    Returns
-    -------
-    list of dict
-        Groups with their controls, to be written as JSON.
-    """
+    """Describe the controls in their groups, for JSON."""
     return [
         {
             "title": group.title,
@@ -131,22 +88,7 @@ def controls() -> list[dict[str, Any]]:
 
 
 def recorded(base: Scenario, state: State, since: float, to: float) -> dict[str, Any]:
-    """Record a run, or a part of it, for a page without a server.
-
-    Parameters
-    ----------
-    base : Scenario
-        What is played.
-    state : State
-        What is changed of it.
-    since, to : float
-        From when to when, in units of time.
-
-    Returns
-    -------
-    dict
-        What the script begins with.
-    """
+    """Record a run, or a part of it, for a page without a server."""
     scenario = scenario_of(base, state)
     player = Player(scenario)
     player.skip(since)
@@ -164,27 +106,7 @@ def recorded(base: Scenario, state: State, since: float, to: float) -> dict[str,
 
 
 def export_page(base: Scenario, state: State, since: float, to: float) -> str:
-    """Make a page with one recorded run in it, which works without a server and without a network.
-
-    Parameters
-    ----------
-    base : Scenario
-        What is played.
-    state : State
-        What is changed of it.
-    since, to : float
-        From when to when, in units of time.
-
-    Returns
-    -------
-    str
-        HTML, below 2 MB.
-
-    Raises
-    ------
-    InputError
-        If it would be larger.
-    """
+    """Make a page with one recorded run in it, which works without a server and without a network."""
     page = render(recorded(base, state, since, to))
     size = len(page.encode("utf-8"))
     if size > _LARGEST:
@@ -198,18 +120,5 @@ def export_page(base: Scenario, state: State, since: float, to: float) -> str:
 
 
 def write_page(page: str, path: Path) -> None:
-    """Write a page, whole or not at all.
-
-    Parameters
-    ----------
-    page : str
-        HTML.
-    path : Path
-        Where to; what is there is replaced.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
-    """
+    """Write a page, whole or not at all."""
     write_file(path, page.encode("utf-8"))

@@ -53,15 +53,7 @@ class Sent(NamedTuple):
 
 
 class Player:
-    """A run of a scenario, which gives what a page draws.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Its recording is replaced: a page needs the event log.
-    names : mapping, optional
-        What the header of each message says besides.
-    """
+    """A run of a scenario with its event log, which gives what a page draws."""
 
     def __init__(self, scenario: Scenario, names: Mapping[str, Any] | None = None) -> None:
         self.names = dict(names or {})

@@ -27,35 +27,14 @@ _THREADS = 3
 
 
 def check_server() -> None:
-    """Refuse to serve where the library for it is missing.
-
-    Raises
-    ------
-    InputError
-        Saying how to get it.
-    """
+    """Refuse to serve where the library for it is missing."""
     if find_spec("tornado") is None:
         remedy = "say pip install 'aimd-des[live]', or --export for a page that needs no server"
         raise InputError(f"a live page needs tornado, which is not installed; {remedy}")
 
 
 def serve(base: Scenario, port: int, told: Callable[[str], None]) -> None:
-    """Serve the page until Ctrl-C.
-
-    Parameters
-    ----------
-    base : Scenario
-        What is played.
-    port : int
-        Where to listen; 0 for any that is free.
-    told : callable
-        Called with the address of the page as soon as it can be opened.
-
-    Raises
-    ------
-    InputError
-        If the port is taken, or may not be used.
-    """
+    """Serve the page until Ctrl-C; its address is told as soon as it can be opened."""
     with suppress(KeyboardInterrupt):
         asyncio.run(_serve(base, port, told))
 
@@ -83,24 +62,7 @@ async def _serve(base: Scenario, port: int, told: Callable[[str], None]) -> None
 
 
 def application(base: Scenario, token: str, port: int, pool: ThreadPoolExecutor) -> "tornado.web.Application":
-    """Put the server together.
-
-    Parameters
-    ----------
-    base : Scenario
-        What is played.
-    token : str
-        Without which nothing is told.
-    port : int
-        On which it listens.
-    pool : ThreadPoolExecutor
-        Where runs are computed.
-
-    Returns
-    -------
-    Application
-        Of tornado, with a page and a socket.
-    """
+    """Put the server together; nothing is told without the token."""
     import tornado.web
     import tornado.websocket
 

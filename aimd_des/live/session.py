@@ -154,17 +154,7 @@ def _exported(base: Scenario, job: Job) -> Iterator[Message]:
 
 
 class Session:
-    """One open page.
-
-    Parameters
-    ----------
-    base : Scenario
-        What the page has begun with.
-    pool : Executor
-        Where runs are computed.
-    send : callable
-        Takes a message to the page, in the thread of the event loop.
-    """
+    """One open page; messages to it are sent in the thread of the event loop."""
 
     def __init__(self, base: Scenario, pool: Executor, send: Send) -> None:
         self._base, self._pool, self._send = base, pool, send
@@ -172,18 +162,7 @@ class Session:
         self._tasks: set[asyncio.Task[None]] = set()
 
     def take(self, text: str) -> None:
-        """Take in what the page asks for.
-
-        Parameters
-        ----------
-        text : str
-            JSON.
-
-        Raises
-        ------
-        InputError
-            If it is no wish that there is.
-        """
+        """Take in what the page asks for, and refuse what is no wish that there is."""
         try:
             job = json.loads(text)
         except (ValueError, RecursionError):

@@ -143,18 +143,7 @@ _OF_CHANNEL = {control.name for control in _CHANNEL.controls}
 
 
 def default_scenario() -> Scenario:
-    """Give the system that is played unless a file is given.
-
-    Returns
-    -------
-    Scenario
-        The paper's cameras, as continuous agents behind a channel that is late and loses some.
-
-    Raises
-    ------
-    InputError
-        If the models of the project are not around.
-    """
+    """Give what is played by default: the paper's cameras behind a channel that is late and loses copies."""
     return validate_scenario(DEFAULT, "the paper's cameras")
 
 
@@ -166,13 +155,7 @@ class State(NamedTuple):
 
 
 def read_state(data: object) -> State:
-    """Take in the state of a page, which is not trusted.
-
-    Raises
-    ------
-    InputError
-        If it is no such data.
-    """
+    """Take in the state of a page, which is not trusted."""
     given = _table("state", data)
     start = _values("state.start", given.get("start", {}), set(_CONTROLS))
     changes = given.get("changes", [])
@@ -215,13 +198,7 @@ def _change(field: str, data: object) -> dict[str, Any]:
 
 
 def scenario_of(base: Scenario, state: State) -> Scenario:
-    """Put the choices of a page over a scenario.
-
-    Raises
-    ------
-    InputError
-        If they do not go together, naming what is wrong.
-    """
+    """Put the choices of a page over a scenario; refuse what does not go together."""
     shown = {**shown_of(base), **state.start}
     data = base.spoken()
     _put_channel(data, state.start, shown)

@@ -25,27 +25,7 @@ _COST = 0.01
 
 
 def begin(scenario: Scenario, path: Path, *, resumed: bool) -> Run:
-    """Begin a run that can be saved, or go on with one that was.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        What is run.
-    path : Path
-        Where checkpoints are written.
-    resumed : bool
-        Whether to go on from what is there, if there is anything.
-
-    Returns
-    -------
-    Run
-        At the time of the checkpoint, or at 0.
-
-    Raises
-    ------
-    InputError
-        If the agents are no fleet, the file is damaged, or it holds a run of another scenario.
-    """
+    """Begin a run that can be saved, or go on with the one that was, where there is one."""
     remedy = "the results are the same"
     if scenario.dynamics == "synchronous":
         allowed = "'discrete' or 'continuous' with checkpoints: nothing is written between two steps"
@@ -64,30 +44,7 @@ def begin(scenario: Scenario, path: Path, *, resumed: bool) -> Run:
 
 
 def finish(run: Run, path: Path, seconds: float, watch: Watch | None = None) -> Result:
-    """Take a run to its end, and write where it stands again and again.
-
-    Parameters
-    ----------
-    run : Run
-        In progress.
-    path : Path
-        The file, which is replaced each time.
-    seconds : float
-        Of wall time between two checkpoints, and more where writing would take over 1 % of the time;
-        infinity for none.
-    watch : callable, optional
-        As for `Run.advance`.
-
-    Returns
-    -------
-    Result
-        That of the run without a pause.
-
-    Raises
-    ------
-    InputError, SimulationError
-        As `Run.advance` and `Run.save` do.
-    """
+    """Take a run to its end, and write where it stands every so many seconds, or less often."""
     longest = max(min(_SHARE * seconds, _LONGEST), _SHORTEST)
     piece, saved, wait = _FIRST * run.until, time.monotonic(), seconds
     while run.time < run.until and not math.isinf(seconds):

@@ -21,11 +21,7 @@ _AGENTS = {AgentProcess: "process", Fleet: "fleet"}
 
 
 def scenario_of(simulation: Simulation, until: float) -> Scenario:
-    """Describe a simulation by data, or say which of its parts no file can describe.
-
-    The scenario is built again and compared with the simulation, part by part: what is written gives the
-    same result, to the last bit.
-    """
+    """Describe a simulation by data, or say which of its parts no file can describe."""
     data: dict[str, Any] = {
         "until": until,
         "seed": simulation.seed,
@@ -44,6 +40,7 @@ def scenario_of(simulation: Simulation, until: float) -> Scenario:
     if simulation.clocks is not None:
         data["clocks"] = _fields(simulation.clocks, ("period", "phase", "drift", "jitter"))
     scenario = validate_scenario(as_data(data), "save")
+    # Built again, so that what is written gives the same result to the last bit.
     if fingerprint(scenario.simulation()) != fingerprint(simulation):
         raise InputError(f"save: a scenario file cannot say all that this simulation is made of; {_REMEDY}")
     return scenario

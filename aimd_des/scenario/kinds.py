@@ -28,40 +28,20 @@ from aimd_des.utils.parts import GROUPS, MODEL, Registered, keys_of, registered
 
 @dataclass(frozen=True)
 class Parameter:
-    """A key of a kind.
-
-    Attributes
-    ----------
-    name : str
-        The key.
-    required : bool
-        Whether it must be given.
-    default : str
-        What holds unless it is given, as TOML has it; empty where nothing stands there.
-    meaning : str
-        From the documentation.
-    """
+    """A key of a kind."""
 
     name: str
-    required: bool
-    default: str
-    meaning: str
+    required: bool  # whether it must be given
+    default: str  # as TOML has it; empty where nothing stands there
+    meaning: str  # from the documentation
 
 
 @dataclass(frozen=True)
 class Kind:
-    """Something that a scenario can name.
+    """Something that a scenario can name."""
 
-    Attributes
-    ----------
-    of : Registered
-        The class or function that makes it.
-    name : str
-        What `kind` says, or `model`.
-    """
-
-    of: Registered
-    name: str
+    of: Registered  # the class or function that makes it
+    name: str  # what `kind` says, or `model`
 
     @property
     def group(self) -> str:

@@ -20,27 +20,13 @@ _MODELS = "models"
 
 @dataclass(frozen=True)
 class Names:
-    """How a file names things of one sort.
+    """How a file names things of one sort."""
 
-    Attributes
-    ----------
-    word : str
-        What each is.
-    key : str
-        Under which it is named.
-    decorators : frozenset of str
-        What registers it, called as it can be imported.
-    remedy : str
-        What its author has to do.
-    alone : bool
-        Whether a module that registers one only is a name of it.
-    """
-
-    word: str
-    key: str
-    decorators: frozenset[str]
-    remedy: str
-    alone: bool
+    word: str  # what each is
+    key: str  # under which it is named
+    decorators: frozenset[str]  # what registers it, called as it can be imported
+    remedy: str  # what its author has to do
+    alone: bool  # whether a module that registers one only is a name of it
 
     def find(self, name: str) -> Registered:
         """Find what a name means, and import its module.

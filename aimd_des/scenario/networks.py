@@ -71,25 +71,7 @@ def over_network(
 
 
 def refuse_vast(kind: str, parameters: Mapping[str, Any]) -> float:
-    """Estimate how many edges a graph will have, and refuse what no machine can hold.
-
-    Parameters
-    ----------
-    kind : str
-        Which graph.
-    parameters : mapping
-        Of the right types.
-
-    Returns
-    -------
-    float
-        At most ten million.
-
-    Raises
-    ------
-    InputError
-        If there are more.
-    """
+    """Estimate how many edges a graph will have, and refuse what no machine can hold."""
     edges = max(_edges(kind, parameters), 0.0)
     if edges > _MOST_EDGES:
         allowed = f"at most {_MOST_EDGES:,} edges, and these are about {edges:.1e}"

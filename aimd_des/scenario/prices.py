@@ -16,20 +16,7 @@ from aimd_des.utils.parts import built_in
 
 
 def redraw_seed(seed: int, number: int) -> int:
-    """Derive the seed of one redraw.
-
-    Parameters
-    ----------
-    seed : int
-        The scenario's, at least 0.
-    number : int
-        k, at least 1.
-
-    Returns
-    -------
-    int
-        The first 64 bits of ``numpy.random.SeedSequence(seed, spawn_key=(number,))``.
-    """
+    """Derive the seed of the redraw with a number, at least 1, from the scenario's."""
     return int(np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(1, np.uint64)[0])
 
 
@@ -61,27 +48,7 @@ class RedrawnPrices:
             raise InputError.of("parameter", self.parameter, "one that takes a seed, with 'seed' in its name")
 
     def by(self, model: str, parameters: Mapping[str, Any], seed: int) -> Prices:
-        """Let a model draw them.
-
-        Parameters
-        ----------
-        model : str
-            A registered model.
-        parameters : mapping
-            Of the model; the one that decides the draw is replaced.
-        seed : int
-            The scenario's.
-
-        Returns
-        -------
-        Prices
-            Whose k-th costs are those of the model with `redraw_seed` (seed, k).
-
-        Raises
-        ------
-        InputError
-            If the model has no such parameter, naming the nearest one.
-        """
+        """Let a registered model draw them, with a seed of its own for each redraw."""
         complete = model_parameters(model, {**parameters, self.parameter: seed}, seed)
 
         @lru_cache(maxsize=1)  # checks ask for the first one again and again

@@ -39,26 +39,9 @@ class WarmUpSettings(Table):
     response: ResponseTable | None = None
 
     def check(self, until: float) -> None:
-        """Refuse one that does not end within the run.
-
-        Parameters
-        ----------
-        until : float
-            The end of the run.
-
-        Raises
-        ------
-        InputError
-            If it does not.
-        """
+        """Refuse one that does not end within the run."""
         validation.number("warm_up.until", self.until, low=0.0, high=until, low_open=True, high_open=True)
 
     def given(self) -> dict[str, Any]:
-        """Name the parts that are other until then.
-
-        Returns
-        -------
-        dict
-            Their tables.
-        """
+        """Give the tables of the parts that are other until then."""
         return {name: table for name in EXCHANGED if (table := getattr(self, name)) is not None}

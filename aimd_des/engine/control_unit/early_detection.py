@@ -65,11 +65,5 @@ class EarlyDetection(SampledUnit):
             object.__setattr__(self, name, value)
 
     def table(self) -> SampledTable:
-        """Say when the unit samples, and between which shares of the threshold the probability rises.
-
-        Returns
-        -------
-        SampledTable
-            With `low` and `high`.
-        """
+        """Say when the unit samples, and between which shares of the threshold the probability rises."""
         return SampledTable(self.period, self.phase, self.sensing_delay, self.low, self.high)

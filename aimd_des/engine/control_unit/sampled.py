@@ -161,11 +161,5 @@ class Sampled(SampledUnit):
         object.__setattr__(self, "sensing_delay", delay)
 
     def table(self) -> SampledTable:
-        """Say when the unit samples.
-
-        Returns
-        -------
-        SampledTable
-            With a probability of 1 above the threshold.
-        """
+        """Say when the unit samples; the probability is 1 above the threshold."""
         return SampledTable(self.period, self.phase, self.sensing_delay)
