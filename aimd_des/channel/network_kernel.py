@@ -18,10 +18,7 @@ import numpy.typing as npt
 
 from aimd_des.utils.jit import deferred
 from aimd_des.utils.records import record
-from aimd_des.utils.validation import FloatArray
-
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
+from aimd_des.utils.validation import BoolArray, FloatArray, IntArray
 
 
 @record

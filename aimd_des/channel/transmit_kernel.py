@@ -14,9 +14,7 @@ from aimd_des.utils.errors import InputError
 from aimd_des.utils.jit import deferred, kernel
 from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, Purpose, uniforms_row
-from aimd_des.utils.validation import FloatArray
-
-BoolArray = npt.NDArray[np.bool_]
+from aimd_des.utils.validation import BoolArray, FloatArray
 
 # Why a broadcast is refused, besides what its losses say.
 _IMPROPER = 4

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple, Protocol, get_args, runtime_checkable
 
 import numpy as np
-import numpy.typing as npt
 from numba import types
 
 from aimd_des.dynamics.averaging import FORGETTING, POLYNOMIAL, WINDOW, AveragingParameters
@@ -31,7 +30,7 @@ from aimd_des.utils.jit import formula
 from aimd_des.utils.parts import built_in
 from aimd_des.utils.portable_math import expm1
 from aimd_des.utils.records import record
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import FloatArray, IntArray
 
 #: What becomes of demand.
 DRAWN, FRACTIONAL, FULL = 0, 1, 2
@@ -76,7 +75,7 @@ class ResponseParameters(NamedTuple):
     divisor: int  # `AVERAGE`, `AT_SIGNALS`, `AT_CUTS` or `OWN`
     columns: int  # how many numbers a function of the user's keeps for each agent and resource
     address: int  # of the compiled function of the user's; 0 where there is none
-    order: npt.NDArray[np.int64]  # which of `INPUTS` the function reads
+    order: IntArray  # which of `INPUTS` the function reads
     # Working memory: the values of these, one row each, (9, answers at once), and the probabilities that the
     # function gives for them, (answers at once,).
     inputs: FloatArray

@@ -3,7 +3,6 @@
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from aimd_des.dynamics.averaging import (
     CUMULATIVE,
@@ -36,9 +35,7 @@ from aimd_des.utils import returned_values, validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.locked_arrays import locked
 from aimd_des.utils.records import record
-from aimd_des.utils.validation import FloatArray
-
-IntArray = npt.NDArray[np.int64]
+from aimd_des.utils.validation import FloatArray, IntArray
 
 _Form = TypeVar("_Form")
 
@@ -75,12 +72,12 @@ class AgentParameters(NamedTuple):
     decrease: FloatArray
     normalization: FloatArray  # (m,): Gamma
     limit: FloatArray  # (m,): total demand above which a capacity event is due
-    response: ResponseParameters  # how signals are answered
-
-
     capacity: FloatArray  # (m,): C
     averaging: AveragingParameters  # how demand is averaged
     compensation: CompensationParameters  # how losses are made good for
+    response: ResponseParameters  # how signals are answered
+
+
 class Shared(Protocol):
     """What the rule asks of a problem; it need not know of costs and their optimum."""
 

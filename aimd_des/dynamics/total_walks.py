@@ -6,13 +6,9 @@ what is new in the slow sway of that.
 """
 
 import numpy as np
-import numpy.typing as npt
 
-from aimd_des.dynamics.state import IntArray
 from aimd_des.utils.jit import formula, routine
-from aimd_des.utils.validation import FloatArray
-
-BoolArray = npt.NDArray[np.bool_]
+from aimd_des.utils.validation import BoolArray, FloatArray, IntArray
 
 
 @formula

@@ -17,10 +17,9 @@ from aimd_des.results.event_log import Entry, EventLog
 from aimd_des.results.metrics import Overshoot, Stretch, overshoot_of
 from aimd_des.results.result import Result
 from aimd_des.results.run_data import Account, Observations, Signals
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import BoolArray, FloatArray, IntArray
 
 Rows = npt.NDArray[Any]
-IntArray = npt.NDArray[np.int64]
 
 _NOTHING = np.zeros(0, dtype=np.int64)
 
@@ -151,7 +150,7 @@ def _counts(setting: Setting, rows: Rows) -> IntArray:
     return np.bincount(place, minlength=setting.problem.n_resources * n).reshape(-1, n).astype(np.int64)
 
 
-def unheard(setting: Setting, rows: Rows, sent: Rows) -> npt.NDArray[np.bool_]:
+def unheard(setting: Setting, rows: Rows, sent: Rows) -> BoolArray:
     """Tell which signals, which have left, each agent's process has not received, shape (signals, n)."""
     lost = np.zeros((len(sent), setting.problem.n_agents), dtype=np.bool_)
     heard = rows[rows["kind"] == Kind.HEARD]

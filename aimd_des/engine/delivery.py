@@ -5,15 +5,13 @@ from collections.abc import Callable, Generator, Mapping
 from itertools import repeat
 from typing import Any, NamedTuple, Protocol
 
-import numpy as np
-import numpy.typing as npt
 import simpy
 
 from aimd_des.engine.environment import EventKind, OrderedEnvironment
 from aimd_des.results.event_log import Entry, EventLog
 from aimd_des.utils import rng
 from aimd_des.utils.rng import Key
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import BoolArray, FloatArray
 
 ProcessGenerator = Generator[simpy.Event, Any, Any]
 
@@ -59,7 +57,7 @@ class Collective(Protocol):
     """
 
     @property
-    def members(self) -> npt.NDArray[np.bool_]: ...  # noqa: D102 - described with the class
+    def members(self) -> BoolArray: ...  # noqa: D102 - described with the class
 
     def send(self, signal: Signal, arrival: FloatArray, first_order: int) -> None:
         """Put the members' copies of a broadcast on their way; those of others are none of its business."""
@@ -126,7 +124,7 @@ class Carrier:
         self,
         env: OrderedEnvironment,
         agents: Mapping[int, Agent],
-        away: npt.NDArray[np.bool_],
+        away: BoolArray,
         log: EventLog | None,
     ) -> None:
         self.env = env

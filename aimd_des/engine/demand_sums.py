@@ -4,14 +4,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from aimd_des.dynamics.demand import DISCRETE, demand_at
 from aimd_des.engine.system import System
 from aimd_des.utils.jit import kernel
-from aimd_des.utils.validation import FloatArray
-
-IntArray = npt.NDArray[np.int64]
+from aimd_des.utils.validation import FloatArray, IntArray
 
 
 @kernel

@@ -4,14 +4,11 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from aimd_des.dynamics.averaging import CUMULATIVE, age_at
 from aimd_des.engine.system import System
 from aimd_des.results.run_data import Account, Rest
-from aimd_des.utils.validation import FloatArray
-
-IntArray = npt.NDArray[np.int64]
+from aimd_des.utils.validation import FloatArray, IntArray
 
 
 class _Before(NamedTuple):

@@ -12,7 +12,6 @@ from heapq import heapify, heapreplace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.demand_sums import DemandSums
@@ -24,7 +23,7 @@ from aimd_des.results.metrics import Overshoot, Stretch, fold_overshoot, joined,
 from aimd_des.results.recording import Recording
 from aimd_des.results.run_data import Observations
 from aimd_des.utils.jit import formula, kernel
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import FloatArray, IntArray
 
 # Changes of the total kept back before they are integrated in one go: a call of a kernel costs more than one.
 _BUFFERED = 1 << 16
@@ -272,7 +271,7 @@ class LinearPieces:
         if len(times) == _BUFFERED:
             self._fold(resource)
 
-    def changed_often(self, time: FloatArray, resource: npt.NDArray[np.int64], change: FloatArray) -> None:
+    def changed_often(self, time: FloatArray, resource: IntArray, change: FloatArray) -> None:
         """Take note of many changes of the total, in the order of time."""
         for j, (times, changes) in enumerate(zip(self.times, self.changes, strict=True)):
             times.frombytes(time[resource == j].tobytes())

@@ -17,7 +17,7 @@ from aimd_des.results.run_data import Piece
 from aimd_des.results.tracking import piece_problem
 from aimd_des.scenario import Scenario
 from aimd_des.utils.errors import InputError
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import FloatArray, IntArray
 
 # Time between two frames, and of those of agents that tick on clocks of their own.
 _FRAME, _OWN_FRAME = 1.0, 0.25
@@ -162,7 +162,7 @@ class Player:
         began: float,
         looks: list[Look],
         time: FloatArray,
-        entry: npt.NDArray[np.int64],
+        entry: IntArray,
         value: FloatArray,
     ) -> dict[str, npt.NDArray[Any]]:
         """Lay out a chunk; times count from its beginning.
@@ -201,7 +201,7 @@ class Player:
         looks: list[Look],
         resource: int,
         time: FloatArray,
-        entry: npt.NDArray[np.int64],
+        entry: IntArray,
         value: FloatArray,
     ) -> FloatArray:
         """Draw total demand as it is: straight between answers, in steps where agents tick."""
@@ -298,7 +298,7 @@ def _grown(
     return grown
 
 
-def _notes(time: FloatArray, entry: npt.NDArray[np.int64], value: FloatArray) -> list[list[float | str]]:
+def _notes(time: FloatArray, entry: IntArray, value: FloatArray) -> list[list[float | str]]:
     """Tell of what has changed from outside: time, kind, resource, agent and value."""
     told = np.flatnonzero(np.isin(entry[:, 0], [int(kind) for kind in _TOLD]))[:_MOST_NOTES]
     return [

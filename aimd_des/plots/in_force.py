@@ -11,7 +11,7 @@ from aimd_des.problem.problem import Problem
 from aimd_des.results.misallocation import optimum_for_used
 from aimd_des.results.result import Result
 from aimd_des.results.tracking import piece_problem
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import BoolArray, FloatArray
 
 #: What a panel says that would show the agents that are here at the end.
 NOBODY = "No agent is here at the end of the run."
@@ -23,7 +23,7 @@ class Observation(NamedTuple):
     """The agents that are here at a time, and what they are compared with."""
 
     problem: Problem  # in force, for the agents that are here
-    present: npt.NDArray[np.bool_]  # (n,): which agents they are
+    present: BoolArray  # (n,): which agents they are
     average: FloatArray  # (k, m): their averages, in units of the resources
     best: Optimum  # of the problem in force
 

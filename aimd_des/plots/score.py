@@ -10,7 +10,7 @@ from aimd_des.plots.panel import panel
 from aimd_des.results.event_log import Entry
 from aimd_des.results.result import Result
 from aimd_des.utils import validation
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import BoolArray, FloatArray
 
 _NO_LOOKS = (
     "Fewer than two samples of this agent lie here.\nRecord them more densely to see this panel:\n"
@@ -34,7 +34,7 @@ class _Copies:
         self.sent: FloatArray = begun[seen]
         self.end: FloatArray = time[ends][seen]
         self.agent = agent[ends][seen]
-        self.lost: npt.NDArray[np.bool_] = kind[ends][seen] == Entry.LOST
+        self.lost: BoolArray = kind[ends][seen] == Entry.LOST
         answers = own & (kind == Entry.RESPOND)
         answered = set(zip(agent[answers].tolist(), number[answers].tolist(), strict=True))
         pairs = zip(self.agent.tolist(), number[ends][seen].tolist(), strict=True)

@@ -10,7 +10,7 @@ from aimd_des.results.event_log import Entry, EventLog
 from aimd_des.results.result import Result
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import FloatArray, IntArray
 
 _MOST_NAMES = 25
 _MOST_ROWS = 100
@@ -170,7 +170,7 @@ def rows_of(n_agents: int, agents: npt.ArrayLike | None) -> npt.NDArray[np.intp]
 
 def _entries(
     log: EventLog, resource: int, first: float, last: float
-) -> tuple[FloatArray, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+) -> tuple[FloatArray, IntArray, IntArray]:
     """Pick time, kind and agent of the entries about one resource in a window."""
     time, entry, _ = log.columns()
     here = (entry[:, 1] == resource) & (time >= first) & (time <= last) & (entry[:, 0] <= Entry.RESPOND)

@@ -6,10 +6,9 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from aimd_des.results.frames import categorical
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import FloatArray, IntArray
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -120,7 +119,7 @@ class EventLog:
         """Add many entries, shape (q, 6), ahead of what `lead` would bring forth."""
         self._numbers.frombytes(entries.tobytes())
 
-    def columns(self, since: int = 0) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray]:
+    def columns(self, since: int = 0) -> tuple[FloatArray, IntArray, FloatArray]:
         """Return the entries as arrays, from one of them on."""
         self._before()
         rows = self._rows(since)

@@ -3,8 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-import numpy.typing as npt
+from aimd_des.utils.validation import IntArray
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,7 +22,7 @@ def columns_now(names: Iterable[str]) -> list[str]:
     return [_RENAMED.get(name, name) for name in names]
 
 
-def categorical(codes: npt.NDArray[np.int64], names: Sequence[str]) -> "pd.Categorical":
+def categorical(codes: IntArray, names: Sequence[str]) -> "pd.Categorical":
     """Turn indices into names."""
     import pandas as pd
 

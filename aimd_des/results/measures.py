@@ -19,7 +19,7 @@ from aimd_des.results.misallocation import misallocation
 from aimd_des.results.run_data import Account, Piece
 from aimd_des.results.tracking import piece_problem
 from aimd_des.utils.formatting import percent
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import FloatArray, IntArray
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,7 +32,7 @@ class Measured:
     problem: Problem  # of the whole run
     last: Piece  # what is in force at the end
     everybody: FloatArray  # (n, m): averages at the end, in units of the resources
-    signals: npt.NDArray[np.int64]  # (m,): how many were broadcast
+    signals: IntArray  # (m,): how many were broadcast
     bits_per_signal: int  # what a signal costs
     account: Account  # copies and responses
     overshoot: metrics.Overshoot  # over the whole run

@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from aimd_des.results.run_data import Signals
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import BoolArray, FloatArray
 
 # Of the second half of a run: mean demand over the capacity, the part of the opportunities to signal, of
 # which there must be so many for that to mean anything, and signals in a row.  Far above the capacity less is
@@ -39,7 +38,7 @@ def run_away(
     until: float,
     opportunities: Opportunities,
     since: float | None = None,
-) -> npt.NDArray[np.bool_]:
+) -> BoolArray:
     """Judge the second half of a run, or all of it from a time on."""
     start = 0.5 * until if since is None else since
     away = np.zeros(len(mean), dtype=np.bool_)
@@ -54,7 +53,7 @@ def run_away(
 
 
 def overload_words(
-    names: Sequence[str], mean: FloatArray, away: npt.NDArray[np.bool_], part: str = "second half of the run"
+    names: Sequence[str], mean: FloatArray, away: BoolArray, part: str = "second half of the run"
 ) -> str:
     """Say which capacities do not hold demand."""
     where = ", ".join(f"{names[j]} ({mean[j]:.3g} of it)" for j in np.flatnonzero(away).tolist())

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
@@ -15,7 +14,6 @@ from aimd_des.utils.validation import FloatArray
 #: When to look: "end", "auto" (a thousand times and the end), a period, or the times themselves.
 Times = Literal["auto", "end"] | float | Sequence[float] | FloatArray
 
-IntArray = npt.NDArray[np.int64]
 
 _AUTO_LOOKS = 1000
 _MOST_LOOKS = 10_000_000

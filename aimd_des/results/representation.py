@@ -1,12 +1,9 @@
 """What a result shows of itself: what was run, and the measures that need no optimum."""
 
-import numpy as np
-import numpy.typing as npt
-
 from aimd_des.problem.problem import Problem, shared_words
 from aimd_des.results.measures import SHOWN, shown_measures
 from aimd_des.utils.shown import Shown
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import BoolArray, FloatArray
 
 #: What is shown and takes no optimum to be solved.
 UNSOLVED = [name for name in SHOWN if name != "misallocation"]
@@ -15,7 +12,7 @@ UNSOLVED = [name for name in SHOWN if name != "misallocation"]
 def shown_result(
     run: str,
     problem: Problem,
-    run_away: npt.NDArray[np.bool_],
+    run_away: BoolArray,
     known: dict[str, FloatArray],
     misallocation: FloatArray | None,
 ) -> Shown:

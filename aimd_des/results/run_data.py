@@ -4,14 +4,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from aimd_des.problem.costs import Costs
 from aimd_des.results.metrics import Overshoot, Stretch
-from aimd_des.utils.validation import FloatArray
-
-BoolArray = npt.NDArray[np.bool_]
-IntArray = npt.NDArray[np.int64]
+from aimd_des.utils.validation import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,10 +15,10 @@ class Signals:
     """The capacity events of a run, in the order in which they were broadcast."""
 
     time: FloatArray  # (s,): time of the look that caused the broadcast
-    resource: npt.NDArray[np.int64]  # (s,): j
-    number: npt.NDArray[np.int64]  # (s,): b, counted from 0 for each resource
+    resource: IntArray  # (s,): j
+    number: IntArray  # (s,): b, counted from 0 for each resource
 
-    def counts(self, n_resources: int) -> npt.NDArray[np.int64]:
+    def counts(self, n_resources: int) -> IntArray:
         """Count the signals of each resource, shape (m,)."""
         return np.bincount(self.resource, minlength=n_resources)
 

@@ -7,9 +7,6 @@ instructions, with agents that hold nothing, ask for nothing and never respond.
 
 from typing import Any, NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
 from aimd_des.dynamics.averaging import (
     CUMULATIVE,
     WINDOW,
@@ -33,9 +30,7 @@ from aimd_des.dynamics.state import AgentParameters, State
 from aimd_des.utils.jit import deferred, formula, routine
 from aimd_des.utils.records import record
 from aimd_des.utils.rng import FOUR, Key, four_uniforms
-from aimd_des.utils.validation import FloatArray
-
-BoolArray = npt.NDArray[np.bool_]
+from aimd_des.utils.validation import BoolArray, FloatArray
 
 #: How many totals are added up side by side: most signals come within so many steps after an answer.
 AHEAD = 4

@@ -6,9 +6,6 @@ of a whole run are taken resource by resource; else all resources take each step
 
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
 from aimd_des.dynamics.demand import DISCRETE, demand_at
 from aimd_des.dynamics.state import AgentParameters, State
 from aimd_des.problem.costs import Costs, CostTable
@@ -26,10 +23,7 @@ from aimd_des.synchronous.answers import (
 from aimd_des.utils.jit import formula, kernel, routine
 from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, uniforms_row
-from aimd_des.utils.validation import FloatArray
-
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
+from aimd_des.utils.validation import BoolArray, FloatArray, IntArray
 
 
 @record

@@ -4,7 +4,6 @@ import math
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from aimd_des.dynamics.averaging import Averaging
 from aimd_des.dynamics.custom_response import check_returned, with_address
@@ -25,7 +24,7 @@ from aimd_des.utils import rng, validation
 from aimd_des.utils.errors import SimulationError
 from aimd_des.utils.locked_arrays import locked
 from aimd_des.utils.rng import FOUR, Key, Purpose
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -118,7 +117,7 @@ class SynchronousRun:
         self._taken = 0
         self._looks = (records.demand_steps, records.allocation_steps)
         # What a run that this one was forked of has recorded.
-        self._sent: tuple[npt.NDArray[np.bool_], ...] = ()
+        self._sent: tuple[BoolArray, ...] = ()
         self._totals, self._pages = Kept(), Kept()
         self._result: Result | None = None
         self._failed = False
@@ -296,7 +295,7 @@ class SynchronousRun:
             cursor=np.array([[0, 0, following]] * m, dtype=np.int64),
         )
 
-    def _broadcast(self) -> npt.NDArray[np.bool_]:
+    def _broadcast(self) -> BoolArray:
         """Return which steps so far have broadcast for which resources."""
         taken = sum(map(len, self._sent))
         return np.concatenate([*self._sent, self._control.broadcast[taken : self._taken]])

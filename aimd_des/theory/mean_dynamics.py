@@ -23,7 +23,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq
 
 from aimd_des.dynamics.responses import AT_CUTS, AT_SIGNALS
@@ -32,7 +31,7 @@ from aimd_des.theory.prediction import Steady, found_by_signals
 from aimd_des.theory.response_rule import chance
 from aimd_des.theory.setting import Setting
 from aimd_des.theory.trajectory import Slope, Trajectory
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import BoolArray, FloatArray
 
 # In multiples of the time until all capacities are reached.
 _SETTLED = 20.0
@@ -224,7 +223,7 @@ class Path:
             part = part * average / (divisor - self._settled_tooth)
         return part * self._largest_cut
 
-    def _fast(self, begun: npt.NDArray[np.bool_], time: float, state: FloatArray) -> FloatArray:
+    def _fast(self, begun: BoolArray, time: float, state: FloatArray) -> FloatArray:
         average, found, divisor = state
         increase = self.setting.problem.increase
         # An agent that receives a signal on the clock does not grow in its step.

@@ -17,10 +17,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from aimd_des.dynamics.total_walks import follow_crossings, follow_looks
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import BoolArray, FloatArray
 
 # 200 walks with 300 signals each, besides those on the way to the steady state: the share of time above a
 # level, where it is 1 %, comes out with a standard error of 2 to 3 % of itself.
@@ -199,7 +198,7 @@ def _batches(steps: int) -> list[slice]:
     return [slice(first, min(first + _BATCH, steps)) for first in range(0, steps, _BATCH)]
 
 
-def _mean_found(peaks: FloatArray, acts: npt.NDArray[np.bool_]) -> float:
+def _mean_found(peaks: FloatArray, acts: BoolArray) -> float:
     """Average the total over the signals that act."""
     total = 0.0
     for peak, there in zip(peaks, acts, strict=True):

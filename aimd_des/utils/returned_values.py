@@ -12,9 +12,7 @@ import numpy.typing as npt
 
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError, SimulationError
-from aimd_des.utils.validation import FloatArray
-
-BoolArray = npt.NDArray[np.bool_]
+from aimd_des.utils.validation import BoolArray, FloatArray
 
 _Kind = TypeVar("_Kind")
 

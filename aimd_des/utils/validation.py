@@ -16,6 +16,8 @@ from aimd_des.utils.docstrings import described_like
 from aimd_des.utils.errors import InputError
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 _Value = TypeVar("_Value")
 
@@ -40,9 +42,7 @@ def _interval(low: float, high: float, low_open: bool, high_open: bool) -> str:
     return " ".join(["a finite number", " and ".join(parts)]).rstrip()
 
 
-def _outside(
-    values: FloatArray, low: float, high: float, low_open: bool, high_open: bool
-) -> npt.NDArray[np.bool_]:
+def _outside(values: FloatArray, low: float, high: float, low_open: bool, high_open: bool) -> BoolArray:
     below = values <= low if low_open else values < low
     above = values >= high if high_open else values > high
     return ~np.isfinite(values) | below | above

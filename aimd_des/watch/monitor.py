@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from aimd_des.engine.delivery import Signal
 from aimd_des.engine.run_in_progress import Run
@@ -21,7 +20,7 @@ from aimd_des.results import metrics
 from aimd_des.results.result import Result
 from aimd_des.results.run_data import Piece
 from aimd_des.results.tracking import piece_problem
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import FloatArray, IntArray
 from aimd_des.watch.keys import BACK_TAB, TAB, Keys, NoKeys
 
 # To measure the misallocation an optimum is solved for: seconds, for more agents.
@@ -49,10 +48,10 @@ class Snapshot(NamedTuple):
     # Total demand, and the capacity in force, in units of the resources.
     demand: FloatArray
     capacity: FloatArray
-    signals: npt.NDArray[np.int64]  # how many were sent until now
+    signals: IntArray  # how many were sent until now
     utilisation: FloatArray  # sum of the averages of present agents, over the capacity
     misallocation: FloatArray  # of present agents; NaN where it is not measured
-    in_flight: npt.NDArray[np.int64] | None = None  # copies that have left and not arrived
+    in_flight: IntArray | None = None  # copies that have left and not arrived
     agent: Agent | None = None
     paused: bool = False
 
@@ -148,7 +147,7 @@ class Monitor:
         """Take note of copies that are on their way."""
         self._copies.append((signal.resource, arrival[np.isfinite(arrival)]))
 
-    def _in_flight(self, now: float, n_resources: int) -> npt.NDArray[np.int64]:
+    def _in_flight(self, now: float, n_resources: int) -> IntArray:
         """Count the copies that have not arrived, and forget all others."""
         left = [(resource, arrival[arrival > now]) for resource, arrival in self._copies]
         self._copies = [(resource, arrival) for resource, arrival in left if len(arrival)]

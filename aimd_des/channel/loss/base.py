@@ -2,13 +2,9 @@
 
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-import numpy.typing as npt
-
 from aimd_des.channel.random_draws import Draws
 from aimd_des.utils import returned_values
-
-BoolArray = npt.NDArray[np.bool_]
+from aimd_des.utils.validation import BoolArray
 
 
 class LossProcess(Protocol):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.channel.loss.base import BoolArray, Loss, LossProcess, draw_loss
+from aimd_des.channel.loss.base import Loss, LossProcess, draw_loss
 from aimd_des.channel.loss.independent import Bernoulli
 from aimd_des.channel.loss.kernels import TabledLoss, join
 from aimd_des.channel.loss.starting import start_loss
@@ -17,7 +17,7 @@ from aimd_des.channel.parameters import model_of, scalar_or_row
 from aimd_des.channel.random_draws import Draws
 from aimd_des.utils import returned_values
 from aimd_des.utils.errors import InputError
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import BoolArray, FloatArray
 
 
 class Combined:

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.channel.loss.base import BoolArray
 from aimd_des.channel.loss.own_loss import call_lost
 from aimd_des.channel.random_draws import LANES_PER_PART, Draws
 from aimd_des.utils.errors import SimulationError
@@ -16,9 +15,7 @@ from aimd_des.utils.locked_arrays import carry_over
 from aimd_des.utils.portable_math import exp
 from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, Purpose, uniform_at, uniforms_row
-from aimd_des.utils.validation import FloatArray
-
-IntArray = npt.NDArray[np.int64]
+from aimd_des.utils.validation import BoolArray, FloatArray, IntArray
 
 
 class Cause(IntEnum):

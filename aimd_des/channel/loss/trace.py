@@ -8,14 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.channel.csv_columns import read_columns
-from aimd_des.channel.loss.base import BoolArray
 from aimd_des.channel.loss.kernels import Cause, TabledLoss, loss_table
 from aimd_des.channel.parameters import scalar_or_row
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import built_in
 from aimd_des.utils.shown import brief
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import BoolArray, FloatArray
 
 _WORDS = {"0": False, "1": True, "false": False, "true": True}
 _REMEDY = "one row for each broadcast, and either no columns or one for each agent"

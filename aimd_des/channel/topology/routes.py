@@ -12,15 +12,13 @@ from heapq import heappop, heappush
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from aimd_des.channel.network_kernel import NetworkTable, network_table
 from aimd_des.channel.topology.attributes import Graph, edge_number, known_node, simple_graph
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import FloatArray, IntArray
 
-IntArray = npt.NDArray[np.int64]
 Arc = tuple[int, int]
 
 # So many agents out of reach are named, of more the first ones.

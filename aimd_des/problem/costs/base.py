@@ -2,13 +2,10 @@
 
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-import numpy.typing as npt
-
 from aimd_des.problem.costs.marginal import Marginal
 from aimd_des.problem.costs.table import CostTable
 from aimd_des.utils import validation
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import FloatArray, IntArray
 
 _NAMES = ("n_agents", "n_resources", "separable", "proven", "value", "gradient", "hessian")
 
@@ -78,7 +75,7 @@ class CostMethods(Protocol):
         """Multiply the costs by weights > 0 of shape (n, 1), or (n, m) if the family can do that."""
         ...
 
-    def select(self, agents: npt.NDArray[np.int64]) -> Costs:
+    def select(self, agents: IntArray) -> Costs:
         """Take out the costs of agents, by their indices in ascending order."""
         ...
 

@@ -20,7 +20,7 @@ from aimd_des.problem.costs.table import CostTable, separable_table
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import built_in
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import FloatArray, IntArray
 
 
 class CoupledCosts:
@@ -193,7 +193,7 @@ class CoupledCosts:
             sum_coefficients=self.sum_coefficients * factors[:, None],
         )
 
-    def select(self, agents: npt.NDArray[np.int64]) -> "CoupledCosts":
+    def select(self, agents: IntArray) -> "CoupledCosts":
         """Take out some agents."""
         return CoupledCosts(
             self.separable_part.select(agents),

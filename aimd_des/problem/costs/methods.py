@@ -17,7 +17,7 @@ from aimd_des.problem.costs.table import CostTable, no_table
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.returned_values import calling, said_by
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import FloatArray, IntArray
 
 
 def _own(costs: Costs, method: str, *given: Any) -> Any:
@@ -190,7 +190,7 @@ class _Scaled(_Derived):
 class _Selected(_Derived):
     """The costs of some agents, evaluated among those of all."""
 
-    def __init__(self, costs: Costs, kept: npt.NDArray[np.int64]) -> None:
+    def __init__(self, costs: Costs, kept: IntArray) -> None:
         super().__init__(costs, len(kept))
         self.kept = kept
 

@@ -11,7 +11,7 @@ from aimd_des.problem.costs.table import CostTable, separable_table
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import built_in
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import FloatArray, IntArray
 
 _MAX_EXPONENT = 64
 
@@ -135,7 +135,7 @@ class PolynomialCosts:
         """Multiply the costs by weights."""
         return PolynomialCosts(self.exponents, self.coefficients * weights[:, :, None])
 
-    def select(self, agents: npt.NDArray[np.int64]) -> "PolynomialCosts":
+    def select(self, agents: IntArray) -> "PolynomialCosts":
         """Take out some agents."""
         return PolynomialCosts(self.exponents, self.coefficients[agents])
 

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.records import record
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import FloatArray, IntArray
 
 
 @record
@@ -111,7 +111,7 @@ class CostTable(NamedTuple):
             powers=powers,
         )
 
-    def select(self, agents: npt.NDArray[np.int64]) -> "CostTable":
+    def select(self, agents: IntArray) -> "CostTable":
         """Take out some agents.
 
         Parameters

@@ -17,7 +17,7 @@ from aimd_des.problem.costs.table import CostTable
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import built_in
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import FloatArray, IntArray
 
 
 @built_in("costs", "terms")
@@ -103,7 +103,7 @@ class TermCosts:
         rows = np.broadcast_to(weights.T, (self.n_resources, self.n_agents))
         return self._with(self._table.scaled(rows), self._constant * weights)
 
-    def select(self, agents: npt.NDArray[np.int64]) -> Self:
+    def select(self, agents: IntArray) -> Self:
         """Take out some agents."""
         return self._with(self._table.select(agents), self._constant[agents])
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from aimd_des.problem.costs import Costs, family, sample_box, steepest_at_corners
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
-from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.validation import BoolArray, FloatArray
 
 _N_SAMPLES = 64
 # The search moves by this factor at first, and halves the move where it leads no further up.
@@ -78,7 +78,7 @@ def normalization_factors(
 
 def in_f_delta(
     costs: Costs, delta: npt.ArrayLike, upper: npt.ArrayLike, *, lower: float | npt.ArrayLike = 0.0
-) -> npt.NDArray[np.bool_]:
+) -> BoolArray:
     """Tell which costs satisfy eq. (def_F_delta) over a box instead of all of R_+.
 
     Examples
@@ -142,7 +142,7 @@ def _search(costs: Costs, resource: int, low: FloatArray, high: FloatArray) -> F
     best = np.tile(high, (costs.n_agents, 1))
     value = _steepness(costs, best)[:, resource]
 
-    def keep_better(trial: FloatArray) -> npt.NDArray[np.bool_]:
+    def keep_better(trial: FloatArray) -> BoolArray:
         found = _steepness(costs, trial)[:, resource]
         better = found > value
         value[better], best[better] = found[better], trial[better]
@@ -162,7 +162,7 @@ def _search(costs: Costs, resource: int, low: FloatArray, high: FloatArray) -> F
     return value
 
 
-def _increasing_and_convex(costs: Costs, low: FloatArray, high: FloatArray) -> npt.NDArray[np.bool_]:
+def _increasing_and_convex(costs: Costs, low: FloatArray, high: FloatArray) -> BoolArray:
     """Look at samples of the box, (n,): derivatives positive, eigenvalues of the Hessian not negative."""
     fine = np.ones(costs.n_agents, dtype=bool)
     for point in sample_box(high - low, _N_SAMPLES):
