@@ -32,7 +32,7 @@ def command(kind: str, out: Path | None) -> None:
     if out is None:
         say(text, end=False)
         return
-    from aimd_des.study.seal import write_file
+    from aimd_des.utils.whole_files import write_file
 
     with writing(out):
         write_file(out, text.encode())

@@ -63,7 +63,7 @@ def check_plot(path: Path) -> None:
 
 def plot_study(results: "StudyResults", axes: list[str], measure: str, path: Path) -> None:
     """Write the figure of a measure."""
-    from aimd_des.study.seal import write_file
+    from aimd_des.utils.whole_files import write_file
 
     picture = BytesIO()
     results.plot(measure, axes).savefig(picture, format=path.suffix[1:], dpi=_DPI)

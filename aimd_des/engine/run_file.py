@@ -5,9 +5,7 @@ A line that says what it is, a line with the SHA-256 of all that follows, and th
 """
 
 import json
-import os
 import zipfile
-from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from hashlib import sha256
 from io import BytesIO
@@ -22,6 +20,7 @@ from aimd_des.problem.costs import Costs, weighted_costs
 from aimd_des.results.metrics import Stretch
 from aimd_des.results.run_data import Piece, Signals
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.whole_files import write_file
 
 _MAGIC = b"aimd-des run 2\n"
 _LAYOUT = "layout"
@@ -64,7 +63,7 @@ def save_run(run: Begun, path: Path) -> None:
     np.savez(archive, **named)
     content = archive.getvalue()
     try:
-        _replace(path, _MAGIC + sha256(content).hexdigest().encode() + b"\n" + content)
+        write_file(path, _MAGIC + sha256(content).hexdigest().encode() + b"\n" + content, unfinished(path))
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
 
@@ -73,21 +72,6 @@ def unfinished(path: Path) -> Path:
     """Name the file that is there while another one is written, and stays where the process is killed."""
     # One and the same name: what was left is overwritten by the next.
     return path.with_name(f".{path.name}.part")
-
-
-def _replace(path: Path, content: bytes) -> None:
-    """Write a file under another name, and give it its own once it is whole."""
-    part = unfinished(path)
-    try:
-        with part.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    except BaseException:
-        with suppress(OSError):
-            part.unlink()
-        raise
 
 
 def read_run(path: Path, simulation: Arguments) -> tuple[float, tuple[int, ...], dict[str, Any]]:

@@ -13,9 +13,9 @@ from typing import Any
 from aimd_des.live.player import Player
 from aimd_des.live.settings import GROUPS, State, scenario_of, shown_of
 from aimd_des.scenario import Scenario
-from aimd_des.study.seal import write_file
 from aimd_des.utils.colours import COLOURS
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.whole_files import write_file
 
 # In the order in which they need each other.
 _SCRIPTS = ("data.js", "scales.js", "ring.js", "score.js", "charts.js", "view.js", "controls.js", "main.js")

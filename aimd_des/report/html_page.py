@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 
 from aimd_des._version import __version__
 from aimd_des.report.script import bundled
-from aimd_des.study.seal import write_file
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.whole_files import write_file
 
 _LIBRARIES = ("altair", "jinja2", "vl_convert")
 

@@ -6,7 +6,7 @@ from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 
-from aimd_des.study.seal import write_file
+from aimd_des.utils.whole_files import write_file
 
 # Beside what Python and Numba keep of this package; it goes with them.
 _KEPT = Path(__file__).with_name("__pycache__")

@@ -17,12 +17,13 @@ from aimd_des._version import RESULT_VERSION
 from aimd_des.study.fingerprint import fingerprint
 from aimd_des.study.locks import LOCK, alone
 from aimd_des.study.outcomes import decoded, encoded
-from aimd_des.study.seal import is_left, read_sealed, sweep_left, write_file, write_sealed
+from aimd_des.study.seal import read_sealed, write_sealed
 from aimd_des.study.workers import Processes
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError, SimulationError
 from aimd_des.utils.folders import check_folder
 from aimd_des.utils.validation import FloatArray
+from aimd_des.utils.whole_files import is_left, sweep_left, write_file
 
 _Outcome = TypeVar("_Outcome")
 _Call = tuple[Callable[[int], _Outcome], int]

@@ -5,14 +5,12 @@ digest appear at once and stay together when files are copied.  It covers all ot
 the file below its folder: the file of another run is no substitute.
 """
 
-import os
-import re
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
-from uuid import uuid4
 
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.whole_files import write_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -27,8 +25,6 @@ _FORMS = {
 _DIGITS = 64
 # A Parquet file ends with the length of its footer, and four letters.
 _PARQUET_END = 8
-# What a process that was killed leaves: see `write_file`.
-_LEFT = re.compile(r"\..+\.[0-9a-f]{32}\.tmp")
 
 
 def _behind(content: bytes, suffix: str) -> int:
@@ -45,32 +41,6 @@ def _seal(name: str, content: bytes) -> bytes:
     digest = sha256(name.encode() + b"\n")
     digest.update(content)
     return before + digest.hexdigest().encode() + after
-
-
-def write_file(path: Path, content: "bytes | pa.Buffer") -> None:
-    """Write a file under a temporary name, and give it its own when all of it is on the disk."""
-    temporary = path.with_name(f".{path.name}.{uuid4().hex}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-
-
-def is_left(name: str) -> bool:
-    """Tell whether a file is one that a process could not end."""
-    return _LEFT.fullmatch(name) is not None
-
-
-def sweep_left(folder: Path) -> None:
-    """Remove what processes that were killed have left; the folder must be ours and not in use."""
-    for left in folder.glob(".*.tmp"):
-        if is_left(left.name):
-            left.unlink(missing_ok=True)
 
 
 def write_sealed(folder: Path, name: str, content: "bytes | pa.Buffer") -> None:

@@ -18,9 +18,10 @@ from aimd_des.results.frames import columns_now
 from aimd_des.study.columns import FRAMES
 from aimd_des.study.file import STUDY_FILE
 from aimd_des.study.locks import LOCK, alone
-from aimd_des.study.seal import is_left, read_sealed, sweep_left, write_sealed
+from aimd_des.study.seal import read_sealed, write_sealed
 from aimd_des.study.study import Study
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.whole_files import is_left, sweep_left
 
 _LOGGER = logging.getLogger("aimd_des")
 

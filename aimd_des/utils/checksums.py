@@ -6,6 +6,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.whole_files import write_file
 
 #: The file that holds them: a line for each file, its SHA-256 and its name.
 SUMS = "SHA256SUMS"
@@ -25,10 +26,9 @@ def checksums_of(folder: Path, names: Iterable[str]) -> dict[str, str]:
 
 def write_checksums(folder: Path, sums: Mapping[str, str]) -> None:
     """Write the checksums of files beside them, whole or not at all."""
-    temporary = folder / f".{SUMS}.tmp"
     # The line ends are part of the form, also where the system has others.
-    temporary.write_bytes("".join(f"{found}  {name}\n" for name, found in sorted(sums.items())).encode())
-    temporary.replace(folder / SUMS)
+    lines = "".join(f"{found}  {name}\n" for name, found in sorted(sums.items()))
+    write_file(folder / SUMS, lines.encode(), folder / f".{SUMS}.tmp")
 
 
 def read_checksums(folder: Path, remedy: str) -> dict[str, str] | None:
