@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _MOST_POINTS = 5
 
 
-def compare_studies(first: Path, second: Path, measures: Sequence[str] = ()) -> None:
+def compare_studies(first: Path, second: Path, measures: Sequence[str]) -> None:
     """Print in which keys two studies differ, and the differences of means at the points that both have."""
     from aimd_des.results.measures import measure_words
     from aimd_des.study import load_study

@@ -14,7 +14,7 @@ from aimd_des.utils.errors import InputError
 _PROBLEM = ("resources", "costs")
 
 
-def show_run(run: StoredRun, measures: Sequence[str] = ()) -> None:
+def show_run(run: StoredRun, measures: Sequence[str]) -> None:
     """Print what was run, with which versions, and the measures of each resource."""
     chosen_of_run(run, measures)
     of_model = "model" in run.scenario
@@ -49,7 +49,7 @@ def chosen_of_run(run: StoredRun, measures: Sequence[str]) -> list[str]:
     return list(measures) or known
 
 
-def compare_runs(first: StoredRun, second: StoredRun, measures: Sequence[str] = ()) -> None:
+def compare_runs(first: StoredRun, second: StoredRun, measures: Sequence[str]) -> None:
     """Print where two runs differ, whether their digests are equal, and their measures side by side."""
     shared = [name for name in first.measures if name in second.measures]
     if not shared:

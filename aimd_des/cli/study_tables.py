@@ -32,7 +32,7 @@ def chosen_measures(kept: Sequence[str], measures: Sequence[str]) -> list[str]:
     return list(measures) or [name for name in FIRST[:_MOST_MEASURES] if name in kept] or list(kept)
 
 
-def show_study(folder: Path, measures: Sequence[str] = (), by: Sequence[str] = ()) -> None:
+def show_study(folder: Path, measures: Sequence[str], by: Sequence[str]) -> None:
     """Print what a study is, the means at each point, and what failed or is missing."""
     from aimd_des.study import load_study
 

@@ -255,15 +255,15 @@ def _put_unit(data: dict[str, Any], chosen: Mapping[str, Any], shown: Mapping[st
         unit = "sampled"
     if unit != shown_unit(data) or {"unit", "hold_off", "period"} & set(chosen):
         if unit == "crossing":
-            data["control_unit"] = {"kind": "crossing", "hold_off": _or(shown["hold_off"], 1.0)}
+            data["control_unit"] = {"kind": "crossing", "hold_off": _or_one(shown["hold_off"])}
         else:
-            data["control_unit"] = {"kind": "sampled", "period": _or(shown["period"], 1.0)}
+            data["control_unit"] = {"kind": "sampled", "period": _or_one(shown["period"])}
     if "threshold" in chosen:
         _put_threshold(data, chosen["threshold"])
 
 
-def _or(value: Any, otherwise: float) -> Any:
-    return otherwise if value is None else value
+def _or_one(value: Any) -> Any:
+    return 1.0 if value is None else value
 
 
 def shown_unit(data: Mapping[str, Any]) -> str | None:

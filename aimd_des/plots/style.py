@@ -46,7 +46,7 @@ def mark(resource: int) -> str:
     return _MARKS[resource % len(_MARKS)]
 
 
-def marked(resource: int, count: int, first: int = 0) -> dict[str, Any]:
+def marked(resource: int, count: int, first: int) -> dict[str, Any]:
     """Give the mark of a resource to some of so many points of a curve: of several curves to others."""
     every = max(count // 7, 1)
     return {"marker": mark(resource), "markevery": (min(first, count - 1), every), "markersize": 4.5}

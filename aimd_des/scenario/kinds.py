@@ -116,7 +116,7 @@ def our_kinds(group: str = "") -> tuple[Kind, ...]:
     return tuple(kind for kind in found if not kind.is_own)
 
 
-def own_kinds(group: str = "") -> tuple[Kind, ...]:
+def own_kinds(group: str) -> tuple[Kind, ...]:
     """List what users have: imports the modules around that register parts, and no others."""
     for module in modules_around():
         for name in PARTS.within(module):

@@ -54,9 +54,9 @@ def straddle(allocation: FloatArray, resource: int) -> tuple[FloatArray, FloatAr
     return ahead, behind, ahead[:, resource] - behind[:, resource]
 
 
-def check_gradient(costs: Costs, upper: FloatArray, n_points: int = 8) -> None:
+def check_gradient(costs: Costs, upper: FloatArray) -> None:
     """Hold the gradient against central differences of the value on samples of the box."""
-    for point in sample_box(upper, n_points):
+    for point in sample_box(upper, 8):
         allocation = np.tile(point, (costs.n_agents, 1))
         gradient = costs.gradient(allocation)
         scale = np.abs(gradient).max(axis=1)
@@ -88,9 +88,9 @@ def sample_box(upper: FloatArray, n_points: int) -> FloatArray:
     return np.asarray(unit * upper)
 
 
-def check_on_box(costs: Costs, upper: FloatArray, n_points: int = 32) -> None:
+def check_on_box(costs: Costs, upper: FloatArray) -> None:
     """Check by sampling that every f_i is increasing and convex on the box 0 < x^j <= upper^j."""
-    for point in sample_box(upper, n_points):
+    for point in sample_box(upper, 32):
         allocation = np.tile(point, (costs.n_agents, 1))
         where = f"x = {np.array2string(point, precision=6, separator=', ')}"
         with np.errstate(all="ignore"):  # what is not finite is refused by name
