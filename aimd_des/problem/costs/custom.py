@@ -9,6 +9,7 @@ from numba.core.dispatcher import Dispatcher
 from aimd_des.problem.costs.checks import straddle
 from aimd_des.problem.costs.marginal import Marginal
 from aimd_des.utils import validation
+from aimd_des.utils.docstrings import described_like
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
@@ -89,13 +90,9 @@ class CustomCosts:
         """
         return _of_all("value", self.agent_value, allocation, ())
 
+    @described_like(value)
     def gradient(self, allocation: FloatArray) -> FloatArray:
         """Evaluate grad_j f_i(x_i).
-
-        Parameters
-        ----------
-        allocation : ndarray, shape (n, m)
-            In units of the resources.
 
         Returns
         -------
@@ -104,13 +101,9 @@ class CustomCosts:
         """
         return _of_all("gradient", self.agent_gradient, allocation, (self.n_resources,))
 
+    @described_like(value)
     def hessian(self, allocation: FloatArray) -> FloatArray:
         """Evaluate the second derivatives of f_i at x_i, by differences where no function is given.
-
-        Parameters
-        ----------
-        allocation : ndarray, shape (n, m)
-            In units of the resources.
 
         Returns
         -------
