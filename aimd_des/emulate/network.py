@@ -11,18 +11,9 @@ from aimd_des.emulate.outcome import Rows, answers, sent_signals, unheard
 from aimd_des.emulate.records import Kind
 from aimd_des.emulate.served import Setting
 
-#: What each file holds, by its name without ".csv".
-FILES = {
-    "network_delays": "each datagram at each process: how long it was under way",
-    "network_losses": "each signal: 1 for an agent whose process did not receive it",
-    "network_counts": "each process: datagrams received, lost, twice, and behind one that was sent later",
-    "unit_lateness": "each signal: how long after the planned look, or the crossing, it left",
-    "agent_lateness": "each answer: how long after the arrival of its copy it was given",
-}
-
 
 def network_frames(setting: Setting, measured: Measured) -> dict[str, pd.DataFrame]:
-    """Put what was measured into frames, by the names of `FILES`, in units of time or ``_ms``."""
+    """Put what was measured into frames, in units of time or, in columns that end so, in ``ms``."""
     sent = sent_signals(measured.rows, measured.reached)
     gone = sent[sent["heard"] > 0.0]
     answered = answers(measured.rows, measured.reached)
