@@ -16,27 +16,7 @@ _LOGGER = logging.getLogger("aimd_des")
 
 
 def estimated(scenario: Scenario, problem: Problem | None = None) -> RareEvent:
-    """Estimate the probability of the rare event that a scenario names.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        With a table ``[rare_event]``; agents need not be a fleet, and the end of its run does not matter.
-    problem : Problem, optional
-        That of the scenario, if it has been built.
-
-    Returns
-    -------
-    RareEvent
-        The same for the same scenario.
-
-    Raises
-    ------
-    InputError
-        If the scenario names none, has a warm-up, or `rare_event` refuses it.
-    SimulationError
-        If the pilot does not come to the level.
-    """
+    """Estimate the probability of the rare event that a scenario names in its table ``[rare_event]``."""
     if scenario.rare_event is None:
         raise InputError.of("rare_event", None, "a table of the scenario")
     if scenario.warm_up is not None:

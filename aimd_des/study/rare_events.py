@@ -11,7 +11,7 @@ from aimd_des.engine.observers import ConstantPieces, LinearPieces
 from aimd_des.problem.lookup import resource_index
 from aimd_des.results.misallocation import misallocation
 from aimd_des.results.recording import Recording
-from aimd_des.study.splitting import Estimate, Path, find_levels, fixed_effort, restart
+from aimd_des.study.splitting import Estimate, SplitPath, find_levels, fixed_effort, restart
 from aimd_des.study.statistics.intervals import Interval, mean_interval
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError, SimulationError
@@ -264,7 +264,7 @@ def _within_range(found: Interval) -> Interval:
     return replace(found, low=max(0.0, found.low), high=min(1.0, found.high))
 
 
-def _estimate(root: Path, levels: tuple[float, ...], method: Method, trials: int, salt: int) -> Estimate:
+def _estimate(root: SplitPath, levels: tuple[float, ...], method: Method, trials: int, salt: int) -> Estimate:
     """Make one repetition, from a root of its own."""
     if method == "fixed_effort":
         return fixed_effort(root, levels, trials, np.random.default_rng(salt))

@@ -23,7 +23,7 @@ _MOST_LEVELS = 50
 _MOST_STEPS = 10_000_000
 
 
-class Path(Protocol):
+class SplitPath(Protocol):
     """A path in progress, which may be gone on with more than once."""
 
     @property
@@ -46,42 +46,15 @@ class Path(Protocol):
 
 @dataclass(frozen=True)
 class Estimate:
-    """One independent estimate.
+    """One independent estimate."""
 
-    Attributes
-    ----------
-    probability : float
-        Unbiased; may be above 1 by RESTART.
-    shares : tuple of float
-        By fixed effort, of the trials of each level, those that have reached it, up to the first level that
-        none has reached; empty by RESTART.
-    """
-
-    probability: float
+    probability: float  # unbiased; may be above 1 by RESTART
+    # of the trials of each level, those that have reached it, up to the first that none has; empty by RESTART
     shares: tuple[float, ...] = ()
 
 
-def find_levels(root: Path, wanted: Sequence[float], trials: int) -> tuple[tuple[float, ...], bool]:
-    """Choose levels by a pilot: each is reached by a fifth of the paths from the one before, or by fewer.
-
-    Those that are wanted are among them, and may be reached by more.
-
-    Parameters
-    ----------
-    root : Path
-        Which has not reached the first of them.
-    wanted : sequence of float
-        Ascending; the last of them is the last of all.
-    trials : int
-        How many paths from each level.
-
-    Returns
-    -------
-    levels : tuple of float
-        Ascending, with the last.
-    found : bool
-        Whether the pilot has come to the last one; if not, the others are those it has come to.
-    """
+def find_levels(root: SplitPath, wanted: Sequence[float], trials: int) -> tuple[tuple[float, ...], bool]:
+    """Choose levels by a pilot, each reached by a fifth of the paths from the one before, or by fewer."""
     salts, left = count(), list(wanted)
     states, levels = [root], list[float]()
     kept = max(2, trials // _SPLIT)
@@ -111,25 +84,8 @@ def find_levels(root: Path, wanted: Sequence[float], trials: int) -> tuple[tuple
     return tuple(levels), False
 
 
-def fixed_effort(root: Path, levels: Sequence[float], trials: int, rng: np.random.Generator) -> Estimate:
-    """Estimate by the same number of trials from every level.
-
-    Parameters
-    ----------
-    root : Path
-        Goes on unaffected.
-    levels : sequence of float
-        Ascending; the last is the event.
-    trials : int
-        From the root, and from each level but the last.
-    rng : Generator
-        Decides which of the paths that have reached a level have one trial more than the others.
-
-    Returns
-    -------
-    Estimate
-        The product of the shares.
-    """
+def fixed_effort(root: SplitPath, levels: Sequence[float], trials: int, rng: np.random.Generator) -> Estimate:
+    """Estimate by the same number of trials from the root and every level: the product of the shares."""
     salts, states, shares = count(), [root], list[float]()
     for level in levels:
         # Each state as often as the others, but for a remainder that is drawn: that lessens the variance.
@@ -142,27 +98,11 @@ def fixed_effort(root: Path, levels: Sequence[float], trials: int, rng: np.rando
     return Estimate(float(np.prod(shares)), tuple(shares))
 
 
-def restart(root: Path, levels: Sequence[float], trials: int) -> Estimate | None:
-    """Estimate by paths from the root, each split into five whenever it passes a level upwards.
-
-    Parameters
-    ----------
-    root : Path
-        Goes on unaffected.
-    levels : sequence of float
-        Ascending; the last is the event.
-    trials : int
-        Paths from the root.
-
-    Returns
-    -------
-    Estimate or None
-        The number of paths that reach the last level over that of all that would have been; None where there
-        are too many, since levels are badly placed.
-    """
+def restart(root: SplitPath, levels: Sequence[float], trials: int) -> Estimate | None:
+    """Estimate by paths that are split into five at each level they pass; None where there are too many."""
     salts, hits, steps, splits = count(), 0, 0, len(levels) - 1
     # A path, how many levels it has passed, at which of them it was born, and what it has just seen.
-    open_ways: list[tuple[Path, int, int, float | None]] = []
+    open_ways: list[tuple[SplitPath, int, int, float | None]] = []
     for _ in range(trials):
         main = root.fork(next(salts))
         open_ways.append((main, 0, 0, main.reached))
