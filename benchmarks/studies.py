@@ -13,7 +13,7 @@ from typing import Any
 
 from aimd_des.results.measures import MEASURED
 from aimd_des.study import Study, journal, run_study
-from aimd_des.study.points import Run, expand, run_of
+from aimd_des.study.points import PlannedRun, expand, run_of
 from aimd_des.study.run_tables import RUN_AWAY, VERSIONS, run_schema, summary_of
 from aimd_des.study.shared_parts import SharedParts
 from aimd_des.study.store import Store
@@ -65,7 +65,7 @@ def _study(options: argparse.Namespace, seed: int, measures: list[str] | None) -
     )
 
 
-def _runs(study: Study) -> list[Run]:
+def _runs(study: Study) -> list[PlannedRun]:
     points = expand(study)
     return [run_of(study, point, place) for place in range(study.replications) for point in points]
 

@@ -25,7 +25,7 @@ from aimd_des import (
 from aimd_des.emulate.agent import EmulatedAgent, Holding, Rule
 from aimd_des.emulate.averages import Average, Fading, OverAll, Rising
 from aimd_des.emulate.framing import LONGEST_FRAME, WORDS, BrokenFrameError, Framer, read_words
-from aimd_des.emulate.records import ROW_SIZE, Kind, Row, packed, read_rows
+from aimd_des.emulate.records import ROW_SIZE, Row, RowKind, packed, read_rows
 from aimd_des.emulate.served import check_setting
 from aimd_des.emulate.wire import (
     LONGEST_DATAGRAM,
@@ -203,7 +203,7 @@ def test_frames_come_out_as_they_went_in_and_nothing_else_does() -> None:
 
 
 def test_rows_are_kept_as_they_are_and_half_a_row_is_left_out() -> None:
-    row = Row(Kind.ANSWER, 3, 41, 2, 17, 80, 1, 3, 0.1, 0.2, 0.3, 1.5, 1.25, 7.0, 0.4)
+    row = Row(RowKind.ANSWER, 3, 41, 2, 17, 80, 1, 3, 0.1, 0.2, 0.3, 1.5, 1.25, 7.0, 0.4)
     found = read_rows(packed(row) * 2 + packed(row)[: ROW_SIZE - 1])
     assert len(found) == 2
     assert Row(*found[1].item()) == row

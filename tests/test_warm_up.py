@@ -11,7 +11,7 @@ import pytest
 from aimd_des import InputError, Result
 from aimd_des.scenario import validate_scenario
 from aimd_des.study import Axis, Study, run_study, shared_parts
-from aimd_des.study.points import Job, Run, expand, run_of
+from aimd_des.study.points import Job, PlannedRun, expand, run_of
 from aimd_des.study.schedule import Schedule
 from aimd_des.study.warm_ups import WarmUps, warm_up_file
 from tests.forks import forks
@@ -134,7 +134,7 @@ def test_runs_wait_for_the_one_that_makes_their_warm_up(tmp_path: Path) -> None:
     points = expand(made)
     schedule, warm_ups = Schedule(made, points, {}), WarmUps(made, tmp_path, len(points))
 
-    def begun() -> Run | None:
+    def begun() -> PlannedRun | None:
         run = schedule.next(warm_ups.waits)
         if run is not None:
             warm_ups.begin(run)

@@ -27,7 +27,7 @@ from aimd_des import (
 )
 from aimd_des.scenario import load_scenario
 from aimd_des.watch import LiveView, Monitor, NoKeys, PlainView, Snapshot, keyboard, last_snapshot
-from aimd_des.watch.monitor import Agent
+from aimd_des.watch.monitor import WatchedAgent
 from aimd_des.watch.terminal import sparkline, tall_curve
 from tests.command_line import digest, invoke, refusal, run, write
 from tests.conftest import INLINE, assert_same_run, random_problem
@@ -355,7 +355,7 @@ def test_a_full_terminal_has_tall_curves_the_agent_and_the_keys() -> None:
     sizes = {"width": 100, "height": 40}
     console = Console(file=raw, force_terminal=True, color_system="standard", legacy_windows=False, **sizes)
     view = LiveView(PROBLEM, 10.0, "A title", console, full=True)
-    agent = Agent(1, np.array([0.5, 0.25]), np.array([0.4, 0.2]))
+    agent = WatchedAgent(1, np.array([0.5, 0.25]), np.array([0.4, 0.2]))
     seen = look()._replace(in_flight=np.array([7, 8]), agent=agent, paused=True)
     for height in (40, 20, 8):  # the terminal is made smaller
         console.size = (100, height)

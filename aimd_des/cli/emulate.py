@@ -15,7 +15,7 @@ from aimd_des.cli.set_option import changes, check_command, set_option
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from aimd_des.emulate import Measured, Setting
+    from aimd_des.emulate import Collected, Emulation
     from aimd_des.scenario import Scenario
     from aimd_des.utils.folders import Place
 
@@ -127,7 +127,7 @@ def _refuse(option: str, others: dict[str, object]) -> None:
             raise Refusal(f"{name}: has no meaning with {option}; leave it out")
 
 
-def _conducted(setting: "Setting", transport: str, listen: str | None, token: str | None) -> "Measured":
+def _conducted(setting: "Emulation", transport: str, listen: str | None, token: str | None) -> "Collected":
     """Run, and show how far it is."""
     from aimd_des.emulate import Conductor, Listener, check_token, parsed_address
     from aimd_des.utils.progress import RunProgress
@@ -144,7 +144,7 @@ def _conducted(setting: "Setting", transport: str, listen: str | None, token: st
         return conductor.run()
 
 
-def _write(place: "Place", setting: "Setting", measured: "Measured", figures: bool) -> None:
+def _write(place: "Place", setting: "Emulation", measured: "Collected", figures: bool) -> None:
     """Write the folder, and say what came out."""
     from aimd_des.cli.run_tables import print_measures
     from aimd_des.emulate import lateness_words, write_emulation

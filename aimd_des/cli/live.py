@@ -80,14 +80,14 @@ def command(
 def _export(base: "Scenario", page: Path, since: float, to: float, *, overwrite: bool) -> None:
     """Write a page with one recorded run."""
     from aimd_des.live import export_page, write_page
-    from aimd_des.live.settings import State
+    from aimd_des.live.settings import PageState
     from aimd_des.utils import validation
 
     if page.exists() and not overwrite:
         raise Refusal(f"export = {str(page)!r}: must be a new file; choose another, or say --overwrite")
     for name, value in (("from", since), ("to", to)):
         validation.number(name, value, low=0.0 if name == "from" else since, high=base.until)
-    text = export_page(base, State({}, ()), since, to)
+    text = export_page(base, PageState({}, ()), since, to)
     with writing(page):
         write_page(text, page)
     say(f"Page in {page}")

@@ -1,22 +1,22 @@
 """A scenario run for real: agents as tasks of processes, signals as datagrams."""
 
-from aimd_des.emulate.conductor import Conductor, Measured
+from aimd_des.emulate.conductor import Collected, Conductor
 from aimd_des.emulate.folder import load_emulation, write_emulation
 from aimd_des.emulate.hosts import Listener, check_token, join
 from aimd_des.emulate.network import lateness_words, network_frames
 from aimd_des.emulate.outcome import outcome
 from aimd_des.emulate.replay import Replay, replay
 from aimd_des.emulate.replay_figure import replay_figure
-from aimd_des.emulate.served import MOST_PROCESSES, Setting, check_setting
+from aimd_des.emulate.served import MOST_PROCESSES, Emulation, check_setting
 from aimd_des.emulate.wire import parsed_address
 
 __all__ = [
     "MOST_PROCESSES",
+    "Collected",
     "Conductor",
+    "Emulation",
     "Listener",
-    "Measured",
     "Replay",
-    "Setting",
     "check_setting",
     "check_token",
     "join",

@@ -9,8 +9,8 @@ from aimd_des.channel import Broadcast
 from aimd_des.emulate.agent import Answer
 from aimd_des.emulate.framing import Line
 from aimd_des.emulate.pacing import Pace
-from aimd_des.emulate.records import Kind, Row, packed
-from aimd_des.emulate.served import Setting, records_losses
+from aimd_des.emulate.records import Row, RowKind, packed
+from aimd_des.emulate.served import Emulation, records_losses
 from aimd_des.emulate.wire import MeterDatagram, SignalDatagram, meter_datagram, read_signal
 from aimd_des.utils import rng
 from aimd_des.utils.rng import Purpose
@@ -59,7 +59,7 @@ class AgentsProcess(asyncio.DatagramProtocol):
     """The agents of one process, and what all of them need of it."""
 
     def __init__(
-        self, setting: Setting, process: int, pace: Pace, line: Line, meter: Meter, token: str
+        self, setting: Emulation, process: int, pace: Pace, line: Line, meter: Meter, token: str
     ) -> None:
         self.setting, self.process, self.pace, self.line, self.meter = setting, process, pace, line, meter
         self.token = token
@@ -94,10 +94,10 @@ class AgentsProcess(asyncio.DatagramProtocol):
             return
         about = (self.process, -1, signal.resource, signal.number, signal.sequence)
         if signal.sequence in self._seen:
-            self.keep(Row(Kind.REPEATED, *about, heard=now))
+            self.keep(Row(RowKind.REPEATED, *about, heard=now))
             return
         self._seen.add(signal.sequence)
-        self.keep(Row(Kind.HEARD, *about, heard=now))
+        self.keep(Row(RowKind.HEARD, *about, heard=now))
         self._deliver(signal, now)
 
     def _deliver(self, signal: SignalDatagram, now: float) -> None:
@@ -120,7 +120,7 @@ class AgentsProcess(asyncio.DatagramProtocol):
                     self._loop.call_at(self.pace.clock(due), self.inboxes[i].put_nowait, heard)
                 elif copy == 0:
                     about = (self.process, i, signal.resource, signal.number, signal.sequence)
-                    self.keep(Row(Kind.LOST, *about, heard=now))
+                    self.keep(Row(RowKind.LOST, *about, heard=now))
 
     async def live(self, index: int) -> None:
         """Be one agent: wait for a signal, answer it, and let its meter know."""
@@ -161,7 +161,7 @@ class AgentsProcess(asyncio.DatagramProtocol):
 
 def _answered(process: int, index: int, signal: Heard, time: float, answer: Answer) -> Row:
     return Row(
-        Kind.ANSWER,
+        RowKind.ANSWER,
         process,
         index,
         signal.resource,

@@ -25,8 +25,8 @@ from aimd_des.emulate.agents_process import GRACE
 from aimd_des.emulate.framing import LONGEST_FRAME, ROWS_OF, BrokenFrameError, Framer, read_words
 from aimd_des.emulate.members import Local, forked, local_agents, local_unit
 from aimd_des.emulate.pacing import Pace
-from aimd_des.emulate.records import Kind, read_rows
-from aimd_des.emulate.served import Setting
+from aimd_des.emulate.records import RowKind, read_rows
+from aimd_des.emulate.served import Emulation
 from aimd_des.emulate.wire import LOOPBACK, find_group, new_token
 from aimd_des.utils.errors import InputError, SimulationError
 from aimd_des.utils.validation import FloatArray
@@ -37,7 +37,7 @@ _PATIENCE, _AHEAD, _LOOK = 60.0, 0.2, 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class Collected:
     """What has been collected."""
 
     rows: npt.NDArray[Any]  # of `records.ROWS`, of all processes
@@ -73,7 +73,7 @@ class Conductor:
     """Runs an emulation on this machine; signals go as one datagram for all processes, or one for each."""
 
     def __init__(
-        self, setting: Setting, transport: str = "auto", watch: Callable[[float], None] | None = None
+        self, setting: Emulation, transport: str = "auto", watch: Callable[[float], None] | None = None
     ) -> None:
         self.setting, self.watch = setting, watch or (lambda time: None)
         self.group = None if transport == "unicast" else find_group()
@@ -86,7 +86,7 @@ class Conductor:
         self._processes: list[multiprocessing.process.BaseProcess] = []
         self._selector = selectors.DefaultSelector()
 
-    def run(self) -> Measured:
+    def run(self) -> Collected:
         """Run to the end, or as far as it goes."""
         stopped, interrupted, ended = "", False, None
         with _asked_to_end():
@@ -209,7 +209,7 @@ class Conductor:
             process.join()
             process.close()
 
-    def _measured(self, stopped: str, interrupted: bool, ended: float | None) -> Measured:
+    def _measured(self, stopped: str, interrupted: bool, ended: float | None) -> Collected:
         reached = self.setting.until
         if ended is not None:
             begun = self.started is not None
@@ -223,15 +223,15 @@ class Conductor:
             raise SimulationError(f"the emulation has not begun: {stopped}")
         offsets = tuple(member.offset for member in self.members if member.offset is not None)
         how = "unicast" if self.group is None else "multicast"
-        return Measured(
+        return Collected(
             sound_rows(read_rows(content), self.setting), reached, stopped, interrupted, how, offsets
         )
 
 
-def sound_rows(rows: npt.NDArray[Any], setting: Setting) -> npt.NDArray[Any]:
+def sound_rows(rows: npt.NDArray[Any], setting: Emulation) -> npt.NDArray[Any]:
     """Leave out rows that are about nothing that there is."""
     places = (("process", 0, setting.processes), ("resource", 0, setting.problem.n_resources))
-    kept = rows["kind"] <= max(Kind)
+    kept = rows["kind"] <= max(RowKind)
     for name, low, high in (*places, ("agent", -1, setting.problem.n_agents), ("copy", 0, 2)):
         kept &= (rows[name] >= low) & (rows[name] < high)
     return rows[kept]

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aimd_des.emulate.conductor import Measured, sound_rows
+from aimd_des.emulate.conductor import Collected, sound_rows
 from aimd_des.emulate.network import network_frames
 from aimd_des.emulate.outcome import Rows, outcome
 from aimd_des.emulate.records import ROWS
-from aimd_des.emulate.served import Setting, check_setting
+from aimd_des.emulate.served import Emulation, check_setting
 from aimd_des.results.result import Result
 from aimd_des.scenario.run_folder import StoredRun, load_run, write_run
 from aimd_des.scenario.scenario import Scenario, validate_scenario
@@ -23,7 +23,7 @@ from aimd_des.utils.folders import Place
 _ABOUT, _RECORDS = "emulation.json", "records"
 
 
-def cut_at(setting: Setting, reached: float) -> Setting:
+def cut_at(setting: Emulation, reached: float) -> Emulation:
     """Let a run end where it was stopped."""
     scenario = setting.scenario
     if reached >= scenario.until:
@@ -39,7 +39,7 @@ def cut_at(setting: Setting, reached: float) -> Setting:
 
 
 def write_emulation(
-    place: Place, setting: Setting, measured: Measured, *, figures: bool = True
+    place: Place, setting: Emulation, measured: Collected, *, figures: bool = True
 ) -> tuple[Result, dict[str, pd.DataFrame]]:
     """Write the folder of a run, with the records and with what was measured of the network."""
     setting = cut_at(setting, measured.reached)
@@ -68,8 +68,8 @@ class StoredEmulation:
     """A folder that `aimd-des emulate` wrote."""
 
     run: StoredRun
-    setting: Setting
-    measured: Measured
+    setting: Emulation
+    measured: Collected
 
     @property
     def scenario(self) -> Scenario:
@@ -91,7 +91,7 @@ def load_emulation(folder: Path) -> StoredEmulation:
     known = {name: str(about[name]) for name in ("stopped", "transport")}
     rows = sound_rows(rows, setting)
     return StoredEmulation(
-        run, setting, Measured(rows, scenario.until, known["stopped"], False, known["transport"], offsets)
+        run, setting, Collected(rows, scenario.until, known["stopped"], False, known["transport"], offsets)
     )
 
 

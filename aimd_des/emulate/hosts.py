@@ -17,7 +17,7 @@ from typing import Any
 from aimd_des.emulate.conductor import Conductor, Member, fork, shared_array
 from aimd_des.emulate.framing import NONCE, BrokenFrameError, Framer, derived, read_words
 from aimd_des.emulate.members import DONE, REFUSED, Remote, local_unit, remote_agents
-from aimd_des.emulate.served import Setting
+from aimd_des.emulate.served import Emulation
 from aimd_des.emulate.wire import receiver_at
 from aimd_des.utils.errors import InputError, SimulationError
 
@@ -37,7 +37,7 @@ def check_token(token: str | None) -> str:
     return token
 
 
-def digest_of(setting: Setting) -> str:
+def digest_of(setting: Emulation) -> str:
     """Give by what hosts see that they run the same scenario."""
     return hashlib.sha256(setting.scenario.canonical()).hexdigest()
 
@@ -58,7 +58,7 @@ class Listener(Conductor):
 
     def __init__(
         self,
-        setting: Setting,
+        setting: Emulation,
         address: tuple[str, int],
         token: str,
         watch: Callable[[float], None] | None = None,
@@ -156,7 +156,7 @@ class Listener(Conductor):
             waiting.pop(connection).connection.close()
 
 
-def join(setting: Setting, address: tuple[str, int], token: str, processes: int) -> None:
+def join(setting: Emulation, address: tuple[str, int], token: str, processes: int) -> None:
     """Let processes of this machine hold agents of an emulation that another host conducts."""
     setting.prepare()
     digest, ours = digest_of(setting), list[socket.socket]()

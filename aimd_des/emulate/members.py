@@ -19,8 +19,8 @@ import numpy as np
 from aimd_des.emulate.agents_process import AgentsProcess, Meter
 from aimd_des.emulate.framing import NONCE, BrokenFrameError, Line, derived
 from aimd_des.emulate.pacing import Pace, fine_loop
-from aimd_des.emulate.served import Setting
-from aimd_des.emulate.unit_process import Readings, UnitProcess
+from aimd_des.emulate.served import Emulation
+from aimd_des.emulate.unit_process import MeterReadings, UnitProcess
 from aimd_des.emulate.wire import Group, group_receiver, receiver_at, sender
 from aimd_des.utils.validation import FloatArray
 
@@ -39,7 +39,7 @@ class RefusedError(Exception):
 class Local:
     """What a process of the conductor's own machine is given at its fork."""
 
-    setting: Setting
+    setting: Emulation
     token: str  # of datagrams
     intercepts: FloatArray  # (m, n), shared by all processes: lines of demand, where they were at time 0
     connection: socket.socket
@@ -142,7 +142,7 @@ async def _local_unit(own: Local, readings: tuple[str, int] | None, line: Line) 
     if readings is not None:
         intercepts = np.zeros((own.setting.problem.n_resources, own.setting.processes))
         receiver, loop = receiver_at(*readings), asyncio.get_running_loop()
-        await loop.create_datagram_endpoint(lambda: Readings(intercepts, own.token), sock=receiver)
+        await loop.create_datagram_endpoint(lambda: MeterReadings(intercepts, own.token), sock=receiver)
     line.say(ready=True)
     said = await line.hear()
     receivers = [(address, port) for address, port in said["receivers"]]
@@ -168,7 +168,7 @@ async def clock_offset(line: Line) -> tuple[float, float]:
 class Remote:
     """What a process on another host is given at its fork."""
 
-    setting: Setting  # but for the unit and the number of processes, which the conductor says
+    setting: Emulation  # but for the unit and the number of processes, which the conductor says
     token: str  # as the user gave it
     digest: str  # of the scenario, which must be the conductor's
     conductor: tuple[str, int]
@@ -210,7 +210,7 @@ async def _remote_agents(plan: Remote) -> None:
 
 
 async def _remote_life(
-    setting: Setting,
+    setting: Emulation,
     process: int,
     line: Line,
     receiver: socket.socket,

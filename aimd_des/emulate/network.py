@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aimd_des.emulate.conductor import Measured
+from aimd_des.emulate.conductor import Collected
 from aimd_des.emulate.outcome import Rows, answers, sent_signals, unheard
-from aimd_des.emulate.records import Kind
-from aimd_des.emulate.served import Setting
+from aimd_des.emulate.records import RowKind
+from aimd_des.emulate.served import Emulation
 
 
-def network_frames(setting: Setting, measured: Measured) -> dict[str, pd.DataFrame]:
+def network_frames(setting: Emulation, measured: Collected) -> dict[str, pd.DataFrame]:
     """Put what was measured into frames, in units of time or, in columns that end so, in ``ms``."""
     sent = sent_signals(measured.rows, measured.reached)
     gone = sent[sent["heard"] > 0.0]
@@ -53,7 +53,7 @@ def network_frames(setting: Setting, measured: Measured) -> dict[str, pd.DataFra
 
 def _heard(rows: Rows, sent: Rows) -> tuple[Rows, Any]:
     """Give the datagrams that were received, and when each had left."""
-    heard = rows[rows["kind"] == Kind.HEARD]
+    heard = rows[rows["kind"] == RowKind.HEARD]
     heard = heard[np.isin(heard["sequence"], sent["sequence"])]
     return heard, sent["heard"][np.searchsorted(sent["sequence"], heard["sequence"])]
 
@@ -74,7 +74,7 @@ def _delays(rows: Rows, sent: Rows, names: Any, to_ms: float) -> pd.DataFrame:
     ).sort_values(["sequence", "process"], ignore_index=True)
 
 
-def _counts(setting: Setting, measured: Measured, sent: Rows) -> pd.DataFrame:
+def _counts(setting: Emulation, measured: Collected, sent: Rows) -> pd.DataFrame:
     rows = measured.rows
     heard, _ = _heard(rows, sent)
     table = []
@@ -82,7 +82,7 @@ def _counts(setting: Setting, measured: Measured, sent: Rows) -> pd.DataFrame:
         own = heard[heard["process"] == process]
         order = own["sequence"][np.argsort(own["heard"], kind="stable")]
         behind = int((order < np.maximum.accumulate(order)).sum()) if len(order) else 0
-        repeated = int(((rows["kind"] == Kind.REPEATED) & (rows["process"] == process)).sum())
+        repeated = int(((rows["kind"] == RowKind.REPEATED) & (rows["process"] == process)).sum())
         offset = measured.offsets[process] if measured.offsets else (0.0, 0.0)
         clock = {"clock_offset_s": offset[0], "clock_uncertainty_s": offset[1]}
         of = setting.agents_of(process)

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.emulate.averages import Average
-from aimd_des.emulate.conductor import Measured
-from aimd_des.emulate.records import Kind
-from aimd_des.emulate.served import Setting
+from aimd_des.emulate.conductor import Collected
+from aimd_des.emulate.records import RowKind
+from aimd_des.emulate.served import Emulation
 from aimd_des.results.event_log import Entry, EventLog
 from aimd_des.results.metrics import Overshoot, Stretch, overshoot_of
 from aimd_des.results.result import Result
@@ -26,14 +26,14 @@ _NOTHING = np.zeros(0, dtype=np.int64)
 
 def sent_signals(rows: Rows, until: float) -> Rows:
     """Give the signals of a run, in the order in which they were sent."""
-    sent = rows[(rows["kind"] == Kind.SENT) & (rows["time"] < until)]
+    sent = rows[(rows["kind"] == RowKind.SENT) & (rows["time"] < until)]
     ordered: Rows = sent[np.argsort(sent["sequence"])]
     return ordered
 
 
 def answers(rows: Rows, until: float) -> Rows:
     """Give the answers of a run, in the order of time."""
-    found = rows[(rows["kind"] == Kind.ANSWER) & (rows["time"] < until)]
+    found = rows[(rows["kind"] == RowKind.ANSWER) & (rows["time"] < until)]
     ordered: Rows = found[np.argsort(found["time"], kind="stable")]
     return ordered
 
@@ -58,14 +58,14 @@ class Lines:
         return demand + self.increase * (times - since), average
 
 
-def lines_of(setting: Setting, answered: Rows, agent: int, resource: int) -> Lines:
+def lines_of(setting: Emulation, answered: Rows, agent: int, resource: int) -> Lines:
     """Put an agent's answers about a resource together."""
     own = answered[(answered["agent"] == agent) & (answered["resource"] == resource)]
     since, demand, state = (np.concatenate(([0.0], own[name])) for name in ("time", "after", "state"))
     return Lines(since, demand, state, float(setting.problem.increase[agent, resource]), setting.average)
 
 
-def outcome(setting: Setting, measured: Measured) -> Result:
+def outcome(setting: Emulation, measured: Collected) -> Result:
     """Make the result of a run over sockets, up to where it was measured; its digest never comes again."""
     until = measured.reached
     sent, answered = sent_signals(measured.rows, until), answers(measured.rows, until)
@@ -87,7 +87,7 @@ def outcome(setting: Setting, measured: Measured) -> Result:
     )
 
 
-def _observations(setting: Setting, answered: Rows, until: float) -> Observations:
+def _observations(setting: Emulation, answered: Rows, until: float) -> Observations:
     recording, n, m = (
         setting.scenario.recording.build(),
         setting.problem.n_agents,
@@ -120,7 +120,7 @@ def _times(times: Any, name: str, until: float) -> FloatArray:
     return found
 
 
-def _stretch(setting: Setting, answered: Rows, start: float, end: float) -> Stretch:
+def _stretch(setting: Emulation, answered: Rows, start: float, end: float) -> Stretch:
     """Integrate total demand from one time to another, piece by piece."""
     problem, m = setting.problem, setting.problem.n_resources
     peak, above, excess, used = np.zeros((4, m))
@@ -144,26 +144,26 @@ def _stretch(setting: Setting, answered: Rows, start: float, end: float) -> Stre
     return Stretch(start, end, problem.capacity.copy(), peak, above, excess, used)
 
 
-def _counts(setting: Setting, rows: Rows) -> IntArray:
+def _counts(setting: Emulation, rows: Rows) -> IntArray:
     n = setting.problem.n_agents
     place = rows["resource"].astype(np.int64) * n + rows["agent"]
     return np.bincount(place, minlength=setting.problem.n_resources * n).reshape(-1, n).astype(np.int64)
 
 
-def unheard(setting: Setting, rows: Rows, sent: Rows) -> BoolArray:
+def unheard(setting: Emulation, rows: Rows, sent: Rows) -> BoolArray:
     """Tell which signals, which have left, each agent's process has not received, shape (signals, n)."""
     lost = np.zeros((len(sent), setting.problem.n_agents), dtype=np.bool_)
-    heard = rows[rows["kind"] == Kind.HEARD]
+    heard = rows[rows["kind"] == RowKind.HEARD]
     for process in range(setting.processes):
         known = heard["sequence"][heard["process"] == process]
         lost[:, setting.agents_of(process)] = ~np.isin(sent["sequence"], known)[:, None]
     return lost
 
 
-def _account(setting: Setting, rows: Rows, sent: Rows, answered: Rows) -> Account:
+def _account(setting: Emulation, rows: Rows, sent: Rows, answered: Rows) -> Account:
     m, n = setting.problem.n_resources, setting.problem.n_agents
     known = np.isin(rows["sequence"], sent["sequence"])
-    lost = _counts(setting, rows[known & (rows["kind"] == Kind.LOST)])
+    lost = _counts(setting, rows[known & (rows["kind"] == RowKind.LOST)])
     gone = sent[sent["heard"] > 0.0]
     missing = unheard(setting, rows, gone)
     np.add.at(lost, gone["resource"], missing)
@@ -181,7 +181,7 @@ def _account(setting: Setting, rows: Rows, sent: Rows, answered: Rows) -> Accoun
 
 def _log(rows: Rows, sent: Rows, answered: Rows, until: float) -> EventLog:
     """Write the log that a simulation would have of the same events."""
-    lost = rows[(rows["kind"] == Kind.LOST) & (rows["heard"] < until)]
+    lost = rows[(rows["kind"] == RowKind.LOST) & (rows["heard"] < until)]
     responded = (answered["flags"] & 1) > 0
     answer = np.where(responded, Entry.RESPOND, Entry.HOLD)
     given_back = np.where(responded, answered["before"] - answered["after"], 0.0)

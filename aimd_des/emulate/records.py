@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 
-class Kind(IntEnum):
+class RowKind(IntEnum):
     """What a row tells."""
 
     SENT = 0

@@ -11,7 +11,7 @@ from aimd_des.channel import Broadcast, Copies, Link
 from aimd_des.channel.broadcast import CompiledLink
 from aimd_des.emulate.folder import StoredEmulation
 from aimd_des.emulate.outcome import Rows, answers, outcome, sent_signals, unheard
-from aimd_des.emulate.records import Kind
+from aimd_des.emulate.records import RowKind
 from aimd_des.emulate.served import served_link
 from aimd_des.engine.agent_process import AgentProcess
 from aimd_des.engine.control_unit import ControlUnit
@@ -215,7 +215,7 @@ def _still_under_way(
     lost = unheard(stored.setting, stored.measured.rows, sent) & (sent["heard"] > 0.0)[:, None]
     place = {int(sequence): row for row, sequence in enumerate(sent["sequence"])}
     rows = stored.measured.rows
-    for row in rows[rows["kind"] == Kind.LOST]:
+    for row in rows[rows["kind"] == RowKind.LOST]:
         if int(row["sequence"]) in place:
             lost[place[int(row["sequence"])], row["agent"]] = True
     for row, signal in enumerate(sent):

@@ -33,7 +33,7 @@ _SHORTEST_UNIT, _LONGEST_UNIT = 0.001, 3600.0
 
 
 @dataclass(frozen=True)
-class Setting:
+class Emulation:
     """An emulation, checked."""
 
     scenario: Scenario  # every value filled in
@@ -87,7 +87,7 @@ class Setting:
         return range(process * n // many, (process + 1) * n // many)
 
 
-def check_setting(scenario: Scenario, *, unit: float, processes: int) -> Setting:
+def check_setting(scenario: Scenario, *, unit: float, processes: int) -> Emulation:
     """Check that a scenario can be emulated; a part that is not served is named."""
     if not hasattr(os, "fork"):
         raise InputError.of("system", os.name, "one whose processes can fork, such as Linux or macOS")
@@ -102,7 +102,7 @@ def check_setting(scenario: Scenario, *, unit: float, processes: int) -> Setting
     most = min(MOST_PROCESSES, problem.n_agents)
     many = validation.integer("processes", processes, low=1, high=most)
     average = _average(scenario)
-    setting = Setting(
+    setting = Emulation(
         scenario,
         problem,
         seconds,

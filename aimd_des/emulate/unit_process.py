@@ -7,14 +7,14 @@ from contextlib import suppress
 
 from aimd_des.emulate.framing import Line
 from aimd_des.emulate.pacing import Pace
-from aimd_des.emulate.records import Kind, Row, packed
-from aimd_des.emulate.served import Setting
+from aimd_des.emulate.records import Row, RowKind, packed
+from aimd_des.emulate.served import Emulation
 from aimd_des.emulate.wire import SignalDatagram, read_meter, signal_datagram
 from aimd_des.engine.control_unit import Sampled
 from aimd_des.utils.validation import FloatArray
 
 
-class Readings(asyncio.DatagramProtocol):
+class MeterReadings(asyncio.DatagramProtocol):
     """Takes in what meters on other hosts send: the latest of each counts."""
 
     def __init__(self, intercepts: FloatArray, token: str) -> None:
@@ -37,7 +37,7 @@ class UnitProcess:
 
     def __init__(
         self,
-        setting: Setting,
+        setting: Emulation,
         pace: Pace,
         line: Line,
         out: socket.socket,
@@ -71,7 +71,7 @@ class UnitProcess:
             for receiver in self.receivers:
                 with suppress(OSError):  # what cannot be sent is lost, and found missing
                     self.out.sendto(datagram, receiver)
-        about = (Kind.SENT, 0, -1, resource, number, sequence)
+        about = (RowKind.SENT, 0, -1, resource, number, sequence)
         row = Row(*about, heard=departure, due=planned, time=time, before=total, after=self.limit[resource])
         self.line.send_rows(packed(row))
 

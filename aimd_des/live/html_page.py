@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from aimd_des.live.player import Player
-from aimd_des.live.settings import GROUPS, State, scenario_of, shown_of
+from aimd_des.live.settings import GROUPS, PageState, scenario_of, shown_of
 from aimd_des.scenario import Scenario
 from aimd_des.utils.colours import COLOURS
 from aimd_des.utils.errors import InputError
@@ -87,7 +87,7 @@ def controls() -> list[dict[str, Any]]:
     ]
 
 
-def recorded(base: Scenario, state: State, since: float, to: float) -> dict[str, Any]:
+def recorded(base: Scenario, state: PageState, since: float, to: float) -> dict[str, Any]:
     """Record a run, or a part of it, for a page without a server."""
     scenario = scenario_of(base, state)
     player = Player(scenario)
@@ -105,7 +105,7 @@ def recorded(base: Scenario, state: State, since: float, to: float) -> dict[str,
     }
 
 
-def export_page(base: Scenario, state: State, since: float, to: float) -> str:
+def export_page(base: Scenario, state: PageState, since: float, to: float) -> str:
     """Make a page with one recorded run in it, which works without a server and without a network."""
     page = render(recorded(base, state, since, to))
     size = len(page.encode("utf-8"))

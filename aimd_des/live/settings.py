@@ -32,7 +32,7 @@ _MOST_CHANGES = 1000
 _SHAPE = 2.2
 
 
-class Choice(NamedTuple):
+class ChoiceControl(NamedTuple):
     """A control that chooses one of several."""
 
     name: str
@@ -41,7 +41,7 @@ class Choice(NamedTuple):
     now: bool = False  # whether it can change while the run goes on
 
 
-class Slider(NamedTuple):
+class SliderControl(NamedTuple):
     """A control that moves over numbers."""
 
     name: str
@@ -53,11 +53,11 @@ class Slider(NamedTuple):
     now: bool = False  # whether it can change while the run goes on
 
 
-class Group(NamedTuple):
+class ControlGroup(NamedTuple):
     """Controls about one part of the system."""
 
     title: str
-    controls: tuple[Choice | Slider, ...]
+    controls: tuple[ChoiceControl | SliderControl, ...]
 
 
 _LATENCIES = (
@@ -85,34 +85,36 @@ _CLOCKS: dict[str, dict[str, Any]] = {
     "jitter": {"phase": "random", "jitter": 0.5},
 }
 
-_CHANNEL = Group(
+_CHANNEL = ControlGroup(
     "Channel",
     (
-        Slider("latency", "Latency, mean", 0.0, 4.0, 0.05, now=True),
-        Choice("latency_kind", "Latency varies", _LATENCIES, now=True),
-        Slider("loss", "Copies lost", 0.0, 0.9, 0.01, "%", now=True),
-        Slider("burst", "Losses in bursts of", 0.0, 20.0, 0.5, now=True),
+        SliderControl("latency", "Latency, mean", 0.0, 4.0, 0.05, now=True),
+        ChoiceControl("latency_kind", "Latency varies", _LATENCIES, now=True),
+        SliderControl("loss", "Copies lost", 0.0, 0.9, 0.01, "%", now=True),
+        SliderControl("burst", "Losses in bursts of", 0.0, 20.0, 0.5, now=True),
     ),
 )
-_UNIT = Group(
+_UNIT = ControlGroup(
     "Control unit",
     (
-        Choice("unit", "It", (("crossing", "senses the crossing"), ("sampled", "samples at times"))),
-        Slider("hold_off", "Hold-off", 0.0, 4.0, 0.05, now=True),
-        Slider("period", "Sampling period", 0.1, 4.0, 0.1),
-        Slider("threshold", "Threshold", 0.5, 1.0, 0.01, "%", now=True),
+        ChoiceControl("unit", "It", (("crossing", "senses the crossing"), ("sampled", "samples at times"))),
+        SliderControl("hold_off", "Hold-off", 0.0, 4.0, 0.05, now=True),
+        SliderControl("period", "Sampling period", 0.1, 4.0, 0.1),
+        SliderControl("threshold", "Threshold", 0.5, 1.0, 0.01, "%", now=True),
     ),
 )
-_AGENTS = Group(
+_AGENTS = ControlGroup(
     "Agents",
     (
-        Choice("dynamics", "Demand", (("continuous", "grows all the time"), ("discrete", "moves at ticks"))),
-        Choice(
+        ChoiceControl(
+            "dynamics", "Demand", (("continuous", "grows all the time"), ("discrete", "moves at ticks"))
+        ),
+        ChoiceControl(
             "clocks",
             "Clocks",
             (("common", "in phase"), ("random", "random phases"), ("jitter", "random phases and jitter")),
         ),
-        Choice(
+        ChoiceControl(
             "response",
             "Answer",
             (
@@ -122,7 +124,7 @@ _AGENTS = Group(
                 ("fractional", "in full, in turn"),
             ),
         ),
-        Choice(
+        ChoiceControl(
             "averaging",
             "Average over",
             (
@@ -132,8 +134,8 @@ _AGENTS = Group(
                 ("polynomial", "the past, the latest most"),
             ),
         ),
-        Slider("count", "How many", 4, 1000, 1),
-        Slider("seed", "Seed", 0, 99, 1),
+        SliderControl("count", "How many", 4, 1000, 1),
+        SliderControl("seed", "Seed", 0, 99, 1),
     ),
 )
 GROUPS = (_CHANNEL, _UNIT, _AGENTS)
@@ -147,14 +149,14 @@ def default_scenario() -> Scenario:
     return validate_scenario(DEFAULT, "the paper's cameras")
 
 
-class State(NamedTuple):
+class PageState(NamedTuple):
     """What a page has chosen: from the start, and in the course of the run."""
 
     start: dict[str, Any]  # values of controls
     changes: tuple[dict[str, Any], ...]  # each with its time, in the order of time
 
 
-def read_state(data: object) -> State:
+def read_state(data: object) -> PageState:
     """Take in the state of a page, which is not trusted."""
     given = _table("state", data)
     start = _values("state.start", given.get("start", {}), set(_CONTROLS))
@@ -162,7 +164,7 @@ def read_state(data: object) -> State:
     if not isinstance(changes, list) or len(changes) > _MOST_CHANGES:
         raise InputError.of("state.changes", type(changes).__name__, f"a list of at most {_MOST_CHANGES}")
     read = [_change(f"state.changes[{number}]", change) for number, change in enumerate(changes)]
-    return State(start, tuple(sorted(read, key=lambda change: float(change["at"]))))
+    return PageState(start, tuple(sorted(read, key=lambda change: float(change["at"]))))
 
 
 def _table(field: str, data: object) -> dict[str, Any]:
@@ -178,8 +180,8 @@ def _values(field: str, data: object, known: set[str]) -> dict[str, Any]:
     return {name: _value(f"{field}.{name}", _CONTROLS[name], value) for name, value in values.items()}
 
 
-def _value(field: str, control: Choice | Slider, value: object) -> float | int | str:
-    if isinstance(control, Choice):
+def _value(field: str, control: ChoiceControl | SliderControl, value: object) -> float | int | str:
+    if isinstance(control, ChoiceControl):
         return validation.choice(field, str(value), [option for option, _ in control.options])
     if control.name in ("count", "seed"):
         low = 0 if control.name == "seed" else 1
@@ -197,7 +199,7 @@ def _change(field: str, data: object) -> dict[str, Any]:
     return made | {"do": kind} | details
 
 
-def scenario_of(base: Scenario, state: State) -> Scenario:
+def scenario_of(base: Scenario, state: PageState) -> Scenario:
     """Put the choices of a page over a scenario; refuse what does not go together."""
     shown = {**shown_of(base), **state.start}
     data = base.spoken()
@@ -384,7 +386,7 @@ def _shown_loss(table: Any) -> tuple[float | None, float | None]:
     return None, None
 
 
-def _interventions(base: Scenario, state: State, shown: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _interventions(base: Scenario, state: PageState, shown: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Write what was changed in the course of the run as interventions."""
     present = dict(shown)
     made: list[dict[str, Any]] = []

@@ -7,7 +7,7 @@ from aimd_des.results.measures import MEASURES
 _SHARE = "share of "
 
 
-class Shown(NamedTuple):
+class ShownMeasure(NamedTuple):
     """A measure as charts and tables have it."""
 
     title: str  # for people
@@ -20,12 +20,12 @@ class Shown(NamedTuple):
         return f"{self.title} ({self.unit})"
 
 
-def shown_measure(name: str) -> Shown:
+def shown_measure(name: str) -> ShownMeasure:
     """Say how a measure is shown."""
     measure = MEASURES[name]
     if measure.unit.startswith(_SHARE):
-        return Shown(measure.title, f"% of {measure.unit.removeprefix(_SHARE)}", 100.0)
-    return Shown(measure.title, measure.unit, 1.0)
+        return ShownMeasure(measure.title, f"% of {measure.unit.removeprefix(_SHARE)}", 100.0)
+    return ShownMeasure(measure.title, measure.unit, 1.0)
 
 
 #: Where good ends, of measures for which there is such a point: 1 % above the capacity, and 5 % misallocated.

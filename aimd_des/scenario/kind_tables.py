@@ -23,7 +23,7 @@ from pydantic_core import PydanticCustomError, core_schema
 from aimd_des.scenario.kinds import Kind, kind_of, kinds, our_kinds
 from aimd_des.scenario.networks import refuse_vast
 from aimd_des.scenario.parameters import as_data
-from aimd_des.scenario.strict_table import Integer, Part, Table
+from aimd_des.scenario.strict_table import Integer, MadeTable, Table
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import ARRAY_LIKE
@@ -46,13 +46,13 @@ _NUMBER, _LIST, _TABLE, _TABLES = "(number)", "(list)", "(table)", "(tables)"
 _DEFAULTS = {"control_unit": "sampled", "costs": "polynomial"}
 
 # Objects that a parameter may be, and the tables by which they stand in a file.
-_NESTED: dict[Any, type[Part]] = {}
+_NESTED: dict[Any, type[MadeTable]] = {}
 
 # Modules of the user's own are named with dots: nothing is known of what they have before they are read.
 _OWN = {"type": "object", "properties": {"kind": {"type": "string", "pattern": r"\."}}, "required": ["kind"]}
 
 
-class KindTable(Part):
+class KindTable(MadeTable):
     """A table whose key `kind` says what it describes.
 
     Attributes
@@ -152,7 +152,7 @@ def _refuse_no_file(path: str) -> None:
         raise InputError.of("path", path, "the name of a file that exists")
 
 
-def stands_as(kind: Any, table: type[Part]) -> None:
+def stands_as(kind: Any, table: type[MadeTable]) -> None:
     """Let a parameter that is such an object stand in a file as a table, which makes it."""
     _NESTED[kind] = table
 
@@ -160,7 +160,7 @@ def stands_as(kind: Any, table: type[Part]) -> None:
 def _for_call(kind: Kind, name: str, value: Any) -> Any:
     """Make a tuple or an array of a list where that is asked for: nodes of a grid have such names."""
     hint = kind.signature[name].annotation
-    if isinstance(value, Part):
+    if isinstance(value, MadeTable):
         return value.build()
     if not isinstance(value, list):
         return value

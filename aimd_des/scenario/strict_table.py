@@ -66,11 +66,11 @@ def _spoken(value: Any) -> Any:
 
 # A scenario has fewer tables, and a study of many points must not hold what all of them describe.
 _MOST_KEPT = 32
-_kept: OrderedDict[int, tuple["Part", Any]] = OrderedDict()
+_kept: OrderedDict[int, tuple["MadeTable", Any]] = OrderedDict()
 _lock = Lock()
 
 
-class Part(Table):
+class MadeTable(Table):
     """A table that describes an object, and checks itself by making it.
 
     What was made to check a table is what a run gets: it is frozen, and made once.

@@ -9,7 +9,7 @@ from aimd_des.dynamics.clocks import Clocks
 from aimd_des.problem.problem import Resource
 from aimd_des.results.recording import Recording
 from aimd_des.scenario.kind_tables import KindTable, one_of, stands_as
-from aimd_des.scenario.strict_table import Part, Table
+from aimd_des.scenario.strict_table import MadeTable, Table
 
 Times = Literal["auto", "end"] | float | list[float]
 
@@ -23,7 +23,7 @@ else:
     NetworkSettings = one_of("network")
 
 
-class ResourceSettings(Part):
+class ResourceSettings(MadeTable):
     """One of ``[[resources]]``: see `Resource`.
 
     Attributes
@@ -71,7 +71,7 @@ class ResourceChange(Table):
         return replace(resource, **{name: value for name, value in self if value is not None})
 
 
-class ChannelSettings(Part):
+class ChannelSettings(MadeTable):
     """``[channel]``: see `BroadcastChannel`, or a network.
 
     Attributes
@@ -133,7 +133,7 @@ class ChannelSettings(Part):
 stands_as(Channel, ChannelSettings)
 
 
-class ClocksSettings(Part):
+class ClocksSettings(MadeTable):
     """``[clocks]``: see `Clocks`.
 
     Attributes
@@ -152,7 +152,7 @@ class ClocksSettings(Part):
         return Clocks(**dict(self))
 
 
-class RecordingSettings(Part):
+class RecordingSettings(MadeTable):
     """``[recording]``: see `Recording`.
 
     Attributes

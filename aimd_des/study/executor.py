@@ -5,7 +5,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future
 from dataclasses import dataclass, field
 from functools import partial
 
-from aimd_des.study.points import Run
+from aimd_des.study.points import PlannedRun
 from aimd_des.study.worker_task import Outcome, Task, perform
 from aimd_des.study.workers import Pool
 from aimd_des.utils.errors import SimulationError
@@ -24,8 +24,8 @@ _ATTEMPTS = 2
 def execute(
     pool: Pool,
     task: Task,
-    due: Callable[[], Run | None],
-    take: Callable[[Run, Outcome], None],
+    due: Callable[[], PlannedRun | None],
+    take: Callable[[PlannedRun, Outcome], None],
     halted: Callable[[], bool],
 ) -> None:
     """Carry out runs until none is due."""
@@ -40,10 +40,10 @@ def execute(
 class _Window:
     pool: Pool
     task: Task
-    due: Callable[[], Run | None]
-    take: Callable[[Run, Outcome], None]
+    due: Callable[[], PlannedRun | None]
+    take: Callable[[PlannedRun, Outcome], None]
     halted: Callable[[], bool]
-    pending: dict[Future[Outcome], Run] = field(default_factory=dict)
+    pending: dict[Future[Outcome], PlannedRun] = field(default_factory=dict)
     executor: Executor | None = None
 
     def run(self) -> None:
@@ -73,7 +73,7 @@ class _Window:
             self.executor = self.pool.start(workers)
         return self.executor
 
-    def _fill(self) -> list[Run]:
+    def _fill(self) -> list[PlannedRun]:
         """Keep twice as many runs in flight as there are workers; gives the run that no worker took."""
         while len(self.pending) < 2 * self.pool.workers and not self.halted():
             run = self.due()
@@ -86,7 +86,7 @@ class _Window:
             self.pending[future] = run
         return []
 
-    def _collect(self, done: set[Future[Outcome]]) -> list[Run]:
+    def _collect(self, done: set[Future[Outcome]]) -> list[PlannedRun]:
         """Take what has come back; gives the runs whose worker died."""
         lost = []
         for future in [future for future in self.pending if future in done]:
@@ -97,7 +97,7 @@ class _Window:
                 self.take(run, future.result())
         return lost
 
-    def _try_alone(self, run: Run) -> None:
+    def _try_alone(self, run: PlannedRun) -> None:
         """Run one with nothing beside it, so that it is known which run kills workers."""
         for _ in range(_ATTEMPTS):
             self._ask_for_a_worker()

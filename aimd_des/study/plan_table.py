@@ -11,7 +11,7 @@ import tomli_w
 from aimd_des._version import RESULT_VERSION
 from aimd_des.study.file import STUDY_FILE, read_study
 from aimd_des.study.fingerprint import FORM, fingerprint
-from aimd_des.study.points import Point, Run, expand, run_of
+from aimd_des.study.points import PlannedRun, Point, expand, run_of
 from aimd_des.study.run_tables import plan_schema, run_schema
 from aimd_des.study.schedule import Schedule
 from aimd_des.study.store import Store
@@ -27,7 +27,7 @@ _LABELS = ("point", "replication", "seed", "key")
 _REMEDY = "choose another folder, or say --overwrite (overwrite=True)"
 
 
-def plan_table(study: Study, runs: Sequence[Run]) -> pa.Table:
+def plan_table(study: Study, runs: Sequence[PlannedRun]) -> pa.Table:
     """List the runs of a study."""
     schema = plan_schema(study)
     labels = [run.labels for run in runs]

@@ -80,7 +80,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Run:
+class PlannedRun:
     """One replication of a point."""
 
     point: Point  # where
@@ -207,7 +207,7 @@ def _plain(value: Any) -> Any:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-def run_of(study: Study, point: Point, replication: int) -> Run:
+def run_of(study: Study, point: Point, replication: int) -> PlannedRun:
     """Make one run."""
     if study.paired:
         spawn_key: tuple[int, ...] = (_PAIRED, replication)
@@ -216,4 +216,4 @@ def run_of(study: Study, point: Point, replication: int) -> Run:
         spawn_key = (_UNPAIRED, *words, replication)
     state = np.random.SeedSequence(study.seed, spawn_key=spawn_key).generate_state(1, np.uint64)
     seed = int(state[0] >> np.uint64(1))
-    return Run(point, replication, seed, point.key(seed))
+    return PlannedRun(point, replication, seed, point.key(seed))

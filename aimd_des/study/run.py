@@ -15,7 +15,7 @@ from uuid import uuid4
 
 from aimd_des.study.executor import execute
 from aimd_des.study.plan_table import digests_of, earlier_replications, plan_table, points_table
-from aimd_des.study.points import Run, expand
+from aimd_des.study.points import PlannedRun, expand
 from aimd_des.study.results import StudyResults, load_study, run_away_words
 from aimd_des.study.run_tables import run_schema
 from aimd_des.study.schedule import Schedule
@@ -190,7 +190,7 @@ class _Sweep:
             store.forget(name)
         self._tally = Tally(total=len(schedule))
 
-    def due(self) -> Run | None:
+    def due(self) -> PlannedRun | None:
         """Give the next run that is not there as a whole, and need not wait for another one."""
         while (run := self._schedule.next(self._warm_ups.waits)) is not None:
             done = run.key in self._rows.spans
@@ -220,14 +220,14 @@ class _Sweep:
         elif self._damaged == _MOST_TOLD + 1:
             _LOGGER.warning("%s: more is damaged; it is run again", self._store.folder)
 
-    def _values(self, run: Run) -> list[tuple[str, float]]:
+    def _values(self, run: PlannedRun) -> list[tuple[str, float]]:
         """Read what precision is wanted of."""
         if self.task.measure is None:
             return []
         rows = self._rows.of([run.key]).select(["resource", self.task.measure])
         return list(zip(*(column.to_pylist() for column in rows.columns), strict=True))
 
-    def take(self, run: Run, outcome: Outcome) -> None:
+    def take(self, run: PlannedRun, outcome: Outcome) -> None:
         """Take note of what became of a run."""
         if outcome.kind == "died":
             try:

@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from aimd_des.study.points import Point, Run, run_of
+from aimd_des.study.points import PlannedRun, Point, run_of
 from aimd_des.study.statistics.stopping import replications_needed
 from aimd_des.study.study import Precision, Study
 
@@ -15,7 +15,7 @@ class _PointProgress:
     """How far a point is."""
 
     point: Point
-    runs: list[Run] = field(default_factory=list)
+    runs: list[PlannedRun] = field(default_factory=list)
     waiting: int = 0
     #: By resource, then by replication; a run that failed has none.
     values: dict[str, dict[int, float]] = field(default_factory=dict)
@@ -28,7 +28,7 @@ class Schedule:
         self._study = study
         self._earlier = earlier
         self._points = {point.name: _PointProgress(point) for point in points}
-        self._due: deque[Run] = deque()
+        self._due: deque[PlannedRun] = deque()
         for replication in range(study.replications):
             for progress in self._points.values():
                 self._add(progress, replication)
@@ -40,14 +40,14 @@ class Schedule:
         self._due.append(run)
 
     @property
-    def runs(self) -> list[Run]:
+    def runs(self) -> list[PlannedRun]:
         """All runs so far, point by point."""
         return [run for progress in self._points.values() for run in progress.runs]
 
     def __len__(self) -> int:
         return sum(len(progress.runs) for progress in self._points.values())
 
-    def next(self, waits: Callable[[Run], bool]) -> Run | None:
+    def next(self, waits: Callable[[PlannedRun], bool]) -> PlannedRun | None:
         """Give the next run that need not wait for another one."""
         place = next((place for place, run in enumerate(self._due) if not waits(run)), None)
         if place is None:
@@ -56,7 +56,7 @@ class Schedule:
         del self._due[place]
         return run
 
-    def record(self, run: Run, values: Sequence[tuple[str, float]]) -> None:
+    def record(self, run: PlannedRun, values: Sequence[tuple[str, float]]) -> None:
         """Take note of a run, and decide on more when all of its point are there."""
         progress = self._points[run.point.name]
         progress.waiting -= 1

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from aimd_des.study.points import Run
+from aimd_des.study.points import PlannedRun
 from aimd_des.study.study import Study
 
 #: The folder of the files, as long as a sweep lasts.
@@ -32,7 +32,7 @@ class WarmUps:
         self._folder = folder
         self._n_points = n_points
         # By seed: the run that makes the warm-up.
-        self._makers: dict[int, Run] = {}
+        self._makers: dict[int, PlannedRun] = {}
         self._made: set[int] = set()
         self._over: Counter[int] = Counter()
 
@@ -49,16 +49,16 @@ class WarmUps:
         finally:
             shutil.rmtree(place, ignore_errors=True)
 
-    def waits(self, run: Run) -> bool:
+    def waits(self, run: PlannedRun) -> bool:
         """Tell whether a run has to wait until another one has made its warm-up."""
         return run.seed in self._makers
 
-    def begin(self, run: Run) -> None:
+    def begin(self, run: PlannedRun) -> None:
         """Take note of a run that is carried out now."""
         if self.shared and run.seed not in self._made:
             self._makers[run.seed] = run
 
-    def end(self, run: Run, *, done: bool) -> None:
+    def end(self, run: PlannedRun, *, done: bool) -> None:
         """Take note of a run that is there; once that of every point is, the file is removed."""
         file = warm_up_file(self._folder, run.seed)
         if self._makers.get(run.seed) is run:

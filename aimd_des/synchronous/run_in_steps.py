@@ -45,7 +45,7 @@ class Law(NamedTuple):
     parameters: AgentParameters
 
 
-class Setting(NamedTuple):
+class StepsSetting(NamedTuple):
     """What a run was asked for."""
 
     problem: Problem
@@ -72,7 +72,7 @@ class SynchronousRun:
 
     Parameters
     ----------
-    setting : Setting
+    setting : StepsSetting
         What was asked for.
     law : Law
         What agents do.
@@ -103,7 +103,7 @@ class SynchronousRun:
 
     def __init__(
         self,
-        setting: Setting,
+        setting: StepsSetting,
         law: Law,
         salts: tuple[int, ...],
         key: Key,

@@ -14,7 +14,7 @@ from aimd_des.problem.problem import Problem
 from aimd_des.results.recording import Recording
 from aimd_des.results.result import Result
 from aimd_des.synchronous.kernels import RecordBuffers, StepControl
-from aimd_des.synchronous.run_in_steps import Setting, SynchronousRun
+from aimd_des.synchronous.run_in_steps import StepsSetting, SynchronousRun
 from aimd_des.utils import limits, rng, validation
 from aimd_des.utils.docstrings import described_like
 from aimd_des.utils.errors import InputError
@@ -103,7 +103,7 @@ def start_synchronous(
     if recording.events:
         raise InputError.of("recording.events", True, "False: the synchronous algorithm has no events")
     n, m = problem.n_agents, problem.n_resources
-    setting = Setting(problem, steps, int(seed), lag, averaging, response)
+    setting = StepsSetting(problem, steps, int(seed), lag, averaging, response)
     law = setting.law()
     state = start(m, law.parameters.increase.shape[1], DISCRETE, law.parameters)
     control = StepControl(

@@ -20,7 +20,7 @@ from aimd_des.dynamics.responses import Response
 from aimd_des.problem.optimum.nearby_optima import optimal_allocations
 from aimd_des.problem.problem import Problem
 from aimd_des.theory.absolute_sum import absolute_interval, absolute_mean
-from aimd_des.theory.mean_dynamics import Memory, Path, first_signals
+from aimd_des.theory.mean_dynamics import MeanPath, Memory, first_signals
 from aimd_des.theory.prediction import Steady, check_enough, settle, steady_state
 from aimd_des.theory.response_rule import largest, probability
 from aimd_des.theory.sawtooth import Sawtooth, sawtooth
@@ -127,9 +127,9 @@ class Convergence:
         return np.asarray(bias)
 
     @cached_property
-    def _path(self) -> Path:
+    def _path(self) -> MeanPath:
         """The averages on their way, from demand 0 on."""
-        return Path(self.setting, self.steady, self.memory)
+        return MeanPath(self.setting, self.steady, self.memory)
 
     @property
     def floor(self) -> FloatArray:

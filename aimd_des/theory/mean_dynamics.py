@@ -96,7 +96,7 @@ class Origin(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class MeanPath:
     """Averages over time in the mean, from demand 0 or another origin on."""
 
     setting: Setting  # what a prediction is asked for

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from aimd_des.problem.optimum import solve_optimum
 from aimd_des.problem.optimum.nearby_optima import optimal_allocations
 from aimd_des.theory.accuracy import Convergence
-from aimd_des.theory.mean_dynamics import Origin, Path
+from aimd_des.theory.mean_dynamics import MeanPath, Origin
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
@@ -34,14 +34,14 @@ class Recovery:
     ----------
     after : Convergence
         What averages are bound for after the step.
-    path : Path
+    path : MeanPath
         The way there.
     age : float
         Age of the run at the step, in steps or units of time.
     """
 
     after: Convergence
-    path: Path
+    path: MeanPath
     age: float
 
     def average(self, since: npt.ArrayLike) -> FloatArray:
@@ -174,7 +174,7 @@ def recovery(before: Convergence, after: Convergence, age: float) -> Recovery:
         remedy = "see theory.recovery_time for capacities, and theory.flow"
         raise InputError.of("window", after.memory.window, "left out: its past is not followed", remedy)
     return Recovery(
-        after, Path(after.setting, after.steady, after.memory, _origin(before, after, begin)), begin
+        after, MeanPath(after.setting, after.steady, after.memory, _origin(before, after, begin)), begin
     )
 
 
@@ -188,5 +188,5 @@ def _origin(before: Convergence, after: Convergence, age: float) -> Origin:
     old = np.stack([before.average(age), before.steady.found, before.steady.found])[:, rows]
     grown = young * problem.increase
     state = np.where(known, old, np.stack([0.5 * grown, grown, grown]))
-    state = Path(after.setting, after.steady, after.memory).fallen(state)
+    state = MeanPath(after.setting, after.steady, after.memory).fallen(state)
     return Origin(age, state, np.where(known, 0.0, age - young))

@@ -33,7 +33,7 @@ _FACTOR, _SLOWED = 2.0, 60.0
 _IDLE = 0.1
 
 
-class Agent(NamedTuple):
+class WatchedAgent(NamedTuple):
     """What is seen of the agent that is chosen; arrays have shape (m,)."""
 
     number: int
@@ -52,7 +52,7 @@ class Snapshot(NamedTuple):
     utilisation: FloatArray  # sum of the averages of present agents, over the capacity
     misallocation: FloatArray  # of present agents; NaN where it is not measured
     in_flight: IntArray | None = None  # copies that have left and not arrived
-    agent: Agent | None = None
+    agent: WatchedAgent | None = None
     paused: bool = False
 
 
@@ -172,7 +172,7 @@ class Monitor:
             metrics.utilisation(here, piece.capacity),
             self._measured(system.problem, piece, here),
             self._in_flight(now, len(demand)),
-            Agent(self._agent, demand[:, self._agent].copy(), average[:, self._agent].copy()),
+            WatchedAgent(self._agent, demand[:, self._agent].copy(), average[:, self._agent].copy()),
             self._paused,
         )
 
