@@ -34,13 +34,25 @@ INCREASES = {"as_run": (0.025, 0.020, 0.0225), "as_printed": (0.025, 0.002, 0.02
 _EXPONENTS = (2, 4, 6, 8)
 _PAPER_CAMERAS = 60
 
+# Cameras that are drawn at a time: what is computed on the way takes little memory, however many there are.
+_TOGETHER = 1 << 13
+
 
 def _coefficients(n: int, seed: int) -> FloatArray:
     """Draw the coefficients of eq. (cost_fn), shape (n, 3, 4).
 
     One row of five uniform numbers a camera, so that the first cameras stay when more are added.
     """
-    draws = lowlevel.generator(seed, Purpose.PROBLEM).random((n, 5))
+    generator, coefficients = lowlevel.generator(seed, Purpose.PROBLEM), np.empty((n, 3, len(_EXPONENTS)))
+    for first in range(0, n, _TOGETHER):
+        few = coefficients[first : first + _TOGETHER]
+        few[:] = _of_kinds(generator.random((len(few), 5)))
+    return coefficients
+
+
+def _of_kinds(draws: FloatArray) -> FloatArray:
+    """Turn five uniform numbers for each of some cameras into their coefficients."""
+    n = len(draws)
     lowest, choices = np.array([10, 25, 22, 1]), np.array([11, 11, 11, 5])
     a, b, c, d = (lowest + np.floor(choices * draws[:, :4])).T
     kind = np.floor(3 * draws[:, 4]).astype(int)

@@ -11,22 +11,35 @@ from aimd_des.problem.costs.table import CostTable, separable_table
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import built_in
+from aimd_des.utils.spare_arrays import spare_zeros
 from aimd_des.utils.validation import FloatArray, IntArray
 
 _MAX_EXPONENT = 64
 
+# Agents whose coefficients are laid out at a time: few enough that they stay in the cache.
+_TOGETHER = 1 << 13
+
 
 def dense_slopes(exponents: Sequence[int], coefficients: FloatArray) -> FloatArray:
     """Turn sum_p c_p x**p into the coefficients of its derivative, lowest power first."""
-    slopes = np.zeros((max(exponents), *coefficients.shape[:-1]))
-    for position, exponent in enumerate(exponents):
-        slopes[exponent - 1] += exponent * coefficients[..., position]
-    return slopes
+    # With agents next to each other, as compiled code reads them.
+    n, *others, _ = coefficients.shape
+    rows = spare_zeros((*others, max(exponents), n))
+    for first in range(0, n, _TOGETHER):
+        few = slice(first, first + _TOGETHER)
+        columns = np.moveaxis(coefficients[few], 0, -1).copy()
+        for place in np.ndindex(*others):
+            for exponent, column in zip(exponents, columns[place], strict=True):
+                # A power that nobody has is not written, and so takes no memory.
+                if column.any():
+                    rows[(*place, exponent - 1, few)] += exponent * column
+    return np.moveaxis(rows, (-2, -1), (0, 1))
 
 
 def horner(rows: FloatArray, x: FloatArray) -> FloatArray:
     """Evaluate polynomials elementwise by Horner's scheme."""
-    total = np.zeros_like(x)
+    # Laid out row by row, whatever the others are: in which order sums of it are taken depends on that.
+    total = np.zeros(np.shape(x))
     for row in rows[::-1]:
         total = total * x + row
     return total
@@ -111,6 +124,11 @@ class PolynomialCosts:
     @property
     def proven(self) -> bool:
         """True if no coefficient is negative and every polynomial has a term: nothing need be sampled."""
+        return self._proven
+
+    @cached_property
+    def _proven(self) -> bool:
+        # Kept, since whoever asks whether these are costs reads all that costs must have.
         return bool((self.coefficients >= 0).all() and (self.coefficients > 0).any(axis=2).all())
 
     @property
@@ -124,7 +142,7 @@ class PolynomialCosts:
 
     @cached_property
     def _table(self) -> CostTable:
-        # Made once: laid out anew for each run it was most of what a fork of many agents costs.
+        # Of the same memory as the slopes.
         return separable_table(self.slopes.transpose(2, 0, 1))
 
     def marginal(self, agent: int) -> Marginal:

@@ -130,8 +130,9 @@ class CostTable(NamedTuple):
 def separable_table(slopes: FloatArray) -> CostTable:
     """Lay out polynomials alone, given with shape (m, D, n)."""
     none, (m, _, n) = np.zeros((0, 0)), slopes.shape
-    # Copies, since a kernel would be compiled once more for arrays that are read-only.
-    return CostTable(slopes.copy(), none[None], none, none, np.zeros((m, 0, 2, n)), np.zeros((m, 0, 3, n)))
+    # Kernels would be compiled once more for arrays that are read-only or lie in memory in another order.
+    rows = slopes if slopes.flags.c_contiguous and slopes.flags.writeable else slopes.copy()
+    return CostTable(rows, none[None], none, none, np.zeros((m, 0, 2, n)), np.zeros((m, 0, 3, n)))
 
 
 def no_table() -> CostTable:
