@@ -1,13 +1,97 @@
 """How much memory a run takes for each agent."""
 
+import gc
+from collections.abc import Iterator
 from pathlib import Path
+from types import FunctionType, ModuleType
+from typing import Any
 
 import numba
 import numpy as np
 import pytest
 
-from aimd_des import PolynomialCosts
+from aimd_des import BroadcastChannel, Crossing, Fleet, PolynomialCosts, Recording, Simulation, latency
 from aimd_des.utils.spare_arrays import spare_zeros
+from models import smart_cameras
+
+FEW, MORE = 1000, 2000
+
+
+def arrays(*roots: object) -> Iterator[np.ndarray[Any, Any]]:
+    """Yield all arrays that can be reached; views stand for what they look at."""
+    seen: set[int] = set()
+    left = list(roots)
+    while left:
+        thing = left.pop()
+        if id(thing) in seen or isinstance(thing, type | ModuleType):
+            continue
+        seen.add(id(thing))
+        if not isinstance(thing, np.ndarray):
+            # Of a function not the module, through which all of the package could be reached.
+            left += thing.__closure__ or () if isinstance(thing, FunctionType) else gc.get_referents(thing)
+        elif isinstance(thing.base, np.ndarray):
+            left.append(thing.base)
+        else:
+            yield thing
+
+
+def size(*roots: object) -> int:
+    return sum(array.nbytes for array in arrays(*roots))
+
+
+def simulation(n: int) -> Simulation:
+    return Simulation(
+        smart_cameras(n_cameras=n),
+        dynamics="continuous",
+        control_unit=Crossing(hold_off=1.0),
+        channel=BroadcastChannel(latency=latency.Exponential(0.5), loss=0.1),
+        agents=Fleet,
+        recording=Recording("end", overshoot=False),
+        seed=0,
+    )
+
+
+@pytest.fixture(scope="module")
+def bytes_per_agent() -> dict[str, float]:
+    """What the arrays of each stage take more with one agent more; what is left of earlier stages counts."""
+    sizes = []
+    for n in (FEW, MORE):
+        given = simulation(n)
+        begun = size(given)
+        run = given.start(until=3.0)
+        run.advance()
+        sizes.append({"simulation": begun, "run": size(run), "result": size(run.result())})
+    fewer, more = sizes
+    return {stage: (more[stage] - fewer[stage]) / (MORE - FEW) for stage in fewer}
+
+
+@pytest.mark.parametrize(
+    ("stage", "most"),
+    [
+        # 12 coefficients, and 3 derivatives of degree 7.
+        ("simulation", 8 * (12 + 3 * 8)),
+        # Much of it is space for copies on their way, which takes memory only where it is written to.
+        ("run", 1762),
+        # Of the simulation, and: demand and average, six counts for each resource, and whether it is here.
+        ("result", 8 * (12 + 3 * 8) + 8 * 3 * (2 + 6) + 1),
+    ],
+)
+def test_an_agent_takes_no_more_memory_than_it_needs(
+    bytes_per_agent: dict[str, float], stage: str, most: float
+) -> None:
+    # If more is needed, raise the number: a row of floats for each resource is 24 bytes here.
+    assert bytes_per_agent[stage] <= most
+
+
+def test_tables_that_no_run_reads_are_made_when_they_are_asked_for() -> None:
+    given = simulation(60)
+    result = given.run(3.0)
+    tables = {"_indices", "_increase", "_decrease"}
+    assert result.problem is given.problem
+    assert not tables & vars(given.problem).keys()
+    assert given.problem.agent_names[-1] == "59"
+    assert given.problem.increase.shape == given.problem.decrease.shape == (60, 3)
+    assert tables <= vars(given.problem).keys()
 
 
 def in_use() -> int:

@@ -12,6 +12,7 @@ from aimd_des.channel.network_kernel import NetworkTable, network_table, spread
 from aimd_des.channel.random_draws import LANES_PER_COPY
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.jit import deferred, kernel
+from aimd_des.utils.locked_arrays import each
 from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, Purpose, uniforms_row
 from aimd_des.utils.validation import BoolArray, FloatArray
@@ -59,7 +60,7 @@ def channel_table(
     return ChannelTable(
         latency=latency,
         loss=loss,
-        duplication=np.array(np.broadcast_to(duplication, (n,)), dtype=np.float64),
+        duplication=each(duplication, (n,)),
         duplicates=bool(np.any(duplication)),
         fifo=fifo,
         latest=np.zeros(n),  # nothing arrives before a run begins, so the first copy waits for none

@@ -1,6 +1,6 @@
 """The state of all agents and the parameters of their rule, in arrays with one row per resource."""
 
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, Literal, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from aimd_des.dynamics.responses import (
 )
 from aimd_des.utils import returned_values, validation
 from aimd_des.utils.errors import InputError
-from aimd_des.utils.locked_arrays import locked
+from aimd_des.utils.locked_arrays import each, locked
 from aimd_des.utils.records import record
 from aimd_des.utils.validation import FloatArray, IntArray
 
@@ -82,9 +82,6 @@ class Shared(Protocol):
     """What the rule asks of a problem; it need not know of costs and their optimum."""
 
     n_agents: int
-    # Of each agent and resource, (n, m).
-    increase: FloatArray
-    decrease: FloatArray
     # Of each resource, (m,).
     normalization: FloatArray
     capacity: FloatArray
@@ -92,6 +89,10 @@ class Shared(Protocol):
     @property
     def limit(self) -> FloatArray:
         """Total demand above which a capacity event is due, (m,)."""
+        ...
+
+    def by_resource(self, name: Literal["increase", "decrease"]) -> FloatArray:
+        """Spread alpha or beta over the agents, (m, n)."""
         ...
 
 
@@ -104,8 +105,8 @@ def agent_parameters(
 ) -> AgentParameters:
     """Lay out a problem's parameters with agents along the contiguous axis."""
     return AgentParameters(
-        increase=locked(problem.increase.T.copy()),
-        decrease=locked(problem.decrease.T.copy()),
+        increase=locked(problem.by_resource("increase").copy()),
+        decrease=locked(problem.by_resource("decrease").copy()),
         normalization=locked(problem.normalization.copy()),
         limit=locked(problem.limit.copy()),
         capacity=locked(problem.capacity.copy()),
@@ -164,7 +165,7 @@ def _compensation_parameters(compensation: Compensation | None, n_agents: int) -
         validation.array(f"{field}.loss", given.loss, (n_agents,), low=0.0, high=1.0, high_open=True)
         validation.integer(f"{field}.period", given.period, low=0)
         validation.integer(f"{type(compensation).__name__}.bits", compensation.bits, low=0)
-    return given._replace(loss=locked(np.array(given.loss, dtype=np.float64)))
+    return given._replace(loss=locked(each(given.loss, (n_agents,))))
 
 
 def start(n_resources: int, n_agents: int, tick_weight: float, parameters: AgentParameters) -> State:

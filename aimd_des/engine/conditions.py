@@ -27,13 +27,14 @@ class Conditions:
     cuts: IntArray  # (n,): by how many partitions each agent is cut off
     failed: BoolArray  # (1,): whether the control unit is down
     threshold: FloatArray  # (m,): gamma, the share of the capacity
-    increase: FloatArray  # (m, n): alpha of each agent while it is here
+    increase: FloatArray  # (m, n): alpha of each agent while it is here; replaced, and never written to
     # (m,): growth of total demand, in units of the resource per unit of time (or per tick of all).
     growth: FloatArray
     # The private costs, without and with the weights.
     base_costs: Costs
     costs: Costs
-    # (n,): what the costs of each agent are multiplied by: the product of all in `weighing`.
+    # (n,): what the costs of each agent are multiplied by: the product of all in `weighing`; replaced, and
+    # never written to.
     weights: FloatArray
     pieces: list[Piece]  # the problems that have been in force, the present one included
     failures: int = 0  # by how many faults the control unit is down
@@ -62,7 +63,7 @@ class Conditions:
     @classmethod
     def at_start(cls, problem: Problem) -> "Conditions":
         """Give the conditions before anything has happened: all are here and hear."""
-        n = problem.n_agents
+        n, increase = problem.n_agents, problem.by_resource("increase")
         # Locked against writing: a change goes through `put`, which reports it; readers keep views of them.
         nobody = locked(np.zeros(n, dtype=np.bool_))
         return cls(
@@ -72,18 +73,19 @@ class Conditions:
             failed=locked(np.zeros(1, dtype=np.bool_)),
             # Copies: a problem serves many runs, and none of them may change it.
             threshold=locked(problem.threshold.copy()),
-            increase=locked(problem.increase.T.copy()),
-            growth=locked(growth_of(problem.increase.T)),
+            increase=increase,
+            growth=locked(growth_of(increase)),
             base_costs=problem.costs,
             costs=problem.costs,
-            weights=locked(np.ones(n)),
+            weights=np.broadcast_to(1.0, (n,)),
             pieces=[Piece(0.0, problem.capacity, locked(~nobody), problem.costs)],
         )
 
     def state(self) -> dict[str, Any]:
-        """Return what holds; pieces and costs are never changed in place, and can be shared."""
+        """Return what holds; what is never changed in place can be shared."""
         return {
             "arrays": self._arrays(),
+            "increase": self.increase,
             "base_costs": self.base_costs,
             "costs": self.costs,
             "weights": self.weights,
@@ -98,6 +100,7 @@ class Conditions:
         """Go on from what `state` has returned."""
         for array, kept in zip(self._arrays(), state["arrays"], strict=True):
             put(array, slice(None), kept)
+        self.increase = state["increase"]
         repriced = state["costs"] is not self.costs
         self.base_costs, self.costs, self.weights = state["base_costs"], state["costs"], state["weights"]
         self.pieces[:] = state["pieces"]
@@ -109,7 +112,7 @@ class Conditions:
                 tell(self.costs)
 
     def _arrays(self) -> tuple[npt.NDArray[Any], ...]:
-        return self.away, self.cut, self.cuts, self.failed, self.threshold, self.increase, self.growth
+        return self.away, self.cut, self.cuts, self.failed, self.threshold, self.growth
 
 
 def growth_of(increase: FloatArray) -> FloatArray:

@@ -22,7 +22,7 @@ from aimd_des.results.run_data import Piece, Signals
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.whole_files import write_file
 
-_MAGIC = b"aimd-des run 2\n"
+_MAGIC = b"aimd-des run 3\n"
 _LAYOUT = "layout"
 _REMEDY = "run the simulation again from its beginning"
 
@@ -188,7 +188,9 @@ def _channels(simulation: Arguments) -> list[Any]:
 
 def fingerprint(simulation: Arguments) -> str:
     """Compute a hash of what a simulation was made of."""
-    digest = sha256()
+    digest, problem = sha256(), simulation.problem
+    # Names that were not given are those of indices, and need not be made.
+    _add(digest, None if problem.named_by_index else problem.agent_names)
     for name in _DECISIVE:
         digest.update(name.encode())
         _add(digest, getattr(simulation, name))

@@ -140,7 +140,9 @@ class Transmitter:
     @property
     def in_flight(self) -> IntArray:
         """Copies that are neither lost nor will have arrived by the end, shape (m, n)."""
-        return np.asarray(self.numbers[:, None] - self.delivered - self.lost)
+        flying = np.asarray(self.numbers[:, None] - self.delivered)
+        flying -= self.lost
+        return flying
 
     def send(self, resource: int, time: float, delay: float, total: Callable[[int], float]) -> None:
         """Broadcast a capacity signal."""

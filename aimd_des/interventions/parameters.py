@@ -13,7 +13,7 @@ from aimd_des.problem.lookup import Agents, agent_indices, resource_index
 from aimd_des.results.event_log import Entry
 from aimd_des.utils import validation
 from aimd_des.utils.docstrings import described_like
-from aimd_des.utils.locked_arrays import put
+from aimd_des.utils.locked_arrays import locked, put
 
 
 def set_capacity(system: System, resource: str | int, capacity: float) -> None:
@@ -100,8 +100,10 @@ def set_increase(system: System, agents: Agents, resource: str | int, increase: 
     value = validation.number("increase", increase, low=0.0, low_open=True)
     conditions = system.conditions
     end_piece(system)
+    growing = conditions.increase.copy()
+    growing[j, indices] = value
+    conditions.increase = locked(growing)
     for i in indices:
-        put(conditions.increase, (j, i), value)
         if not conditions.away[i]:
             # Growth up to now is that of before.
             system.break_line(i, j, system.demand(i, j))

@@ -32,6 +32,8 @@ def resource_index(problem: Problem, resource: str | int) -> int:
 
 def agent_index(problem: Problem, agent: str | int) -> int:
     """Find an agent."""
+    if type(agent) is int and 0 <= agent < problem.n_agents:
+        return agent  # without the names, which need not have been made
     return _index("agent", problem.agent_names, agent)
 
 

@@ -5,13 +5,15 @@ minimise sum_i f_i(x_i)  subject to  sum_i x_i^j = C^j and x_i^j >= 0.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, Literal
 
 import numpy as np
 
 from aimd_des.problem.costs import Costs, check_costs, family
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.locked_arrays import locked
 from aimd_des.utils.replaced import replaced
 from aimd_des.utils.shown import Shown, ShowsItself, brief, spread
 from aimd_des.utils.validation import FloatArray
@@ -105,8 +107,6 @@ class Problem(ShowsItself):
         n and m.
     capacity, threshold, normalization : ndarray, shape (m,)
         One value per resource; `threshold` is the share gamma, not its product with C.
-    increase, decrease : ndarray, shape (n, m)
-        alpha and beta of each agent.
 
     Raises
     ------
@@ -131,9 +131,11 @@ class Problem(ShowsItself):
         self.capacity = self._row("capacity")
         self.threshold = self._row("threshold")
         self.normalization = self._row("normalization")
-        self.increase = self._table("increase")
-        self.decrease = self._table("decrease")
-        self.agent_names = self._names_of_agents(agent_names)
+        for resource in self.resources:
+            for name in ("increase", "decrease"):
+                field = f"{name} of {resource.name}"
+                validation.fits(field, getattr(resource, name), self.n_agents)
+        self._names = None if agent_names is None else self._names_of_agents(agent_names)
         check_costs(costs, self.capacity)
 
     def replace(self, **parts: Any) -> "Problem":
@@ -169,7 +171,7 @@ class Problem(ShowsItself):
     @property
     def named_by_index(self) -> bool:
         """Whether agents have the names that they have where none are given: "0", "1", ..."""
-        return self.agent_names == self._names_of_agents(None)
+        return self._names is None or self._names == self._indices
 
     def _shown(self) -> Shown:
         heads = ["resource", "capacity", "threshold", "increase", "decrease", "normalization"]
@@ -193,24 +195,58 @@ class Problem(ShowsItself):
         """Total demand above which a capacity event is due: threshold times capacity, shape (m,)."""
         return self.threshold * self.capacity
 
+    @property
+    def agent_names(self) -> tuple[str, ...]:
+        """Names of the agents, in order."""
+        return self._indices if self._names is None else self._names
+
+    @property
+    def increase(self) -> FloatArray:
+        """What each agent adds to its demand per step or unit of time: alpha, shape (n, m)."""
+        return self._increase
+
+    @property
+    def decrease(self) -> FloatArray:
+        """What a response multiplies each agent's demand by: beta, shape (n, m)."""
+        return self._decrease
+
+    def by_resource(self, name: Literal["increase", "decrease"]) -> FloatArray:
+        """Spread alpha or beta over the agents, with a row for each resource.
+
+        Parameters
+        ----------
+        name : {"increase", "decrease"}
+            Which of both.
+
+        Returns
+        -------
+        ndarray, shape (m, n)
+            Not to be written to; what is the same for all agents is one number in memory.
+        """
+        values = [np.asarray(getattr(resource, name), dtype=np.float64) for resource in self.resources]
+        if any(value.ndim for value in values):
+            return locked(np.stack([np.broadcast_to(value, (self.n_agents,)) for value in values]))
+        return np.broadcast_to(np.array(values)[:, None], (self.n_resources, self.n_agents))
+
+    # Made when they are read, since no run reads them: of a million agents they are a hundred megabytes.
+    @cached_property
+    def _indices(self) -> tuple[str, ...]:
+        return tuple(map(str, range(self.n_agents)))
+
+    @cached_property
+    def _increase(self) -> FloatArray:
+        return locked(self.by_resource("increase").T.copy())
+
+    @cached_property
+    def _decrease(self) -> FloatArray:
+        return locked(self.by_resource("decrease").T.copy())
+
     def _row(self, name: str) -> FloatArray:
         row = np.array([getattr(resource, name) for resource in self.resources], dtype=np.float64)
         row.setflags(write=False)
         return row
 
-    def _table(self, name: str) -> FloatArray:
-        """Spread scalars over the agents: (n, m)."""
-        table = np.empty((self.n_agents, self.n_resources))
-        for j, resource in enumerate(self.resources):
-            value = getattr(resource, name)
-            validation.fits(f"{name} of {resource.name}", value, self.n_agents)
-            table[:, j] = value
-        table.setflags(write=False)
-        return table
-
-    def _names_of_agents(self, given: Sequence[str] | None) -> tuple[str, ...]:
-        if given is None:
-            return tuple(map(str, range(self.n_agents)))
+    def _names_of_agents(self, given: Sequence[str]) -> tuple[str, ...]:
         # A string alone is no list of names, though it is one of letters.
         names = tuple(given) if validation.axes(given) else ()
         for i, name in enumerate(names):

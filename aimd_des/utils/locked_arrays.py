@@ -1,7 +1,8 @@
-"""Arrays that many hold and only one place writes."""
+"""Arrays that many hold and only one place writes, or that are not written to at all."""
 
 from typing import Any, TypeVar
 
+import numpy as np
 import numpy.typing as npt
 
 _Array = TypeVar("_Array", bound=npt.NDArray[Any])
@@ -22,6 +23,13 @@ def put(array: npt.NDArray[Any], where: Any, value: Any) -> None:
     array.setflags(write=True)
     array[where] = value
     array.setflags(write=False)
+
+
+def each(value: npt.ArrayLike, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
+    """Spread a number, or one for each, over an array; zeros are not written, and so take no memory."""
+    row = np.zeros(shape)
+    carry_over(np.asarray(value), row)
+    return row
 
 
 def carry_over(kept: npt.NDArray[Any], fresh: npt.NDArray[Any]) -> None:

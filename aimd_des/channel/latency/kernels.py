@@ -26,6 +26,7 @@ import numpy.typing as npt
 
 from aimd_des.channel.latency.own_quantile import call_quantile
 from aimd_des.utils.jit import deferred, formula, kernel, routine
+from aimd_des.utils.locked_arrays import each
 from aimd_des.utils.portable_math import exp, log, log_normal, standard_normal
 from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, uniform_at, uniforms_row
@@ -76,10 +77,8 @@ def latency_table(
     quantile: int = 0,
 ) -> LatencyTable:
     """Lay out a model for compiled code."""
-    rows = np.zeros((3, n_agents))
-    for row, parameter in zip(rows, parameters, strict=False):
-        row[:] = parameter
-    first, second, third = (row.copy() for row in rows)
+    given = (*parameters, 0.0, 0.0, 0.0)[:3]
+    first, second, third = (each(parameter, (n_agents,)) for parameter in given)
     measured = np.array(values, dtype=np.float64)
     return LatencyTable(int(distribution), first, second, third, measured, quantile)
 

@@ -11,7 +11,7 @@ from aimd_des.channel.loss.own_loss import call_lost
 from aimd_des.channel.random_draws import LANES_PER_PART, Draws
 from aimd_des.utils.errors import SimulationError
 from aimd_des.utils.jit import deferred, formula, routine
-from aimd_des.utils.locked_arrays import carry_over
+from aimd_des.utils.locked_arrays import carry_over, each
 from aimd_des.utils.portable_math import exp
 from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, Purpose, uniform_at, uniforms_row
@@ -76,9 +76,9 @@ def loss_table(
     rows = np.zeros((0, 1), dtype=np.bool_) if record is None else record.reshape(len(record), -1)
     return LossTable(
         cause=np.array([cause], dtype=np.int64),
-        probability=np.array(np.broadcast_to(probability, (1, n_agents)), dtype=np.float64),
-        rate=np.array(np.broadcast_to(rate, (1, n_agents)), dtype=np.float64),
-        third=np.array(np.broadcast_to(third, (1, n_agents)), dtype=np.float64),
+        probability=each(probability, (1, n_agents)),
+        rate=each(rate, (1, n_agents)),
+        third=each(third, (1, n_agents)),
         address=np.array([address], dtype=np.int64),
         memory=np.zeros(n_agents * columns),
         memory_begin=np.zeros(1, dtype=np.int64),
