@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -110,6 +111,15 @@ class PolynomialCosts:
             raise InputError.of(
                 "largest of coefficients", largest, "small enough for derivatives to be finite"
             )
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Pickled slopes would take memory for powers that nobody has, in the process that reads them.
+        state = {name: part for name, part in vars(self).items() if name not in ("_table", "_proven")}
+        return {**state, "slopes": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.slopes = dense_slopes(self.exponents, self.coefficients)
 
     @property
     def n_agents(self) -> int:
