@@ -402,7 +402,7 @@ class Observer:
         first = len(self.allocation_times) - len(self.demand)
         for time in self.allocation_times[first + self._page : -1].tolist():
             yield self.system.env.at(time, EventKind.OBSERVE)
-            self.demand[self._page], self.average[self._page] = self.system.allocations()
+            self.system.observe_allocations(self.demand[self._page], self.average[self._page])
             self._page += 1
 
     def state(self) -> dict[str, Any]:
@@ -430,7 +430,7 @@ class Observer:
         """Take the last look, at the end of the run."""
         # Not an event: what is due at the end does not happen, but x(end) is what the run has led to.
         self._keep_totals(len(self.times) - 1)
-        self.demand[-1], self.average[-1] = self.system.allocations()
+        self.system.observe_allocations(self.demand[-1], self.average[-1])
         # Not 0 where nothing was measured: 0 would be a finding.
         missing = np.full(self.system.problem.n_resources, np.nan)
         overshoot, second_half = Overshoot(missing, missing, missing), missing

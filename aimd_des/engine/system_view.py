@@ -160,10 +160,20 @@ class Readings:
         demand, average : ndarray, shape (m, n)
             In units of the resources.
         """
-        self.settle()
         demand, average = np.empty_like(self.state.demand), np.empty_like(self.state.demand)
-        observe(self.state, self.parameters, self.moments(), self.tick_weight, demand, average)
+        self.observe_allocations(demand, average)
         return demand, average
+
+    def observe_allocations(self, demand: FloatArray, average: FloatArray) -> None:
+        """Read demand and average of every agent as they are now into arrays that are there.
+
+        Parameters
+        ----------
+        demand, average : ndarray, shape (m, n)
+            Receive the numbers, in units of the resources.
+        """
+        self.settle()
+        observe(self.state, self.parameters, self.moments(), self.tick_weight, demand, average)
 
     def moment(self, agent: int) -> float:
         """Return where one agent is in its own time.
