@@ -243,8 +243,9 @@ def _alone(contestant: Contestant[Outcome], seed: int) -> Alone | None:
         return None
 
 
-def _measure(task: Task, repeats: int, seed: int) -> list[dict[str, Any]]:
-    contestants, ends = zip(*_contestants(task), strict=True)
+def _measure(task: Task, repeats: int, seed: int, programs: list[str] | None) -> list[dict[str, Any]]:
+    taking_part = [one for one in _contestants(task) if programs is None or one[0].name in programs]
+    contestants, ends = zip(*taking_part, strict=True)
     separate = [_alone(contestant, seed) for contestant in contestants]
     timings = list(zip(interleaved(contestants, repeats, seed), ends, strict=True))
     return [_row(timing, end, timings, own) for (timing, end), own in zip(timings, separate, strict=True)]
@@ -259,6 +260,10 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
         "--cameras", type=positive, nargs="+", default=list(HORIZONS), help="sizes (default: %(default)s)"
     )
     parser.add_argument("--until", type=float, help="end, in units of time (default: by size)")
+    names = [contestant.name for contestant, _ in _contestants(_task(1, WARM_UP))]
+    parser.add_argument(
+        "--programs", nargs="+", choices=names, metavar="NAME", help="as in the tables (default: all)"
+    )
     add_options(parser, repeats=3)
     return parser.parse_args(arguments)
 
@@ -271,7 +276,7 @@ def main(arguments: list[str] | None = None) -> None:
     sizes = {}
     for cameras in options.cameras:
         task = _task(cameras, options.until or _horizon(cameras))
-        sizes[str(cameras)] = rows = _measure(task, options.repeats, options.seed)
+        sizes[str(cameras)] = rows = _measure(task, options.repeats, options.seed, options.programs)
         names = " ".join(task.problem.resource_names)
         title = (
             f"{cameras} cameras, {names}, {task.until:g} units of time; exponential latency {LATENCY:g}, "
@@ -280,7 +285,7 @@ def main(arguments: list[str] | None = None) -> None:
         out.print(table(title, COLUMNS, map(_cells, rows)))
     out.print(LEGEND, soft_wrap=True)
     if options.json:
-        settings = {name: getattr(options, name) for name in ("until", "repeats", "seed")}
+        settings = {name: getattr(options, name) for name in ("until", "repeats", "seed", "programs")}
         settings |= {"latency": LATENCY, "loss": LOSS, "hold_off": HOLD_OFF}
         write_json(options.json, {"machine": host, "settings": settings, "cameras": sizes})
 

@@ -82,3 +82,6 @@ def test_the_table_has_a_row_for_every_program(
     rows = [line for line in out.splitlines() if line.strip().startswith(tuple(names))]
     assert [row.strip().partition("  ")[0] for row in rows] == names
     assert all(row.split()[-3:] == ["1.00", "2", "3.0"] for row in rows)
+    asynchronous.main(["--cameras", "5", "--until", "60", "--repeats", "1", "--programs", names[1]])
+    out = capsys.readouterr().out
+    assert [name for name in names if f"  {name}  " in out] == [names[1]]
