@@ -31,7 +31,7 @@ def dense_slopes(exponents: Sequence[int], coefficients: FloatArray) -> FloatArr
         columns = np.moveaxis(coefficients[few], 0, -1).copy()
         for place in np.ndindex(*others):
             for exponent, column in zip(exponents, columns[place], strict=True):
-                # A power that nobody has is not written, and so takes no memory.
+                # A power that no agent has is not written, and so takes no memory.
                 if column.any():
                     rows[(*place, exponent - 1, few)] += exponent * column
     return np.moveaxis(rows, (-2, -1), (0, 1))
@@ -39,7 +39,7 @@ def dense_slopes(exponents: Sequence[int], coefficients: FloatArray) -> FloatArr
 
 def horner(rows: FloatArray, x: FloatArray) -> FloatArray:
     """Evaluate polynomials elementwise by Horner's scheme."""
-    # Laid out row by row, whatever the others are: in which order sums of it are taken depends on that.
+    # Laid out row by row, also where the others are not: in which order sums of it are taken depends on that.
     total = np.zeros(np.shape(x))
     for row in rows[::-1]:
         total = total * x + row
@@ -113,7 +113,7 @@ class PolynomialCosts:
             )
 
     def __getstate__(self) -> dict[str, Any]:
-        # Pickled slopes would take memory for powers that nobody has, in the process that reads them.
+        # Pickled slopes would take memory for powers that no agent has, in the process that reads them.
         state = {name: part for name, part in vars(self).items() if name not in ("_table", "_proven")}
         return {**state, "slopes": None}
 
@@ -138,7 +138,7 @@ class PolynomialCosts:
 
     @cached_property
     def _proven(self) -> bool:
-        # Kept, since whoever asks whether these are costs reads all that costs must have.
+        # Kept, since the check that these are costs reads all that costs must have.
         return bool((self.coefficients >= 0).all() and (self.coefficients > 0).any(axis=2).all())
 
     @property
