@@ -10,7 +10,7 @@ import numpy.typing as npt
 from aimd_des.problem.costs import Costs
 from aimd_des.problem.problem import Problem
 from aimd_des.results.run_data import Piece
-from aimd_des.utils.locked_arrays import locked, put
+from aimd_des.utils.locked_arrays import locked, put, repeated
 from aimd_des.utils.validation import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
@@ -77,7 +77,7 @@ class Conditions:
             growth=locked(growth_of(increase)),
             base_costs=problem.costs,
             costs=problem.costs,
-            weights=np.broadcast_to(1.0, (n,)),
+            weights=repeated([1.0], n)[0],
             pieces=[Piece(0.0, problem.capacity, locked(~nobody), problem.costs)],
         )
 

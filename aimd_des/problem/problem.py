@@ -13,7 +13,7 @@ import numpy as np
 from aimd_des.problem.costs import Costs, check_costs, family
 from aimd_des.utils import limits, validation
 from aimd_des.utils.errors import InputError
-from aimd_des.utils.locked_arrays import locked
+from aimd_des.utils.locked_arrays import locked, repeated
 from aimd_des.utils.replaced import replaced
 from aimd_des.utils.shown import Shown, ShowsItself, brief, spread
 from aimd_des.utils.validation import FloatArray
@@ -223,10 +223,13 @@ class Problem(ShowsItself):
         ndarray, shape (m, n)
             Not to be written to; what is the same for all agents is one number in memory.
         """
-        values = [np.asarray(getattr(resource, name), dtype=np.float64) for resource in self.resources]
-        if any(value.ndim for value in values):
-            return locked(np.stack([np.broadcast_to(value, (self.n_agents,)) for value in values]))
-        return np.broadcast_to(np.array(values)[:, None], (self.n_resources, self.n_agents))
+        values = [getattr(resource, name) for resource in self.resources]
+        if all(isinstance(value, float) for value in values):
+            return repeated(values, self.n_agents)
+        rows = np.empty((self.n_resources, self.n_agents))
+        for row, value in zip(rows, values, strict=True):
+            row[:] = value
+        return locked(rows)
 
     # Made when they are read, since no run reads them: of a million agents they are a hundred megabytes.
     @cached_property
