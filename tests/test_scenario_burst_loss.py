@@ -7,7 +7,7 @@ import pytest
 
 from aimd_des.study import mean_and_error
 from aimd_des.theory import BurstRunaway, burst_runaway, burst_shares
-from scenarios.burst_loss import Answer, Bursts, Outcome, answer, measure, share_of_smallest
+from scenarios.burst_loss import COMMON, HOLD_OFF, OWN, Answer, Bursts, answer, measure, share_of_smallest
 from scenarios.common.systems import memory_alone
 
 PROBLEM = memory_alone()
@@ -17,28 +17,29 @@ Z = 5.0
 HELD = [(0.1, 71.0), (0.4, 17.8), (0.1, 17.8)]  # loss and mean burst
 
 
-def runs(
-    common: bool, burst: float, until: float = 2400.0, loss: float = 0.2
-) -> tuple[Bursts, list[Outcome]]:
-    run = Bursts(common, loss, burst, 0.25, until, 800.0)
+Outcomes = list[dict[str, float]]
+
+
+def runs(links: str, burst: float, until: float = 2400.0, loss: float = 0.2) -> tuple[Bursts, Outcomes]:
+    run = Bursts(links, loss, burst, until, 800.0)
     return run, [measure(run, draw, 1000 * draw) for draw in range(DRAWS)]
 
 
-def of(found: list[Outcome], name: str) -> tuple[float, float]:
-    mean, error = mean_and_error([getattr(one, name) for one in found])
+def of(found: Outcomes, name: str) -> tuple[float, float]:
+    mean, error = mean_and_error([one[name] for one in found])
     return float(mean), float(error)
 
 
 def predicted(run: Bursts) -> BurstRunaway:
-    span = run.until - run.start
-    found = burst_runaway(PROBLEM, run.loss, run.burst, hold_off=run.hold_off, span=span)
+    span = run.length - run.start
+    found = burst_runaway(PROBLEM, run.loss, run.burst, hold_off=HOLD_OFF, span=span)
     assert found is not None
     return found
 
 
 @pytest.fixture(scope="module")
-def together() -> tuple[Bursts, list[Outcome]]:
-    return runs(True, 10.0)
+def together() -> tuple[Bursts, Outcomes]:
+    return runs(COMMON, 10.0)
 
 
 # By such parts theory may be off: it neglects that cuts are random and, for the peak, that bursts follow
@@ -47,7 +48,7 @@ def together() -> tuple[Bursts, list[Outcome]]:
     ("name", "share"), [("excess", 0.05), ("time_above", 0.05), ("run_away_peak", 0.05), ("peak", 0.1)]
 )
 def test_bursts_in_common_run_away_as_predicted(
-    together: tuple[Bursts, list[Outcome]], name: str, share: float
+    together: tuple[Bursts, Outcomes], name: str, share: float
 ) -> None:
     run, found = together
     mean, error = of(found, name)
@@ -55,9 +56,9 @@ def test_bursts_in_common_run_away_as_predicted(
     assert abs(mean - expected) <= share * expected + Z * error
 
 
-def test_bursts_of_each_link_do_not_run_away(together: tuple[Bursts, list[Outcome]]) -> None:
-    _, found = runs(False, 10.0)
-    assert max(one.peak for one in found) < 1.02
+def test_bursts_of_each_link_do_not_run_away(together: tuple[Bursts, Outcomes]) -> None:
+    _, found = runs(OWN, 10.0)
+    assert max(one["peak"] for one in found) < 1.02
     # Negative control: what is predicted of bursts in common is refuted by these runs.
     mean, error = of(found, "excess")
     assert mean + Z * error < 0.01 * predicted(together[0]).excess
@@ -65,7 +66,7 @@ def test_bursts_of_each_link_do_not_run_away(together: tuple[Bursts, list[Outcom
 
 @pytest.mark.slow
 def test_long_bursts_of_each_link_level_the_shares() -> None:
-    run, found = runs(False, 40.0, until=6400.0)
+    run, found = runs(OWN, 40.0, until=6400.0)
     mean, error = of(found, "smallest")
 
     def share(burst: float) -> float:
@@ -84,7 +85,7 @@ def test_what_bad_links_hold_orders_bursts_and_not_their_length() -> None:
 
     Bursts of 18 with loss 0.1 hold a twelfth, and are above for less than a tenth of that.
     """
-    held = {(loss, burst): of(runs(False, burst, loss=loss)[1], "time_above")[0] for loss, burst in HELD}
+    held = {(loss, burst): of(runs(OWN, burst, loss=loss)[1], "time_above")[0] for loss, burst in HELD}
     few, many, short = held.values()
     assert min(few, many) > 10.0 * short
     assert max(few, many) > 0.01
@@ -94,7 +95,8 @@ def test_long_bursts_undo_the_estimate_of_a_running_number() -> None:
     """Losses from 0 to 0.5, three draws: 5 bits help against independent loss, and not in bursts of 40."""
 
     def off(way: str, burst: float) -> float:
-        return float(np.mean([answer(Answer(way, 0.25, burst, 4000.0), draw, draw) for draw in range(3)]))
+        run = Answer(way, 0.25, burst, 4000.0)
+        return float(np.mean([answer(run, draw, draw)["misallocation"] for draw in range(3)]))
 
     assert off("5 bits", 0.0) < 0.4 * off("nothing", 0.0)
     assert off("5 bits", 40.0) > 0.9 * off("nothing", 40.0)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -20,10 +20,11 @@ from aimd_des.study import mean_and_error, replicate
 from aimd_des.utils.folders import check_folder
 from models.smart_cameras import smart_cameras
 from scenarios import paper
+from scenarios.common import figures
 from scenarios.common.command import Finding, write
 from scenarios.common.measure import Measures, Run, measure, measure_all, run_draws
 from scenarios.common.systems import memory_alone, spread
-from scenarios.common.tables import over_draws, summarise, summarise_draws
+from scenarios.common.tables import over_draws, summarise, summarise_draws, table_of
 from scenarios.theory_table import accuracy as accuracy_rows
 from scenarios.theory_table import losses
 from scenarios.theory_table import signals as signal_rows
@@ -195,6 +196,38 @@ def test_a_mean_over_draws_is_said_with_its_interval_and_their_scatter() -> None
     assert row["within"] == pytest.approx(0.1)
     # t of two degrees, 4.303, times 1 / sqrt(3)
     assert over_draws(table, a="x") == "2.00 ± 2.48 (± 1.00 over draws)"
+
+
+class Case(NamedTuple):
+    a: str
+    b: float
+    other: int = 7
+
+
+def test_outcomes_of_draws_become_a_table_beside_their_theory() -> None:
+    def theory(case: Case, draw: int) -> dict[str, float]:
+        return {"c": case.b + draw, "nobody measures": 1.0} if case.a == "x" else {}
+
+    pairs = [(Case(a, 1.0), [[{"c": 2.0}, {"c": 4.0}], [{"c": 5.0}, {"c": 5.0}]]) for a in "xy"]
+    table = table_of(pairs, ["a", "b"], 3, theory)
+    assert table[["a", "b", "measure"]].to_numpy().tolist() == [["x", 1.0, "c"], ["y", 1.0, "c"]]
+    assert table["mean"].tolist() == [4.0, 4.0]
+    assert table["theory"].tolist() == [4.5, pytest.approx(np.nan, nan_ok=True)]  # of draws 3 and 4
+    assert table["draws"].tolist() == [2, 2]
+
+
+def test_a_curve_is_drawn_for_each_value_of_a_column() -> None:
+    table = pd.DataFrame({"a": list("xyx"), "at": [1.0, 1.0, 2.0], "mean": [3.0, 4.0, 5.0]})
+    axes = Figure().subplots()
+    figures.curves(axes, "at", "a", table.assign(standard_error=0.5, theory=6.0), "of {}", scale=10.0)
+    handles, labels = axes.get_legend_handles_labels()
+    assert labels == ["of x", "of y"]
+    drawn: list[Any] = [handle.lines[0].get_xydata().tolist() for handle in handles]
+    assert drawn == [[[1.0, 30.0], [2.0, 50.0]], [[1.0, 40.0]]]
+    lines: list[Any] = axes.get_lines()
+    heights = [line.get_ydata().tolist() for line in lines]
+    assert [60.0, 60.0] in heights  # theory of x, and of y
+    assert [60.0] in heights
 
 
 def test_measures_count_from_the_start_that_was_asked_for() -> None:

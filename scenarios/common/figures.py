@@ -15,6 +15,7 @@ __all__ = [
     "REFERENCE",
     "course",
     "curve",
+    "curves",
     "dress",
     "frame",
     "legends",
@@ -66,6 +67,13 @@ def curve(
     """Draw rows as `points` does, and what theory has for them."""
     points(axes, x, rows, place, label, scale=scale, **look)
     theory(axes, x, rows, place, scale=scale)
+
+
+def curves(axes: Axes, x: str, by: str, table: pd.DataFrame, label: str = "{}", **how: Any) -> None:
+    """Draw a `curve` over a column for each value of another, with the value in its label."""
+    for place, value in enumerate(table[by].unique()):
+        rows = table[table[by] == value]
+        curve(axes, rows[x], rows, place, label.format(value), **how)
 
 
 def level(axes: Axes, value: float, style: str = ":") -> None:

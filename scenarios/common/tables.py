@@ -1,6 +1,6 @@
 """Tables of the studies: a row for each point and measure, with mean, standard error and theory."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,27 @@ def with_theory(table: pd.DataFrame, labels: Sequence[str]) -> pd.DataFrame:
     expected = expected[[*labels, "measure", "mean"]].rename(columns={"mean": "theory"})
     found = table[~known & table["mean"].notna()]
     return found.merge(expected, "left", [*labels, "measure"]).reset_index(drop=True)
+
+
+def table_of(
+    pairs: Iterable[tuple[Any, Iterable[Iterable[Mapping[str, float]]]]],
+    labels: Sequence[str],
+    first: int = 0,
+    theory: Callable[[Any, int], Mapping[str, float]] | None = None,
+) -> pd.DataFrame:
+    """Summarise what `run_draws` gives, over draws that are counted from `first` on.
+
+    Labels are fields of the cases, and outcomes map measures to numbers.  So does theory, a function of case
+    and draw, where it has something for them.
+    """
+    rows = []
+    for case, found in pairs:
+        own = {name: getattr(case, name) for name in labels}
+        for draw, outcomes in enumerate(found, first):
+            known = {} if theory is None else theory(case, draw)
+            expected = {theory_of(measure): value for measure, value in known.items()}
+            rows += [{**own, "draw": draw, **outcome, **expected} for outcome in outcomes]
+    return with_theory(summarise_draws(rows, labels), labels)
 
 
 def estimate(
