@@ -22,9 +22,9 @@ from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour, shared_legend
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import quietly, rows_of, run_draws, sensed
+from scenarios.common.measure import quietly, run_draws, sensed
 from scenarios.common.systems import memory_alone
-from scenarios.common.tables import number, over_draws, pick, shown, summarise_draws
+from scenarios.common.tables import number, over_draws, pick, shown, table_of
 
 # Growth and capacity are the same in all draws of the costs.
 _PROBLEM = memory_alone()
@@ -38,6 +38,14 @@ FAULTS = (ALL, FAILOVER, PART)
 BEFORE, AFTER, GRAIN, COARSE = 10.0, 100.0, 0.125, 8
 # A capacity's worth of growth, which is also the time x / alpha in which agents find a new share.
 PACE = CAPACITY / GROWTH
+# What the figure shows in detail.
+_SHOWN_DURATION, _SHOWN_LATENCY, _SHORT, _LONG = 20.0, 0.5, 0.25, 1.0
+# A latency beyond both hold-offs: signals are on their way when an outage begins.
+_FAR = 5.0
+# Over how many of the last periods it is measured how halves end.
+_LATE = 30
+RUNAWAY, BACK, OVERLOAD, ROOM = "run-away", "time to come back", "overload", "room below the bound"
+GAP, EVEN, ODD = "gap left after x / alpha", "extra of the even half", "extra of the odd half"
 
 
 class Outage(NamedTuple):
@@ -76,18 +84,11 @@ class Outage(NamedTuple):
 
 
 class Found(NamedTuple):
-    """One run: peak above the capacity and its excess, beyond the ordinary, integrated; when it is back.
+    """What is kept of one run."""
 
-    `holdings` (q, 2) is what the even and the odd agents hold over their optimum, and `extra` (n,) what each
-    agent got more than without the fault, in periods of its own optimum.
-    """
-
-    runaway: float
-    excess: float
-    back: float
-    total: FloatArray
-    holdings: FloatArray
-    extra: FloatArray
+    numbers: dict[str, float]
+    total: FloatArray  # (q,): over the capacity
+    holdings: FloatArray  # (r, 2): what the even and the odd agents hold over their optimum
 
 
 @lru_cache
@@ -119,20 +120,34 @@ def measure(settled: Outage, draw: int, seed: int) -> Found:
     seen, share = result.observations, _share(draw)
     last, ordinary = (one.pieces.iloc[-1] for one in (result, without))
     total = seen.total_demand[:-1, 0] / CAPACITY
-    healed = round((BEFORE + case.duration) / GRAIN)
-    held = total[healed:] <= 1.0
-    back = float(GRAIN * (held.argmax() - 0.5)) if held.any() and not held[0] else 0.0
+    held = total[round((BEFORE + case.duration) / GRAIN) :] <= 1.0
+    runaway = float(last["overshoot_peak"]) - 1.0
+    # What each agent got more than without the fault, in periods of its own optimum.
     extra = (result.average_at_end - without.average_at_end)[:, 0] * case.until / share
     demand = seen.demand[:-1, 0]
     sides = [demand[:, agents].sum(axis=1) / share[agents].sum() for agents in (HALF, OTHER)]
-    return Found(
-        float(last["overshoot_peak"]) - 1.0,
-        float(last["overshoot_mean"] - ordinary["overshoot_mean"]) * (case.until - case.at),
-        back,
-        total,
-        np.stack(sides, axis=1),
-        extra,
-    )
+    holdings = np.stack(sides, axis=1)
+    numbers = {
+        RUNAWAY: runaway,
+        ROOM: case.bound - runaway,
+        BACK: float(GRAIN * (held.argmax() - 0.5)) if held.any() and not held[0] else 0.0,
+        # Beyond the ordinary, in periods of all of the capacity.
+        OVERLOAD: float(last["overshoot_mean"] - ordinary["overshoot_mean"]) * (case.until - case.at),
+        EVEN: float(extra[HALF].mean()),
+        ODD: float(extra[OTHER].mean()),
+    }
+    if case.fault == PART and case.duration >= _SHOWN_DURATION:
+        # The part of the gap between the halves that is left a time x / alpha after healing.
+        heal, gaps = _healed(case.duration + case.latency), holdings[:, 0] - holdings[:, 1]
+        numbers[GAP] = float(gaps[heal + round(PACE)] / gaps[heal])
+        for side, name in enumerate(("even", "odd")):
+            numbers[f"{name} half at the end"] = float(holdings[-_LATE:, side].mean())
+    return Found(numbers, total, holdings)
+
+
+def _healed(after: float) -> int:
+    """Find the record of agents that is so long after the outage began."""
+    return round((BEFORE + after) / (GRAIN * COARSE))
 
 
 @lru_cache
@@ -143,8 +158,8 @@ def _ordinary(latency: float, hold_off: float) -> tuple[float, FloatArray]:
 
 
 @lru_cache
-def expected(case: Outage) -> tuple[float, float]:
-    """Predict the mean run-away, and the time from healing until the total is back, from the means alone.
+def expected(case: Outage) -> dict[str, float]:
+    """Predict what there is a formula for, with the costs of draw 0, from the means alone.
 
     Signals on their way keep the total at its mean until the latency is over; from then on all agents that
     are cut off grow. Agents that hear are cut at every hold-off while the total is above the capacity.
@@ -160,57 +175,16 @@ def expected(case: Outage) -> tuple[float, float]:
         time, peak = time + step, max(peak, float(demand.sum()))
         if demand.sum() > CAPACITY and time < heal:
             demand = np.where(hears, demand * (1.0 - cut), demand)
-    back = case.latency + 0.5 * case.wait
     # Where it is more, what a latency costs without a fault.
     runaway = max(peak / CAPACITY - 1.0, case.latency / PACE)
-    if demand.sum() <= CAPACITY:
-        return runaway, np.nan
+    back = case.latency + 0.5 * case.wait if demand.sum() > CAPACITY else np.nan
     demand = demand * (1.0 - cut)
     while demand.sum() > CAPACITY:
         demand = (demand + alpha * case.hold_off) * (1.0 - cut)
         back += case.hold_off
-    return runaway, back
-
-
-# What the figure shows in detail.
-_SHOWN_DURATION, _SHOWN_LATENCY, _SHORT, _LONG = 20.0, 0.5, 0.25, 1.0
-# A latency beyond both hold-offs: signals are on their way when an outage begins.
-_FAR = 5.0
-_LABELS = ["fault", "latency", "hold_off", "duration"]
-# Over how many of the last periods it is measured how halves end.
-_LATE = 30
-
-
-def _gap(run: Found, case: Outage) -> float:
-    """Share of the gap between the halves that is left a time x / alpha after healing."""
-    heal = round((BEFORE + case.duration + case.latency) / (GRAIN * COARSE))
-    gaps = run.holdings[:, 0] - run.holdings[:, 1]
-    return float(gaps[heal + round(PACE)] / gaps[heal])
-
-
-def _measures(case: Outage, run: Found) -> dict[str, float]:
-    """Measure one run: numbers in capacities, periods, and periods of an agent's own optimum."""
-    found = {
-        "run-away": run.runaway,
-        "room below the bound": case.bound - run.runaway,
-        "time to come back": run.back,
-        "overload": run.excess,
-        "extra of the even half": float(run.extra[HALF].mean()),
-        "extra of the odd half": float(run.extra[OTHER].mean()),
-    }
-    if case.fault == PART and case.duration >= _SHOWN_DURATION:
-        found["gap left after x / alpha"] = _gap(run, case)
-        for side, name in enumerate(("even", "odd")):
-            found[f"{name} half at the end"] = float(run.holdings[-_LATE:, side].mean())
-    return found
-
-
-def _expected(case: Outage) -> dict[str, float]:
-    """Predict what there is a formula for, with the costs of draw 0."""
-    runaway, back = expected(case)
+    found = {RUNAWAY: runaway, BACK: back, GAP: float(np.exp(-1.0))}
     fall = 0.5 * runaway * (back - case.latency)
-    found = {"run-away": runaway, "time to come back": back, "gap left after x / alpha": float(np.exp(-1.0))}
-    return found if case.fault == PART else {**found, "overload": 0.5 * runaway**2 * PACE + fall}
+    return found if case.fault == PART else {**found, OVERLOAD: 0.5 * runaway**2 * PACE + fall}
 
 
 def _cases(quick: bool, settled: float) -> list[Outage]:
@@ -230,44 +204,24 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     """Silence memory alone for up to 40 periods, in three ways, behind latencies and with two hold-offs."""
     draws, settled = (2, 60.0) if quick else (16, 200.0)
     pairs = run_draws(measure, _cases(quick, settled), draws, 1, seed, quick, runs)
-    labels = {
-        case: dict(zip(_LABELS, (case.fault, case.latency, case.hold_off, case.duration), strict=True))
-        for case, _ in pairs
-    }
-    rows = rows_of(pairs, lambda case, _, run: {**labels[case], **_measures(case, run)}, seed)
-    known = [
-        {**labels[case], "measure": name, "theory": value}
-        for case, _ in pairs
-        for name, value in _expected(case).items()
-    ]
-    least = [
-        {
-            **labels[case],
-            "measure": "room below the bound",
-            "least": min(case.bound - run.runaway for (run,) in found),
-        }
-        for case, found in pairs
-    ]
-    table = summarise_draws(rows, _LABELS).dropna(subset="mean")
-    for more in (known, least):
-        table = table.merge(pd.DataFrame(more), "left", on=[*_LABELS, "measure"])
-    shape = (_SHOWN_LATENCY, _SHORT, _SHOWN_DURATION)
-    watched = {
-        case.fault: [run for (run,) in found]
-        for case, found in pairs
-        if (case.latency, case.hold_off, case.duration) == shape
-    }
+    labels = ["fault", "latency", "hold_off", "duration"]
+    numbers = [(case, [[run.numbers] for (run,) in found]) for case, found in pairs]
+    table = table_of(numbers, labels, seed, lambda case, _: expected(case))
+    least = [min(run[ROOM] for (run,) in found) for _, found in numbers]
+    table.loc[table["measure"] == ROOM, "least"] = least
+    shape = (_SHOWN_DURATION, _SHOWN_LATENCY, _SHORT)
+    watched = {case.fault: [run for (run,) in found] for case, found in pairs if case[1:4] == shape}
     settings = {"seed": seed, "draws": draws, "settled": settled}
-    chosen = table["measure"].isin(["run-away", "time to come back", "overload"])
+    chosen = table["measure"].isin([RUNAWAY, BACK, OVERLOAD])
     drawn = {"outage": partial(_figure, table, watched)}
-    printed = shown(table[chosen], [*_LABELS, "measure"], ".3f")
+    printed = shown(table[chosen], [*labels, "measure"], ".3f")
     return Finding("outage", settings, table, printed, _findings(table), drawn)
 
 
 def _figure(table: pd.DataFrame, watched: dict[str, list[Found]]) -> Figure:
     figure, (left, middle, right) = figures.panels(1, 3, (13.0, 4.6))
     _draw_totals(left, watched)
-    _draw_runaways(middle, pick(table, measure="run-away", latency=_SHOWN_LATENCY, hold_off=_SHORT))
+    _draw_runaways(middle, pick(table, measure=RUNAWAY, latency=_SHOWN_LATENCY, hold_off=_SHORT))
     _draw_halves(right, watched[PART])
     shared_legend(figure)
     return figure
@@ -310,7 +264,7 @@ def _draw_halves(axes: Axes, found: list[Found]) -> None:
     axes.axvspan(0.0, _SHOWN_DURATION, color="0.93", linewidth=0.0)
     for side, (name, place) in enumerate((("the half that is cut off", 3), ("the half that hears", 4))):
         axes.plot(time, holdings[:, side], color=colour(place), linewidth=1.8, label=name)
-    heal = round((BEFORE + _SHOWN_DURATION + _SHOWN_LATENCY + 1.0) / (GRAIN * COARSE))
+    heal = _healed(_SHOWN_DURATION + _SHOWN_LATENCY + 1.0)
     middle, since = holdings[-40:].mean(), time[heal:] - time[heal]
     gap = 0.5 * (holdings[heal, 0] - holdings[heal, 1]) * np.exp(-since / PACE)
     for sign in (1.0, -1.0):
@@ -322,15 +276,15 @@ def _draw_halves(axes: Axes, found: list[Found]) -> None:
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
+    usual: dict[str, Any] = {"latency": _SHOWN_LATENCY, "hold_off": _SHORT, "duration": _SHOWN_DURATION}
+
     def say(fault: str, what: str, scale: float = 1.0, digits: int = 1, **other: float) -> str:
-        at = {"latency": _SHOWN_LATENCY, "hold_off": _SHORT, "duration": _SHOWN_DURATION, **other}
-        return over_draws(table, scale, digits, fault=fault, measure=what, **at)
+        return over_draws(table, scale, digits, fault=fault, measure=what, **(usual | other))
 
     def theory(fault: str, what: str, **other: float) -> float:
-        at = {"latency": _SHOWN_LATENCY, "hold_off": _SHORT, "duration": _SHOWN_DURATION, **other}
-        return number(table, "theory", fault=fault, measure=what, **at)
+        return number(table, "theory", fault=fault, measure=what, **(usual | other))
 
-    away = table[(table["fault"] != PART) & (table["measure"] == "run-away")]
+    away = table[(table["fault"] != PART) & (table["measure"] == RUNAWAY)]
     near = pick(away[away["latency"] < _FAR], hold_off=_SHORT)
     gap = 100 * (near["mean"] - near["theory"]).abs().max()
     far = {
@@ -349,23 +303,23 @@ def _findings(table: pd.DataFrame) -> list[str]:
           one signal was enough before. With hold-off {_SHORT:g} {held[_SHORT]}; with {_LONG:g}
           {held[_LONG]}.
         - With hold-off {_SHORT:g} and latencies up to 1 the mean run-away is that of the means, half a
-          sawtooth less, to within {gap:.1f} points: {say(ALL, "run-away", 100.0)} % after {_SHOWN_DURATION:g}
+          sawtooth less, to within {gap:.1f} points: {say(ALL, RUNAWAY, 100.0)} % after {_SHOWN_DURATION:g}
           periods of silence with latency {_SHOWN_LATENCY:g}. At latency {_FAR:g} it is {far["mean"]:.0f} %,
           where the means have {far["theory"]:.0f}: they leave out that the total swings by itself there.
-        - It is back {say(ALL, "time to come back")} periods after those {_SHOWN_DURATION:g} with hold-off
-          {_SHORT:g} (theory {theory(ALL, "time to come back"):.1f}), and
-          {say(ALL, "time to come back", hold_off=_LONG)} with {_LONG:g} (theory
-          {theory(ALL, "time to come back", hold_off=_LONG):.1f}): every hold-off brings a signal. The demand
-          in excess of the capacity adds up to {say(ALL, "overload")} and
-          {say(ALL, "overload", hold_off=_LONG)} periods of all of it.
+        - It is back {say(ALL, BACK)} periods after those {_SHOWN_DURATION:g} with hold-off
+          {_SHORT:g} (theory {theory(ALL, BACK):.1f}), and
+          {say(ALL, BACK, hold_off=_LONG)} with {_LONG:g} (theory
+          {theory(ALL, BACK, hold_off=_LONG):.1f}): every hold-off brings a signal. The demand
+          in excess of the capacity adds up to {say(ALL, OVERLOAD)} and
+          {say(ALL, OVERLOAD, hold_off=_LONG)} periods of all of it.
         - Half of the agents cut off for {_SHOWN_DURATION:g} periods run away by
-          {say(PART, "run-away", 100.0)} % with hold-off {_SHORT:g}, as the others give way, and by
-          {say(PART, "run-away", 100.0, hold_off=_LONG)} % with {_LONG:g}, where signals come too rarely to
-          give way. With {_SHORT:g} those that hear get {say(PART, "extra of the odd half")} periods of their
+          {say(PART, RUNAWAY, 100.0)} % with hold-off {_SHORT:g}, as the others give way, and by
+          {say(PART, RUNAWAY, 100.0, hold_off=_LONG)} % with {_LONG:g}, where signals come too rarely to
+          give way. With {_SHORT:g} those that hear get {say(PART, ODD)} periods of their
           share more than without the outage, the half that is cut off
-          {say(PART, "extra of the even half")}.
-        - A time x / alpha = {PACE:.0f} periods after healing {say(PART, "gap left after x / alpha", 1.0, 2)}
-          of the gap is left ({theory(PART, "gap left after x / alpha"):.2f} at the rate alpha / x alone), and
+          {say(PART, EVEN)}.
+        - A time x / alpha = {PACE:.0f} periods after healing {say(PART, GAP, 1.0, 2)}
+          of the gap is left ({theory(PART, GAP):.2f} at the rate alpha / x alone), and
           in the last {_LATE} periods the halves hold {say(PART, "even half at the end", 1.0, 2)} and
           {say(PART, "odd half at the end", 1.0, 2)} of their optimum: averages remember.
     """)
