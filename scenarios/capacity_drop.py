@@ -27,17 +27,9 @@ from aimd_des.plots import colour, shared_legend
 from aimd_des.study import jackknife, mean_and_error
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import rows_of, run_draws, sensed
+from scenarios.common.measure import run_draws, sensed
 from scenarios.common.systems import memory_alone
-from scenarios.common.tables import (
-    beside_theory,
-    number,
-    pick,
-    shown,
-    summarise_draws,
-    theory_of,
-    with_theory,
-)
+from scenarios.common.tables import beside_theory, number, pick, shown, table_of, theory_of
 
 WITHIN = 0.05
 LEFT = 0.6  # of the capacity, unless it is said
@@ -64,6 +56,10 @@ class Drop(NamedTuple):
     left: float = LEFT
     draw: int = 0
 
+    def problem(self, share: float = 1.0) -> Problem:
+        """Make what is shared, with a share of the capacity."""
+        return _problem(self.costs, self.draw, share)
+
     @property
     def memory(self) -> dict[str, float]:
         """As theory takes it."""
@@ -89,7 +85,8 @@ class Run(NamedTuple):
     level: FloatArray
     average: FloatArray
     error: FloatArray
-    recovery: float  # of the level, as the result measures it
+    time: float  # in which the level recovers
+    recovery: float  # the same, as the result measures it
 
 
 class Found(NamedTuple):
@@ -102,7 +99,7 @@ class Found(NamedTuple):
 
 
 @lru_cache
-def _problem(costs: str, draw: int = 0, share: float = 1.0) -> Problem:
+def _problem(costs: str, draw: int, share: float) -> Problem:
     """Make memory alone, or costs c_i x**2 with the same optimum, with a share of the capacity."""
     problem = memory_alone(normalization=1 / 180, draw=draw)
     if costs == QUADRATIC:
@@ -114,9 +111,8 @@ def _problem(costs: str, draw: int = 0, share: float = 1.0) -> Problem:
 
 
 @lru_cache
-def used(costs: str, draw: int, share: float) -> float:
+def used(problem: Problem) -> float:
     """Predict the mean total demand, in units of the resource."""
-    problem = _problem(costs, draw, share)
     return float(theory.predict(problem, "continuous").utilisation[0] * problem.capacity[0])
 
 
@@ -126,10 +122,10 @@ def closed_form(case: Drop, *, plain: bool = False) -> float:
 
     Plain: as if all of the capacity were used from the first instant on.
     """
-    problem = _problem(case.costs, case.draw)
+    problem = case.problem()
     before, after, within = float(problem.capacity[0]), case.left * float(problem.capacity[0]), WITHIN
     if not plain:
-        full, left = (used(case.costs, case.draw, share) for share in (1.0, case.left))
+        full, left = (used(case.problem(share)) for share in (1.0, case.left))
         before, after, within = full, left, (1.0 + WITHIN) * after / left - 1.0
         if case.way == "cumulative":
             before *= 1.0 - filling(problem) / (case.age + (0.5 * (case.ramp + 1.0) if case.ramp else 0.0))
@@ -146,23 +142,21 @@ def filling(problem: Problem) -> float:
 @lru_cache
 def by_mean_dynamics(case: Drop) -> float:
     """Predict the recovery of the level after a step from the balance of growth and cuts."""
-    before, after = (
-        theory.convergence(_problem(case.costs, case.draw, share), "continuous", averaging=case.averaging)
-        for share in (1.0, case.left)
-    )
+    known = partial(theory.convergence, dynamics="continuous", averaging=case.averaging)
+    before, after = (known(case.problem(share)) for share in (1.0, case.left))
     return float(theory.recovery(before, after, case.age).time("level", within=WITHIN)[0])
 
 
 def mean_field(case: Drop) -> FloatArray:
     """Follow the means alone, (r, n) each grain: demand is shared as averages ask for, averages follow."""
-    problem, steps = _problem(case.costs, case.draw), round(case.until / GRAIN)
+    problem, steps = case.problem(), round(case.until / GRAIN)
     start = theory.predict(problem, "continuous").allocation[:, 0]
     history = [start] * (round(case.age / GRAIN) + 1)
     average = start * (1.0 - filling(problem) / case.age) if case.way == "cumulative" else start.copy()
     kept = [average] * len(history)
     for step in range(len(history), steps + 1):
         part = min((step * GRAIN - case.age) / case.ramp, 1.0) if case.ramp else 1.0
-        full, left = (used(case.costs, case.draw, share) for share in (1.0, case.left))
+        full, left = (used(case.problem(share)) for share in (1.0, case.left))
         total = (1.0 - part) * full + part * left
         wanted = average / problem.costs.gradient(average[:, None])[:, 0]
         demand = wanted * total / wanted.sum()
@@ -178,34 +172,28 @@ def mean_field(case: Drop) -> FloatArray:
 
 def run(case: Drop, seed: int) -> Run:
     """Run once, and keep what is looked at."""
-    problem = _problem(case.costs, case.draw)
-    capacity = case.left * float(problem.capacity[0])
-    change = (
-        CapacityRamp("memory", case.age, case.age + case.ramp, capacity, steps=round(case.ramp))
-        if case.ramp
-        else CapacityStep("memory", case.age, capacity)
-    )
-    result = sensed(
-        problem,
+    capacity, end = case.left * float(case.problem().capacity[0]), case.age + case.ramp
+    step = CapacityStep("memory", case.age, capacity)
+    ramp = CapacityRamp("memory", case.age, end, capacity, steps=round(case.ramp)) if case.ramp else None
+    simulation = sensed(
+        case.problem(),
         0.0,
         averaging=case.averaging,
-        interventions=[change],
+        interventions=[ramp or step],
         seed=seed,
         recording=Recording(demand=1.0, allocations=GRAIN, overshoot=False),
-    ).run(case.until)
-    seen = result.observations
-    tracked = result.tracking["relative_error"].to_numpy()
+    )
+    result = simulation.run(case.until)
+    seen, error = result.observations, result.tracking["relative_error"].to_numpy()
+    level = seen.total_average[:, 0] / capacity
     recovery = float(result.recovery(within=WITHIN)["recovery_time"].to_numpy()[-1])
-    return Run(seen.total_average[:, 0] / capacity, seen.average[:, 0, :], tracked, recovery)
+    return Run(level, seen.average[:, 0, :], error, _last_outside(level - 1.0, case.age, 1.0), recovery)
 
 
-def recover(case: Drop, draw: int, seed: int) -> float:
-    """Measure how long the level takes with a draw of the costs."""
-    return _of_level(case, run(case._replace(draw=draw), seed))
-
-
-def _of_level(case: Drop, seen: Run) -> float:
-    return _last_outside(seen.level - 1.0, case.age, 1.0)
+def recover(drop: Drop, draw: int, seed: int) -> dict[str, float]:
+    """Measure how long the level takes with a draw of the costs, and what theory has for it."""
+    case = drop._replace(draw=draw)
+    return {LEVEL: run(case, seed).time, theory_of(LEVEL): closed_form(case)}
 
 
 def _last_outside(values: FloatArray, start: float, grain: float) -> float:
@@ -217,17 +205,17 @@ def _last_outside(values: FloatArray, start: float, grain: float) -> float:
 
 def error_of(case: Drop, averages: FloatArray) -> FloatArray:
     """Compute the relative error against the new optimum at each record, (r,)."""
-    best = solve_optimum(_problem(case.costs, case.draw, case.left)).allocation
+    best = solve_optimum(case.problem(case.left)).allocation
     return np.array([relative_error(row[:, None], best)[0] for row in averages])
 
 
-def _shares_recovery(case: Drop, averages: FloatArray) -> FloatArray:
-    return np.array([_last_outside(error_of(case, averages), case.age, GRAIN)])
+def _of_shares(case: Drop, averages: FloatArray) -> float:
+    return _last_outside(error_of(case, averages), case.age, GRAIN)
 
 
 def _with_noise(case: Drop, errors: FloatArray) -> FloatArray:
     """Expect the relative error of the mean field plus normal noise with these standard errors, (r,)."""
-    best = solve_optimum(_problem(case.costs, case.draw, case.left)).allocation[:, 0]
+    best = solve_optimum(case.problem(case.left)).allocation[:, 0]
     away, noise = mean_field(case) - best, np.maximum(errors, 1e-12)
     inside = away / noise
     size = noise * np.sqrt(2.0 / np.pi) * np.exp(-0.5 * inside**2) + away * (2.0 * ndtr(inside) - 1.0)
@@ -236,7 +224,7 @@ def _with_noise(case: Drop, errors: FloatArray) -> FloatArray:
 
 def _spread(case: Drop) -> float:
     """Predict the scatter of agents' averages at the drop; NaN where no closed form is known."""
-    problem = _problem(case.costs, case.draw)
+    problem = case.problem()
     expected = theory.predict(problem, "continuous")
     x = expected.allocation
     bent = case.costs == PAPER
@@ -264,13 +252,11 @@ def measure(runs: int, drop: Drop, draw: int, seed: int) -> Found:
     averages = [one.average for one in seen]
     at_drop = np.stack([one.average[round(case.age / GRAIN)] for one in seen])
     mean, noise = mean_and_error(averages)
-    together = error_of(case, mean)
-    alone = _last_outside(_with_noise(case, noise), case.age, GRAIN)
     numbers = {
-        LEVEL: float(np.mean([_of_level(case, one) for one in seen])),
+        LEVEL: float(np.mean([one.time for one in seen])),
         theory_of(LEVEL): closed_form(case),
-        SHARES: float(jackknife(averages, partial(_shares_recovery, case))[0][0]),
-        theory_of(SHARES): alone,
+        SHARES: float(jackknife(averages, partial(_of_shares, case))[0]),
+        theory_of(SHARES): _last_outside(_with_noise(case, noise), case.age, GRAIN),
         SCATTER: float(np.sqrt((at_drop.var(axis=0, ddof=1) / at_drop.mean(axis=0) ** 2).mean())),
         theory_of(SCATTER): _spread(case),
         ERROR: float(np.mean([one.error[-1] for one in seen])),
@@ -278,12 +264,8 @@ def measure(runs: int, drop: Drop, draw: int, seed: int) -> Found:
     if case.way != "window" and not case.ramp:  # whose past is not followed there, and a ramp is no step
         numbers[DYNAMICS] = float(np.mean([one.recovery for one in seen]))
         numbers[theory_of(DYNAMICS)] = by_mean_dynamics(case)
-    return Found(
-        np.mean([one.level for one in seen], axis=0),
-        np.mean([one.error for one in seen], axis=0),
-        together,
-        numbers,
-    )
+    level, alone = (np.mean([getattr(one, name) for one in seen], axis=0) for name in ("level", "error"))
+    return Found(level, alone, error_of(case, mean), numbers)
 
 
 _LABELS = ["costs", "way", "ramp", "left", "age"]
@@ -296,51 +278,38 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     draws, each, age, window = (2, 2, 60.0, 80.0) if quick else (12, 16, 600.0, 400.0)
     job = partial(run_draws, draws=draws, replications=1, seed=seed, quick=quick, runs=runs)
     steps = [Drop(costs, way, 0.0, age, window) for costs in (QUADRATIC, PAPER) for way in WAYS]
-    measured = job(partial(measure, each), steps)
-    pairs = [(case, [one for (one,) in found]) for case, found in measured]
+    pairs = job(partial(measure, each), steps)
     others = [Drop(QUADRATIC, way, window / 2, age, window) for way in WAYS]
     lefts = (0.5,) if quick else (0.85, 0.8, 0.7, 0.5)
     others += [Drop(PAPER, way, 0.0, age, window, left) for left in lefts for way in WAYS]
     others += [Drop(PAPER, way, 0.0, 2.0 * age, window) for way in WAYS]
-    rows = rows_of(measured, lambda case, _, one: {**_labels(case), **one.numbers}, seed)
-    rows += rows_of(job(recover, others), _recovered, seed)
-    table = with_theory(summarise_draws(rows, _LABELS), _LABELS)
+    numbers = [(case, [[one.numbers] for (one,) in found]) for case, found in pairs]
+    table = table_of([*numbers, *job(recover, others)], _LABELS, seed)
     settings = {"seed": seed, "draws": draws, "runs of each": each, "age": age, "window": window}
     # As if all of the capacity were used, in the mean over the draws.
-    plain = {
-        case.way: float(
-            np.mean([closed_form(case._replace(draw=seed + k), plain=True) for k in range(draws)])
-        )
-        for case in steps[: len(WAYS)]
-    }
+    cases = [[case._replace(draw=seed + k) for k in range(draws)] for case in steps[: len(WAYS)]]
+    plain = [float(np.mean([closed_form(case, plain=True) for case in part])) for part in cases]
     printed = shown(table, [*_LABELS, "measure"], ".4g")
-    drawn = {"capacity_drop": partial(_figure, table, pairs)}
+    courses = {case.way: [one for (one,) in found] for case, found in pairs[: len(WAYS)]}
+    drawn = {"capacity_drop": partial(_figure, table, courses, age)}
     return Finding("capacity_drop", settings, table, printed, _findings(table, age, plain), drawn)
 
 
-def _recovered(case: Drop, draw: int, time: float) -> dict[str, Any]:
-    return {**_labels(case), LEVEL: time, theory_of(LEVEL): closed_form(case._replace(draw=draw))}
+def _usual(table: pd.DataFrame) -> pd.DataFrame:
+    """Take the rows of drops of the usual size, at the usual age."""
+    return pick(table, left=LEFT, age=table["age"].min())
 
 
-def _labels(case: Drop) -> dict[str, Any]:
-    return {name: getattr(case, name) for name in _LABELS}
-
-
-def _pick(table: pd.DataFrame, what: str, costs: str = QUADRATIC, *, ramp: bool = False) -> pd.DataFrame:
-    """Take a measure of the drop that is usual, a row for each way of averaging that has it."""
-    usual = (table["left"] == LEFT) & (table["age"] == table["age"].min())
-    wanted = usual & (table["measure"] == what) & (table["costs"] == costs) & ((table["ramp"] > 0.0) == ramp)
-    rows: pd.DataFrame = table[wanted]
-    return rows
-
-
-def _figure(table: pd.DataFrame, pairs: list[tuple[Drop, list[Found]]]) -> Figure:
+def _figure(table: pd.DataFrame, courses: dict[str, list[Found]], age: float) -> Figure:
     figure, (left, middle, right, sizes) = figures.panels(2, 2, (12.5, 8.8))
-    steps, age = pairs[: len(WAYS)], pairs[0][0].age
-    _draw_levels(left, steps)
-    _draw_times(middle, table, age)
-    _draw_errors(right, steps)
-    _draw_sizes(sizes, pick(table, measure=LEVEL, age=age, costs=PAPER), age)
+    _draw_levels(left, table, courses, age)
+    _draw_times(middle, _usual(table), age)
+    _draw_errors(right, courses, age)
+    rows = pick(table, measure=LEVEL, age=age, costs=PAPER).sort_values("left", kind="stable")
+    # In the order of (a), which has the ways in the legend.
+    figures.curves(sizes, "lost", "way", rows.assign(lost=100 * (1.0 - rows["left"])), "", scale=1.0 / age)
+    x, y = "part of the capacity that is lost (%)", "recovery of the level over the age"
+    figures.dress(sizes, "(d) A window recovers sooner after large drops only", x, y, yscale="log")
     shared_legend(figure)
     return figure
 
@@ -351,46 +320,44 @@ def _mean(found: list[Found], name: str) -> FloatArray:
     return np.asarray(np.mean([course[: min(map(len, courses))] for course in courses], axis=0))
 
 
-def _draw_levels(axes: Axes, steps: list[tuple[Drop, list[Found]]]) -> None:
-    axes.axhspan(
-        1.0 - WITHIN, 1.0 + WITHIN, color="0.9", linewidth=0.0, label="within 5 % of the new optimum"
-    )
-    for place, (case, found) in enumerate(steps):
+def _draw_levels(axes: Axes, table: pd.DataFrame, courses: dict[str, list[Found]], age: float) -> None:
+    band = "within 5 % of the new optimum"
+    axes.axhspan(1.0 - WITHIN, 1.0 + WITHIN, color="0.9", linewidth=0.0, label=band)
+    known = pick(_usual(table), measure=LEVEL, costs=QUADRATIC, ramp=0.0)
+    for place, (way, found) in enumerate(courses.items()):
         level = _mean(found, "level")
-        time = np.arange(len(level)) - case.age
-        axes.plot(time, level, color=colour(place), linewidth=1.8, label=case.way)
-        recovery = np.mean([one.numbers[theory_of(LEVEL)] for one in found])
+        axes.plot(np.arange(len(level)) - age, level, color=colour(place), linewidth=1.8, label=way)
+        recovery = number(known, "theory", way=way)
         axes.plot([recovery], [1.0 + WITHIN], "v", color=colour(place), markersize=8.0)
     figures.named(axes, "recovery by theory", "v", markersize=8.0)
-    age, x = steps[0][0].age, "time since the drop (control periods)"
+    x = "time since the drop (control periods)"
     y, limits = "sum of the averages over the new capacity", (-0.5 * age, _SHOWN * age)
     figures.dress(axes, "(a) Averages reach the new capacity", x, y, xlim=limits, ylim=(0.9, 1.75))
 
 
 def _draw_times(axes: Axes, table: pd.DataFrame, age: float) -> None:
     """Recovery over the age at the drop, by theory and simulated, on the diagonal where they agree."""
-    kinds = ((QUADRATIC, False, "o"), (QUADRATIC, True, "s"), (PAPER, False, "^"))
-    for costs, ramp, marker in kinds:
-        for what, filled in ((LEVEL, True), (SHARES, False))[: 1 if ramp else 2]:
-            rows, size = _pick(table, what, costs, ramp=ramp), 5.0 if filled else 9.0
-            for place, way in enumerate(WAYS):
-                x, y = (number(rows, name, way=way) / age for name in ("theory", "mean"))
-                face, order = colour(place) if filled else "white", 3 if filled else 2
-                look: dict[str, Any] = {"color": colour(place), "markerfacecolor": face, "zorder": order}
-                axes.plot([x], [y], marker, markersize=size, **look)
+    marks = {(QUADRATIC, False): "o", (QUADRATIC, True): "s", (PAPER, False): "^"}
+    for (costs, ramp), marker in marks.items():
+        here = table[(table["costs"] == costs) & ((table["ramp"] > 0.0) == ramp)]
+        for what, size, order in ((LEVEL, 5.0, 3), (SHARES, 9.0, 2)):
+            for way, known, mean in pick(here, measure=what)[["way", "theory", "mean"]].to_numpy():
+                shade = colour(WAYS.index(way))
+                look: dict[str, Any] = {"color": shade, "markersize": size, "zorder": order}
+                face = shade if what == LEVEL else "white"
+                axes.plot([known / age], [mean / age], marker, markerfacecolor=face, **look)
         figures.named(axes, f"{costs}, {'ramp' if ramp else 'step'}", marker)
     figures.named(axes, "of the shares", "o", markerfacecolor="white", markersize=9.0)
     ends = (0.5, 12.0)
     axes.plot(ends, ends, color=figures.REFERENCE, linewidth=1.0, zorder=1)
+    limits: dict[str, Any] = {"xscale": "log", "yscale": "log", "xlim": ends, "ylim": ends}
     across, up = (f"recovery {how} over the age at the drop" for how in ("by theory", "simulated"))
-    figures.dress(
-        axes, "(b) Theory against runs", across, up, xscale="log", yscale="log", xlim=ends, ylim=ends
-    )
+    figures.dress(axes, "(b) Theory against runs", across, up, **limits)
 
 
-def _draw_errors(axes: Axes, steps: list[tuple[Drop, list[Found]]]) -> None:
-    for place, (case, found) in enumerate(steps):
-        start = round(case.age / GRAIN)
+def _draw_errors(axes: Axes, courses: dict[str, list[Found]], age: float) -> None:
+    start = round(age / GRAIN)
+    for place, found in enumerate(courses.values()):
         alone, together = (_mean(found, name)[start:] for name in ("alone", "together"))
         time = GRAIN * np.arange(len(alone))
         axes.plot(time, 100 * alone, color=colour(place), linewidth=1.8)
@@ -399,32 +366,22 @@ def _draw_errors(axes: Axes, steps: list[tuple[Drop, list[Found]]]) -> None:
     figures.named(axes, "averages over all runs", "--", linewidth=1.2)
     figures.level(axes, 100 * WITHIN)
     x, y = "time since the drop (control periods)", "distance from the new optimum (%)"
-    limits, title = (0.0, _SHOWN * steps[0][0].age), "(c) A short memory keeps a random error"
+    limits, title = (0.0, _SHOWN * age), "(c) A short memory keeps a random error"
     figures.dress(axes, title, x, y, xlim=limits, ylim=(0.0, 70.0))
 
 
-def _draw_sizes(axes: Axes, table: pd.DataFrame, age: float) -> None:
-    for place, way in enumerate(WAYS):
-        rows = pick(table, way=way).sort_values("left")
-        figures.curve(axes, 100 * (1.0 - rows["left"]), rows, place, scale=1.0 / age)
-    x, y = "part of the capacity that is lost (%)", "recovery of the level over the age"
-    title = "(d) A window recovers sooner after large drops only"
-    figures.dress(axes, title, x, y, yscale="log")
-
-
-def _findings(table: pd.DataFrame, age: float, plain: dict[str, float]) -> list[str]:
-    rows = table[table["measure"] == LEVEL]
+def _findings(table: pd.DataFrame, age: float, plain: list[float]) -> list[str]:
+    rows, usual = pick(table, measure=LEVEL), _usual(table)
     off = float((rows["mean"] / rows["theory"] - 1.0).abs().max())
-    long = [plain[way] / number(_pick(table, LEVEL), way=way) - 1.0 for way in WAYS]
+    sums = pick(usual, measure=LEVEL, costs=QUADRATIC, ramp=0.0)
+    long = [value / number(sums, way=way) - 1.0 for way, value in zip(WAYS, plain, strict=True)]
 
-    def say(rows: pd.DataFrame, scale: float = 1.0, digits: int = 0, **wanted: Any) -> str:
-        return beside_theory(rows, scale, digits, **wanted)
-
-    def each(what: str, costs: str = QUADRATIC, scale: float = 1.0, digits: int = 0, **how: Any) -> str:
+    def each(what: str, costs: str = QUADRATIC, scale: float = 1.0, digits: int = 0, **ramp: float) -> str:
         """List a measure for all ways that have it."""
-        there = _pick(table, what, costs, **how)
-        return "; ".join(f"{way} {say(there, scale, digits, way=way)}" for way in there["way"])
+        there = pick(usual, measure=what, costs=costs, **({"ramp": 0.0} | ramp))
+        return "; ".join(f"{way} {beside_theory(there, scale, digits, way=way)}" for way in there["way"])
 
+    say = partial(beside_theory, digits=0)
     drawn = pick(table, measure=LEVEL, age=age, costs=PAPER)
     sizes = "; ".join(
         f"{100 * (1 - share):.0f} % lost: "
@@ -440,7 +397,7 @@ def _findings(table: pd.DataFrame, age: float, plain: dict[str, float]) -> list[
           {100 * min(long):.0f} to {100 * max(long):.0f} % too long.
         - The mean dynamics, `theory.recovery`, know nothing of this but the problems; `Result.recovery` has
           {each(DYNAMICS)} periods for quadratic costs, and {each(DYNAMICS, PAPER)} for the paper's memory.
-        - A ramp takes {each(LEVEL, ramp=True)} periods from its start.
+        - A ramp takes {each(LEVEL, ramp=usual["ramp"].max())} periods from its start.
         - Shares of quadratic costs recover in {each(SHARES)} periods, those of the paper's memory in
           {each(SHARES, PAPER)}, its sum in {each(LEVEL, PAPER)}: the optimum is not only scaled there.
         - The price: at the drop an agent's average scatters by {each(SCATTER, QUADRATIC, 100.0, 1)} %, and

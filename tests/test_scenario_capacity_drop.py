@@ -104,7 +104,7 @@ def test_which_short_memory_is_later_depends_on_the_drop(left: float, later: str
     times, theories = {}, {}
     for way in WAYS:
         case = Drop(PAPER, way, 0.0, 600.0, 400.0, left)
-        times[way] = np.array([recover(case, draw, 1000 * draw) for draw in range(REPLICATIONS)])
+        times[way] = np.array([recover(case, draw, 1000 * draw)[LEVEL] for draw in range(REPLICATIONS)])
         theories[way] = np.mean([closed_form(case._replace(draw=draw)) for draw in range(REPLICATIONS)])
         mean, error = mean_and_error(times[way])
         assert abs(mean - theories[way]) < Z_DROPS * error + RESOLUTION + 0.03 * 400.0 / 2
