@@ -14,20 +14,19 @@ from scenarios.churn import (
     STAYED,
     STEEP,
     Case,
+    Group,
     N,
-    Seen,
-    Times,
     fluid,
-    kinds,
+    held,
     leave_together,
     measure,
-    optimum,
     steady,
 )
 from scenarios.common.presence import schedule
 
 STAYS, UNTIL, DRAWS = (80.0, np.inf), 400.0, 6
-TIMES, GROUPS = Times(150.0, 200.0, 300.0, 10.0), 20
+KEEPING, FORGETTING = (Group(way, 150.0, 200.0, 300.0, 10.0) for way in FORGOT)
+GROUPS = 20
 # By Student's t with 5 degrees of freedom, beyond once in 500 means.
 Z = 6.0
 # With 19, once in 3,000.
@@ -35,23 +34,25 @@ Z_GROUP = 4.3
 # Theory is up to 1.6 points of use off under churn in the full study: it may be 2 here.
 NEGLECTED = 0.02
 
+Numbers = list[dict[str, float]]
+
 
 @pytest.fixture(scope="module")
-def runs() -> dict[float, list[Seen]]:
+def runs() -> dict[float, Numbers]:
     return {stay: seen(KEPT, stay, UNTIL, DRAWS) for stay in STAYS}
 
 
-def seen(way: str, stay: float, until: float, draws: int) -> list[Seen]:
+def seen(way: str, stay: float, until: float, draws: int) -> Numbers:
     return [measure(Case(way, stay, until), draw, 1000 * draw) for draw in range(draws)]
 
 
 @pytest.mark.slow
-def test_use_and_signals_under_churn_are_as_in_a_queue(runs: dict[float, list[Seen]]) -> None:
+def test_use_and_signals_under_churn_are_as_in_a_queue(runs: dict[float, Numbers]) -> None:
     for stay, found in runs.items():
-        use, error = mean_and_error([one.utilisation for one in found])
+        use, error = mean_and_error([one["utilisation"] for one in found])
         assert abs(use - steady(stay).utilisation) < Z * error + NEGLECTED
     # Cameras that leave do what signals else would: paired with the same seeds without churn.
-    fewer = [still.signals - one.signals for still, one in zip(runs[np.inf], runs[80.0], strict=True)]
+    fewer = [still["signals"] - one["signals"] for still, one in zip(runs[np.inf], runs[80.0], strict=True)]
     mean, error = mean_and_error(fewer)
     assert abs(mean - (steady(np.inf).signals - steady(80.0).signals)) < Z * error
     assert mean > 0.05  # negative control: not as many as before
@@ -60,20 +61,17 @@ def test_use_and_signals_under_churn_are_as_in_a_queue(runs: dict[float, list[Se
 @pytest.mark.slow
 def test_who_has_forgotten_takes_more_than_a_share_and_the_others_less() -> None:
     kept, forgotten = (
-        [leave_together((name, TIMES), draw, 1000 * draw) for draw in range(GROUPS)] for name in FORGOT
+        [leave_together(case, draw, 1000 * draw) for draw in range(GROUPS)] for case in (KEEPING, FORGETTING)
     )
-    since = TIMES.looks - TIMES.back
-    window = (since >= 50.0) & (since <= 100.0)
-
-    def held(demand: np.ndarray, draw: int, kind: str) -> float:
-        agents = kinds(draw)[kind]
-        return float(demand[window][:, agents].sum(axis=1).mean() / optimum(draw)[agents].sum())
-
     for kind, sign in ((STEEP, 1.0), (STAYED, -1.0)):
         measured = [
-            [held(run.demand, draw, kind) for draw, run in enumerate(part)] for part in (kept, forgotten)
+            [held(KEEPING, draw, run.demand)[kind] for draw, run in enumerate(part)]
+            for part in (kept, forgotten)
         ]
-        flow = [[held(fluid(name, TIMES, draw)[0], draw, kind) for draw in range(GROUPS)] for name in FORGOT]
+        flow = [
+            [held(case, draw, fluid(case, draw)[0])[kind] for draw in range(GROUPS)]
+            for case in (KEEPING, FORGETTING)
+        ]
         mean, error = mean_and_error(np.subtract(measured[1], measured[0]))  # paired
         wanted = float(np.mean(np.subtract(flow[1], flow[0])))
         assert abs(mean - wanted) < Z_GROUP * error
@@ -91,8 +89,8 @@ def test_what_the_whole_past_costs_is_the_age_of_the_run() -> None:
         {way: seen(way, 80.0, until, 7) for way in (KEPT, "window, 200")} for until in (200.0, 1000.0)
     )
 
-    def better(one: list[Seen], other: list[Seen]) -> tuple[float, float]:
-        mean, error = mean_and_error([a.tracking - b.tracking for a, b in zip(one, other, strict=True)])
+    def better(one: Numbers, other: Numbers) -> tuple[float, float]:
+        mean, error = mean_and_error([a["tracking"] - b["tracking"] for a, b in zip(one, other, strict=True)])
         return float(mean), float(error)
 
     z = 6.0  # by Student's t with 6 degrees of freedom once in 1,000
