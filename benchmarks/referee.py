@@ -118,7 +118,7 @@ CLAIMS = (
         10,
         [burst_loss.Answer("5 bits", 0.25, 10.0, 5_000.0)],
         burst_loss.answer,
-        lambda seen: 100.0 * seen,
+        lambda seen: 100.0 * seen["misallocation"],
     ),
     Claim(
         "capacity_drop",
@@ -127,7 +127,7 @@ CLAIMS = (
         12,
         [capacity_drop.Drop(capacity_drop.PAPER, "forgetting", 0.0, 600.0, 400.0, left=0.8)],
         capacity_drop.recover,
-        float,
+        lambda seen: seen[capacity_drop.LEVEL],
     ),
     Claim(
         "outage",
@@ -136,7 +136,7 @@ CLAIMS = (
         16,
         [outage.Outage(outage.ALL, 20.0, 0.5, 1.0, 200.0)],
         outage.measure,
-        lambda seen: float(seen.back),
+        lambda seen: seen.numbers[outage.BACK],
     ),
     Claim(
         "robust_responses",
