@@ -28,7 +28,7 @@ from aimd_des.study import jackknife, mean_and_error
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import run_draws, sensed
-from scenarios.common.systems import memory_alone
+from scenarios.common.systems import memory_alone, predicted, used
 from scenarios.common.tables import beside_theory, number, pick, shown, table_of, theory_of
 
 WITHIN = 0.05
@@ -111,12 +111,6 @@ def _problem(costs: str, draw: int, share: float) -> Problem:
 
 
 @lru_cache
-def used(problem: Problem) -> float:
-    """Predict the mean total demand, in units of the resource."""
-    return float(theory.predict(problem, "continuous").utilisation[0] * problem.capacity[0])
-
-
-@lru_cache
 def closed_form(case: Drop, *, plain: bool = False) -> float:
     """Predict the time from the start of the change until the level is within 5 % of the new capacity.
 
@@ -150,7 +144,7 @@ def by_mean_dynamics(case: Drop) -> float:
 def mean_field(case: Drop) -> FloatArray:
     """Follow the means alone, (r, n) each grain: demand is shared as averages ask for, averages follow."""
     problem, steps = case.problem(), round(case.until / GRAIN)
-    start = theory.predict(problem, "continuous").allocation[:, 0]
+    start = predicted(problem).allocation[:, 0]
     history = [start] * (round(case.age / GRAIN) + 1)
     average = start * (1.0 - filling(problem) / case.age) if case.way == "cumulative" else start.copy()
     kept = [average] * len(history)
@@ -225,7 +219,7 @@ def _with_noise(case: Drop, errors: FloatArray) -> FloatArray:
 def _spread(case: Drop) -> float:
     """Predict the scatter of agents' averages at the drop; NaN where no closed form is known."""
     problem = case.problem()
-    expected = theory.predict(problem, "continuous")
+    expected = predicted(problem)
     x = expected.allocation
     bent = case.costs == PAPER
     if bent and case.way != "forgetting":

@@ -28,7 +28,7 @@ from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import distance, quietly, run_draws, sensed
 from scenarios.common.presence import PRESENT, schedule
-from scenarios.common.systems import alike, memory_alone
+from scenarios.common.systems import alike, memory_alone, used
 from scenarios.common.tables import number, over_draws, pick, shown, table_of, theory_of
 
 # Growth and capacity are the same in all draws of the costs.
@@ -153,15 +153,10 @@ def steady(stay: float, draw: int = 0) -> theory.Churn:
 
 
 @lru_cache
-def _level(draw: int) -> float:
-    expected = theory.predict(memory_alone(draw=draw), "continuous", latency=LATENCY)
-    return float(expected.utilisation[0]) * CAPACITY
-
-
-@lru_cache
 def optimum(draw: int = 0) -> FloatArray:
     """Compute the optimum of all cameras for what is used without churn, (n,)."""
-    best = solve_optimum(memory_alone(draw=draw), capacity=np.array([_level(draw)]))
+    problem = memory_alone(draw=draw)
+    best = solve_optimum(problem, capacity=[used(problem, LATENCY)])
     return np.asarray(best.allocation[:, 0])
 
 
@@ -180,7 +175,8 @@ def kinds(draw: int = 0) -> dict[str, list[int]]:
 def fluid(case: Group, draw: int = 0) -> tuple[FloatArray, FloatArray]:
     """Compute what the fluid does where a quarter leaves together: demand and averages, (q, n)."""
     away = theory.Spell(case.leave, case.back, GROUP, forgets=FORGOT[case.way] is Crash)
-    path = theory.flow(memory_alone(draw=draw), _level(draw), case.until, spells=[away])
+    problem = memory_alone(draw=draw)
+    path = theory.flow(problem, used(problem, LATENCY), case.until, spells=[away])
     # Observers look just after an intervention.
     at = np.minimum(np.searchsorted(path.time, case.looks) + 1, len(path.time) - 1)
     return path.demand[at], path.average[at]

@@ -23,7 +23,7 @@ from aimd_des.plots import colour, shared_legend
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import quietly, run_draws, sensed
-from scenarios.common.systems import memory_alone
+from scenarios.common.systems import memory_alone, predicted
 from scenarios.common.tables import number, over_draws, pick, shown, table_of
 
 # Growth and capacity are the same in all draws of the costs.
@@ -151,22 +151,15 @@ def _healed(after: float) -> int:
 
 
 @lru_cache
-def _ordinary(latency: float, hold_off: float) -> tuple[float, FloatArray]:
-    """Predict the mean total over the capacity without a fault, and response probabilities, for draw 0."""
-    expected = theory.predict(_PROBLEM, "continuous", latency=latency, hold_off=hold_off)
-    return float(expected.utilisation[0]), expected.probability[:, 0]
-
-
-@lru_cache
 def expected(case: Outage) -> dict[str, float]:
     """Predict what there is a formula for, with the costs of draw 0, from the means alone.
 
     Signals on their way keep the total at its mean until the latency is over; from then on all agents that
     are cut off grow. Agents that hear are cut at every hold-off while the total is above the capacity.
     """
-    used, probability = _ordinary(case.latency, case.hold_off)
-    cut = (1.0 - _PROBLEM.decrease[:, 0]) * probability
-    demand, alpha = used * _share(0) * CAPACITY / _share(0).sum(), _PROBLEM.increase[:, 0]
+    ordinary = predicted(_PROBLEM, latency=case.latency, hold_off=case.hold_off)
+    cut = (1.0 - _PROBLEM.decrease[:, 0]) * ordinary.probability[:, 0]
+    demand, alpha = ordinary.utilisation[0] * _share(0) * CAPACITY / _share(0).sum(), _PROBLEM.increase[:, 0]
     hears = np.isin(np.arange(N), OTHER) if case.fault == PART else np.zeros(N, dtype=bool)
     time, peak, heal = 0.0, -np.inf, case.duration + 0.5 * case.wait
     while time < heal:

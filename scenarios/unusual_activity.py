@@ -7,7 +7,7 @@ less than it afterwards. Forgetting with time constant 100 is half-way after 126
 a scatter of the averages of 13 and 8 % instead of 8 and 4 %.
 """  # noqa: D400 - a question
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache, partial
 from itertools import product
 from pathlib import Path
@@ -18,7 +18,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import Problem, Recording, solve_optimum, theory
+from aimd_des import Recording, solve_optimum, theory
 from aimd_des.averaging import Averaging, Cumulative, Forgetting, Window
 from aimd_des.interventions import UnusualActivity
 from aimd_des.lowlevel import FloatArray
@@ -27,8 +27,8 @@ from aimd_des.study import jackknife
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import quietly, run_draws, sensed
-from scenarios.common.systems import alike, elasticity, memory_alone
-from scenarios.common.tables import beside_theory, estimate, number, pick, reached, shown
+from scenarios.common.systems import alike, elasticity, memory_alone, predicted, used
+from scenarios.common.tables import beside_theory, estimate, pick, reached, shown
 
 WEIGHT, _HOLD_OFF = 0.2, 0.5
 ONE, STEEP, THREE = "quadratic costs", "costs of power 6", "three cameras"
@@ -63,18 +63,10 @@ class Case(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What is seen of one run."""
+    """What is seen of one run, in units of the resource."""
 
-    # (q,): Of the cameras with the event, in the mean over them, in units of the resource.
-    demand: FloatArray
-    average: FloatArray
+    course: FloatArray  # (2, q): demand and average of the cameras with the event, in the mean over them
     before: FloatArray  # (n,): averages of all cameras as the event begins
-
-
-@lru_cache
-def problem_of(draw: int) -> Problem:
-    """Draw the costs of memory alone."""
-    return memory_alone(draw=draw)
 
 
 @lru_cache
@@ -83,7 +75,7 @@ def groups(draw: int) -> dict[str, tuple[int, ...]]:
 
     By their costs; the last group is three cameras with quadratic costs.
     """
-    problem = problem_of(draw)
+    problem = memory_alone(draw=draw)
     x = solve_optimum(problem).allocation[:, 0]
     square, sixth = (sorted(alike(problem, steepness), key=x.__getitem__) for steepness in (1.0, 5.0))
     middle = len(square) // 2
@@ -98,7 +90,7 @@ def measure(case: Case, draw: int, seed: int) -> Seen:
     """Run with an event at cameras of a draw of the costs, all of which average in a way."""
     own = list(groups(draw)[case.group])
     simulation = sensed(
-        problem_of(draw),
+        memory_alone(draw=draw),
         _HOLD_OFF,
         averaging=AVERAGINGS[case.averaging],
         interventions=[UnusualActivity(own, case.begin, case.end, WEIGHT)],
@@ -107,30 +99,18 @@ def measure(case: Case, draw: int, seed: int) -> Seen:
     )
     seen = quietly(simulation, case.until).observations
     start = int(np.searchsorted(seen.allocation_times, case.begin))
-    return Seen(
-        seen.demand[:, 0, own].mean(axis=1), seen.average[:, 0, own].mean(axis=1), seen.average[start, 0]
-    )
-
-
-@lru_cache
-def _expected(draw: int) -> theory.Prediction:
-    return theory.predict(problem_of(draw), "continuous")
-
-
-def _level(draw: int) -> float:
-    return float(_expected(draw).utilisation[0] * problem_of(draw).capacity[0])
+    course = np.array([part[:, 0, own].mean(axis=1) for part in (seen.demand, seen.average)])
+    return Seen(course, seen.average[start, 0])
 
 
 @lru_cache
 def shares(group: str, draw: int) -> tuple[float, float]:
     """Compute the mean of these cameras in the optimum for what is used, before and during the event."""
-    problem, own = problem_of(draw), list(groups(draw)[group])
-    weights = np.ones(problem.n_agents)
+    problem, own = memory_alone(draw=draw), list(groups(draw)[group])
+    weights, capacity = np.ones(problem.n_agents), [used(problem)]
     weights[own] = WEIGHT
-    old, new = (
-        solve_optimum(problem, capacity=[_level(draw)]),
-        theory.reweighted_optimum(problem, weights, capacity=[_level(draw)]),
-    )
+    old = solve_optimum(problem, capacity=capacity)
+    new = theory.reweighted_optimum(problem, weights, capacity=capacity)
     before, after = (float(best.allocation[own, 0].mean()) for best in (old, new))
     return before, after
 
@@ -144,11 +124,10 @@ def progress(group: str, draw: int, values: FloatArray) -> FloatArray:
 @lru_cache
 def fluid(case: Case, draw: int) -> FloatArray:
     """Compute what demand and average, (2, q), of these cameras make of the way in the fluid."""
-    own = groups(draw)[case.group]
+    own, problem = groups(draw)[case.group], memory_alone(draw=draw)
     event = theory.Spell(case.begin, case.end, own, WEIGHT)
-    path = theory.flow(
-        problem_of(draw), _level(draw), case.until, AVERAGINGS[case.averaging], [event], step=0.5
-    )
+    averaging = AVERAGINGS[case.averaging]
+    path = theory.flow(problem, used(problem), case.until, averaging, [event], step=0.5)
     at = np.searchsorted(path.time, case.times)
     both = [part[at][:, list(own)].mean(axis=1) for part in (path.demand, path.average)]
     return progress(case.group, draw, np.array(both))
@@ -167,7 +146,7 @@ def scatter(case: Case, draw: int, runs: Sequence[Seen]) -> float:
 @lru_cache
 def kin(group: str, draw: int) -> list[int]:
     """List the cameras with costs as steep as those of a group: so many that scatter can be measured."""
-    problem = problem_of(draw)
+    problem = memory_alone(draw=draw)
     return alike(problem, float(elasticity(problem)[groups(draw)[group][0]]))
 
 
@@ -177,8 +156,8 @@ def expected_scatter(case: Case, draw: int) -> float:
     As a mean of squares; NaN where there is no formula, which is for steep costs with an average that does
     not forget.
     """
-    agents, problem = kin(case.group, draw), problem_of(draw)
-    averaging, expected, steep = AVERAGINGS[case.averaging], _expected(draw), elasticity(problem)[agents]
+    agents, problem = kin(case.group, draw), memory_alone(draw=draw)
+    averaging, expected, steep = AVERAGINGS[case.averaging], predicted(problem), elasticity(problem)[agents]
     memory: dict[str, Any] = {"window": case.begin}
     young = 1.0
     if isinstance(averaging, Forgetting):
@@ -207,9 +186,9 @@ _LEFT_OUT = ("forgetting, 300", "forgetting, 30")
 _SOON, _AFTERWARDS = (50.0, 100.0), 200.0
 # Where the axis of time ends in the figure.
 _NEVER = 320.0
-
-
 _MEMORIES = tuple(AVERAGINGS)[:2]
+_HALF, _SCATTER = "half-way after", "scatter before"
+_MEASURES = ("demand soon", "average at the end", _HALF, "90 % after", "left afterwards", _SCATTER)
 
 
 class _Found(NamedTuple):
@@ -223,17 +202,19 @@ class _Found(NamedTuple):
 
 
 class _Size(NamedTuple):
-    draws: int
-    replications: int  # runs of each draw
-    begin: float
-    end: float
-    until: float
-    every: float
+    """How much is run, by default at the full size."""
+
+    draws: int = 20
+    replications: int = 4  # runs of each draw
+    begin: float = 600.0
+    end: float = 1100.0
+    until: float = 1500.0
+    every: float = 5.0
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Scale the costs of a camera by 0.2 for a while, for several ways of averaging."""
-    size = _Size(2, 2, 150.0, 300.0, 520.0, 10.0) if quick else _Size(20, 4, 600.0, 1100.0, 1500.0, 5.0)
+    size = _Size(2, 2, 150.0, 300.0, 520.0, 10.0) if quick else _Size()
     names = [name for name in AVERAGINGS if not (quick and name in _LEFT_OUT)]
     kinds = [*product((ONE, STEEP), names), *product((THREE,), _MEMORIES)]
     cases = [Case(group, name, *size[2:]) for group, name in kinds]
@@ -254,22 +235,15 @@ def _older(case: Case) -> Case:
     return case._replace(begin=begin, end=end, until=until)
 
 
-def _found(case: Case, outcomes: Sequence[Sequence[Seen]], seed: int) -> _Found:
-    ways = [
-        progress(case.group, draw, np.mean([[run.demand, run.average] for run in seen], axis=0))
-        for draw, seen in enumerate(outcomes, seed)
-    ]
-    return _Found(
-        np.array(ways), np.array([scatter(case, draw, seen) for draw, seen in enumerate(outcomes, seed)])
-    )
+def _found(case: Case, outcomes: Sequence[Sequence[Seen]], first: int) -> _Found:
+    draws = list(enumerate(outcomes, first))
+    ways = [progress(case.group, draw, np.mean([run.course for run in seen], axis=0)) for draw, seen in draws]
+    return _Found(np.array(ways), np.array([scatter(case, draw, seen) for draw, seen in draws]))
 
 
-def _theory(case: Case, draws: Iterable[int]) -> _Found:
-    parts = [(fluid(case, draw), expected_scatter(case, draw)) for draw in draws]
-    return _Found(np.array([way for way, _ in parts]), np.array([square for _, square in parts]))
-
-
-_MEASURES = ("demand soon", "average at the end", "half-way after", "90 % after", "left afterwards")
+def _theory(case: Case, draws: Sequence[int]) -> _Found:
+    scattered = [expected_scatter(case, draw) for draw in draws]
+    return _Found(np.array([fluid(case, draw) for draw in draws]), np.array(scattered))
 
 
 def _numbers(case: Case, way: FloatArray) -> FloatArray:
@@ -286,14 +260,16 @@ def _rows(case: Case, found: _Found, expected: _Found) -> list[dict[str, Any]]:
     """Measure the mean over draws, as a draw may not get there at all; each beside what theory has."""
     value, error = jackknife(list(found.ways), partial(_numbers, case))
     scattered, wrong = jackknife(list(found.scatter), np.sqrt)
-    value, error = np.append(value, scattered), np.append(error, wrong)
     known = np.append(_numbers(case, expected.ways.mean(axis=0)), np.sqrt(expected.scatter.mean()))
     labels, count = {"camera": case.group, "averaging": case.averaging, "age": case.begin}, len(found.ways)
+    parts = (np.append(value, scattered), np.append(error, wrong), known)
     return [
-        {**estimate(labels, name, pair, count, wanted), "draws": count, "spread": np.sqrt(count) * pair[1]}
-        for name, pair, wanted in zip(
-            [*_MEASURES, "scatter before"], zip(value, error, strict=True), known.tolist(), strict=True
-        )
+        {
+            **estimate(labels, name, (mean, away), count, float(wanted)),
+            "draws": count,
+            "spread": np.sqrt(count) * away,
+        }
+        for name, mean, away, wanted in zip(_MEASURES, *parts, strict=True)
     ]
 
 
@@ -330,32 +306,20 @@ def _draw_course(
     figures.dress(axes, title, x, y)
 
 
-def _row_of(table: pd.DataFrame, group: str, name: str, measured: str) -> dict[str, float]:
-    wanted = {"camera": group, "averaging": name, "measure": measured}
-    return {key: number(table, key, **wanted) for key in ("mean", "standard_error", "theory")}
-
-
 def _draw_price(axes: Axes, table: pd.DataFrame) -> None:
     for group, name in product((ONE, STEEP), table["averaging"].unique()):
-        half, scatter = (_row_of(table, group, name, part) for part in ("half-way after", "scatter before"))
+        rows = pick(table, camera=group, averaging=name).set_index("measure")
+        half, scatter = rows.loc[_HALF], 100 * rows.loc[_SCATTER, ["mean", "standard_error", "theory"]]
         shade, marker = colour(_place(name)), "os"[group == STEEP]
         if np.isnan(half["mean"]):
-            axes.plot(_NEVER, 100 * scatter["mean"], ">", color=shade, markersize=9.0, clip_on=False)
-            place = (_NEVER, 100 * scatter["mean"])
+            axes.plot(_NEVER, scatter["mean"], ">", color=shade, markersize=9.0, clip_on=False)
             away: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "fontsize": "small"}
-            axes.annotate("not within the event", place, (-10, -13), **away)
+            axes.annotate("not within the event", (_NEVER, scatter["mean"]), (-10, -13), **away)
             continue
-        axes.errorbar(
-            half["mean"],
-            100 * scatter["mean"],
-            200 * scatter["standard_error"],
-            2 * half["standard_error"],
-            fmt=marker,
-            color=shade,
-            markersize=6.5,
-            capsize=2.5,
-        )
-        axes.plot(half["theory"], 100 * scatter["theory"], "+", color="black", markersize=9.0, zorder=5)
+        errors = 2 * scatter["standard_error"], 2 * half["standard_error"]
+        look: dict[str, Any] = {"fmt": marker, "color": shade, "markersize": 6.5, "capsize": 2.5}
+        axes.errorbar(half["mean"], scatter["mean"], *errors, **look)
+        axes.plot(half["theory"], scatter["theory"], "+", color="black", markersize=9.0, zorder=5)
     for name in AVERAGINGS:
         figures.named(axes, name, "D", color=colour(_place(name)))
     for group, marker in zip((ONE, STEEP), "os", strict=True):
@@ -377,14 +341,14 @@ def _findings(table: pd.DataFrame, case: Case, seed: int) -> list[str]:
         return beside_theory(table, scale, digits, **wanted)
 
     def half(group: str, name: str) -> str:
-        return say(group, name, "half-way after", 1.0)
+        return say(group, name, _HALF, 1.0)
 
     draws = range(seed, seed + int(table["draws"].iloc[0]))
     (old, new), (_, shared) = (np.mean([shares(group, k) for k in draws], axis=0) for group in (ONE, THREE))
     names = table["averaging"].unique()
-    halves = pick(table, camera=ONE, measure="half-way after", age=first).dropna(subset="mean")
+    halves = pick(table, camera=ONE, measure=_HALF, age=first).dropna(subset="mean")
     there = halves["averaging"].tolist()
-    scattered = "; ".join(f"{say(ONE, name, 'scatter before', digits=1)}, with {name}" for name in names)
+    scattered = "; ".join(f"{say(ONE, name, _SCATTER, digits=1)}, with {name}" for name in names)
     soon = f"From period {_SOON[0]:g} to {_SOON[1]:g}"
     return sentences(f"""
         - The optimum of a camera with quadratic costs rises from {old:.2f} to {new:.2f} GB (of each of three:
@@ -402,8 +366,8 @@ def _findings(table: pd.DataFrame, case: Case, seed: int) -> list[str]:
           end, and {say(STEEP, _WINDOW, "left afterwards")} % are left {_AFTERWARDS:g} periods later.
         - Half-way with quadratic costs: {"; ".join(f"{half(ONE, name)}, with {name}" for name in there)}.
         - The price is scatter of the averages before, in %: with quadratic costs {scattered}; with costs of
-          power 6 {say(STEEP, whole, "scatter before", digits=1)}, with {whole},
-          {say(STEEP, short, "scatter before", digits=1)}, with {short}.
+          power 6 {say(STEEP, whole, _SCATTER, digits=1)}, with {whole},
+          {say(STEEP, short, _SCATTER, digits=1)}, with {short}.
     """)
 
 

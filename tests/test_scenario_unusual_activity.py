@@ -37,7 +37,7 @@ def during(runs: Runs, case: Case, part: int, first: float, last: float) -> tupl
     """Average a part of the way over a stretch of the event: mean and error over draws, and theory."""
     chosen = (case.since >= first) & (case.since <= last)
     found = [
-        progress(case.group, draw, np.mean([run[part] for run in seen], axis=0))[chosen].mean()
+        progress(case.group, draw, np.mean([run.course[part] for run in seen], axis=0))[chosen].mean()
         for draw, seen in enumerate(runs[case])
     ]
     mean, error = mean_and_error(found)

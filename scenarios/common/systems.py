@@ -1,7 +1,7 @@
 """What the studies share beside the paper's system: a part of it, losses that differ, and its theory."""
 
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Literal
 
 import numpy as np
@@ -18,6 +18,8 @@ _HALVINGS, _HARDLY = 6, 5e-4
 
 #: Of a single resource; the walks that it takes last tenths of a second, so what has been predicted is kept.
 held = lru_cache(theory.steady_total)
+#: The steady state of continuous agents; studies ask for that of one draw of the costs again and again.
+predicted = lru_cache(maxsize=1024)(partial(theory.predict, dynamics="continuous"))
 
 
 def spread(low: float, high: float, n: int = 60) -> FloatArray:
@@ -25,6 +27,7 @@ def spread(low: float, high: float, n: int = 60) -> FloatArray:
     return np.random.default_rng(2018).permutation(np.linspace(low, high, n))
 
 
+@lru_cache
 def memory_alone(n: int = 60, normalization: float = 1 / 90, draw: int = 0) -> Problem:
     """Take the memory of the paper's system of n cameras by itself: the costs do not couple resources.
 
@@ -40,6 +43,11 @@ def lowered(problem: Problem, threshold: float) -> Problem:
     """Make the same problem with another threshold, for all resources."""
     resources = [replace(resource, threshold=threshold) for resource in problem.resources]
     return Problem(resources, problem.costs, agent_names=problem.agent_names)
+
+
+def used(problem: Problem, latency: float = 0.0) -> float:
+    """Predict the mean total demand for a single resource, in its unit."""
+    return float(predicted(problem, latency=latency).utilisation[0] * problem.capacity[0])
 
 
 @lru_cache
