@@ -143,9 +143,9 @@ CLAIMS = (
         "% of the time above, threshold from theory, latency 1, hold-off 0.5",
         "0.75 ± 0.01",
         10,
-        [Drawn({}, Crossing(0.5), 1.0, 0.0, 12_500.0, safe=1.0)],
+        [Drawn("", "", 1.0, Crossing(0.5), 1.0, 0.0, 12_500.0, safe=1.0)],
         measure_late,
-        lambda seen: 100.0 * seen.above,
+        lambda seen: 100.0 * seen["above"],
     ),
     Claim(
         "unequal_delays",

@@ -10,7 +10,8 @@ from aimd_des.study import mean_and_error
 from aimd_des.theory import believed_loss
 from scenarios.common.measure import run_draws
 from scenarios.common.systems import critical, rate
-from scenarios.robust_responses import MEMORY, Answer, Drawn, answer, measure_late
+from scenarios.common.tables import theory_of
+from scenarios.robust_responses import LUCK, MEMORY, OFF, Answer, Drawn, answer, measure_late
 from tests.conftest import quietly
 
 # Four replications: by Student's t with 3 degrees of freedom a mean is so far off once in 200.
@@ -70,16 +71,16 @@ def test_numbers_that_wrap_around_leave_what_the_chain_says() -> None:
         for _, outcomes in run_draws(answer, [Answer("discrete", way, 10_000.0)], 4, 1, 0, quick=True)
     )
     gaps = [
-        (one.luck[0] - other.luck[0], one.misallocation[0] - one.predicted[0], one.misallocation[0])
+        (one[LUCK][0] - other[LUCK][0], one[OFF][0] - one[theory_of(OFF)][0], one[OFF][0])
         for one, other in zip(three, known, strict=True)
     ]
     (luck, beside, off), errors = mean_and_error(gaps)
     assert luck < Z * errors[0] + 0.005
     assert abs(beside) < Z * errors[1] + 0.005
-    assert max(np.mean([one.predicted for one in known]), np.mean([one.saturated for one in three])) < 1e-6
+    assert max(np.mean([one[theory_of(OFF)] for one in known]), *(one["saturated"] for one in three)) < 1e-6
     # Negative control: as if nobody were ever mistaken, or nobody made good for anything.
     assert off - Z * errors[2] > 0.05
-    nothing = answer(Answer("discrete", "nothing", 100.0), 0, 0).predicted[0]
+    nothing = answer(Answer("discrete", "nothing", 100.0), 0, 0)[theory_of(OFF)][0]
     assert off + Z * errors[2] < nothing - 0.05
 
 
@@ -97,14 +98,14 @@ def test_the_chain_by_hand() -> None:
 def late() -> dict[str, np.ndarray]:
     """Use, misallocation and time above of draws 0 to 3 of the costs, shape (draws, 3)."""
     cases = {
-        "short": Drawn({}, Crossing(0.25), 8.0, 0.0, 3_000.0),
-        "long": Drawn({}, Crossing(1.0), 8.0, 0.0, 3_000.0),
-        "right": Drawn({}, Crossing(0.5), 1.0, 0.0, 3_000.0, safe=1.0),
-        "wrong": Drawn({}, Crossing(0.5), 1.2, 0.0, 3_000.0, safe=1.0),
+        "short": Drawn("", "", 0.0, Crossing(0.25), 8.0, 0.0, 3_000.0),
+        "long": Drawn("", "", 0.0, Crossing(1.0), 8.0, 0.0, 3_000.0),
+        "right": Drawn("", "", 0.0, Crossing(0.5), 1.0, 0.0, 3_000.0, safe=1.0),
+        "wrong": Drawn("", "", 0.0, Crossing(0.5), 1.2, 0.0, 3_000.0, safe=1.0),
     }
     found = run_draws(measure_late, list(cases.values()), 4, 1, 0, quick=True)
     return {
-        name: np.array([(one.used, one.misallocation, one.above) for (one,) in runs])
+        name: np.array([(one["used"], one[OFF], one["above"]) for (one,) in runs])
         for name, (_, runs) in zip(cases, found, strict=True)
     }
 
