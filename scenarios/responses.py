@@ -32,14 +32,14 @@ from aimd_des.loss import GilbertElliott
 from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour, shared_legend
 from aimd_des.responses import Derandomised, EventNormalised, Randomised, Response
-from aimd_des.study import mean_and_error, paired_difference, replicate
+from aimd_des.study import compare, replicate
 from models.smart_cameras import smart_cameras
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import quietly
 from scenarios.common.presence import schedule
 from scenarios.common.systems import spread
-from scenarios.common.tables import estimate, number, numbers, pick
+from scenarios.common.tables import number, numbers, pick, summarise
 
 _N = 60
 _LATENCY = _HOLD_OFF = 0.5
@@ -78,33 +78,18 @@ _WATCHED, _WEIGHT = tuple(range(0, _N, 2)), 0.5
 _OBSERVED = (_DRAWN, _FRACTIONAL, _FULL)
 _ERROR, _SATURATED = "error of the derivative", "saturated"
 _RESOURCES = ("memory", "disk", "bandwidth")
+_LABELS = ["setting", "response", "resource"]
 
 
 class _Size(NamedTuple):
-    """How much is run."""
+    """How much is run, by default at the full size."""
 
-    replications: int  # draws of the costs
-    until: float  # the end; the total is looked at in the second half
+    replications: int = 10  # draws of the costs
+    until: float = 4000.0  # the end; the total is looked at in the second half
     # When the costs of watched cameras change, for how long they are watched, and how many cuts are seen.
-    change: float
-    watched: float
-    cuts: tuple[int, ...]
-
-
-_USUAL = _Size(10, 4000.0, 500.0, 300.0, (1, 3, 10))
-_QUICK = _Size(2, 160.0, 60.0, 40.0, (1, 3))
-
-
-class _Seen(NamedTuple):
-    """What is seen of one run, (m,)."""
-
-    signals: FloatArray  # per unit of time
-    utilisation: FloatArray  # mean total demand over the capacity, in the second half
-    misallocation: FloatArray  # of those present at the end, in per cent
-    # Between these total demand is in 98 % of the time, over the capacity, in the second half.
-    low: FloatArray
-    high: FloatArray
-    saturated: FloatArray  # share of the responses with lambda above what a cut can follow, in per cent
+    change: float = 500.0
+    watched: float = 300.0
+    cuts: tuple[int, ...] = (1, 3, 10)
 
 
 def _setting(name: str, until: float, seed: int) -> dict[str, Any]:
@@ -145,22 +130,24 @@ def _run(response: str, parts: dict[str, Any], recording: Recording, until: floa
     return quietly(simulation, until)
 
 
-def measure(response: str, setting: str, size: _Size, seed: int) -> _Seen:
-    """Run a response in a setting, with a draw of the costs."""
+def measure(response: str, setting: str, size: _Size, seed: int) -> dict[str, FloatArray]:
+    """Run a response in a setting, with a draw of the costs, and measure each resource, (m,)."""
     # Clocks of each camera's own take long to follow: a tenth of the time.
     until = size.until / 10.0 if setting == _OWN_CLOCKS else size.until
     recording = Recording(demand=np.arange(until / 2.0, until, _LOOKS))
     result = _run(response, _setting(setting, until, seed), recording, until, seed)
     table, total = result.summary(), result.observations.total_demand / result.problem.capacity
     low, high = np.percentile(total, [_LOW, _HIGH], axis=0)
-    return _Seen(
-        signals=table["signals"].to_numpy() / until,
-        utilisation=total.mean(axis=0),
-        misallocation=100.0 * table["misallocation"].to_numpy(),
-        low=low,
-        high=high,
-        saturated=100.0 * (table["saturated"] / table["responses"].clip(lower=1)).to_numpy(),
-    )
+    return {
+        "signals": table["signals"].to_numpy() / until,  # per unit of time
+        # Total demand over the capacity in the second half: its mean, and where it is for 98 % of the time.
+        "utilisation": total.mean(axis=0),
+        "misallocation": 100.0 * table["misallocation"].to_numpy(),  # of those present at the end
+        "low": low,
+        "high": high,
+        # Share of the responses with lambda above what a cut can follow, in per cent.
+        _SATURATED: 100.0 * (table["saturated"] / table["responses"].clip(lower=1)).to_numpy(),
+    }
 
 
 def observe(response: str, size: _Size, seed: int) -> FloatArray:
@@ -221,56 +208,54 @@ def _cuts(log: pd.DataFrame, problem: Problem, change: float) -> pd.DataFrame:
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run the paper's system with every response in every setting, and observe it."""
-    size = _QUICK if quick else _USUAL
+    size = _Size(2, 160.0, 60.0, 40.0, (1, 3)) if quick else _Size()
     cases = [(setting, response) for setting in _SETTINGS for response in _RESPONSES]
     jobs: list[Any] = [partial(measure, response, setting, size) for setting, response in cases]
     jobs += [partial(observe, response, size) for response in _OBSERVED]
     found = replicate(jobs, size.replications, seed, workers=1 if quick else None, out=runs)
-    table = pd.concat(
-        [_measured(cases, found[: len(cases)]), _observed(size, found[len(cases) :])], ignore_index=True
-    )
+    measured, watched = found[: len(cases)], dict(zip(_OBSERVED, found[len(cases) :], strict=True))
+    observed = {
+        (f"{count} cuts seen", response): [{_ERROR: run[place]} for run in seen]
+        for response, seen in watched.items()
+        for place, count in enumerate((0, *size.cuts))
+    }
+    table = _with_effects(_rows(dict(zip(cases, measured, strict=True))))
+    table = pd.concat([table, summarise(_rows(observed), _LABELS)], ignore_index=True)
     settings = {"seed": seed, "replications": size.replications, "until": size.until}
     drawn = {"responses": partial(_figure, table)}
     return Finding("responses", settings, table, _shown(table), _findings(table), drawn)
 
 
-def _measured(cases: list[tuple[str, str]], found: list[list[_Seen]]) -> pd.DataFrame:
+def _rows(found: dict[tuple[str, str], list[dict[str, FloatArray]]]) -> list[dict[str, Any]]:
+    """List what was measured, a row for each run and resource."""
+    return [
+        dict(zip(_LABELS, (*case, resource), strict=True)) | {key: row[j] for key, row in run.items()}
+        for case, seen in found.items()
+        for run in seen
+        for j, resource in enumerate(_RESOURCES)
+    ]
+
+
+def _with_effects(rows: list[dict[str, Any]]) -> pd.DataFrame:
     """Make rows of means, and of paired differences from the paper's response in the same setting."""
-    rows = []
-    paper = {
-        setting: runs for (setting, response), runs in zip(cases, found, strict=True) if response == _PAPER
-    }
-    for measure_name in _Seen._fields:
-        for (setting, response), runs in zip(cases, found, strict=True):
-            here, there = (
-                np.array([getattr(run, measure_name) for run in each]) for each in (runs, paper[setting])
-            )
-            for j, resource in enumerate(_RESOURCES):
-                labels = {"setting": setting, "response": response, "resource": resource}
-                gap = paired_difference(here[:, j], there[:, j])
-                row = estimate(labels, measure_name, mean_and_error(here[:, j]), len(here))
-                rows.append({**row, "effect": gap.mean, "effect_error": gap.standard_error})
-    return pd.DataFrame(rows)
-
-
-def _observed(size: _Size, found: list[list[FloatArray]]) -> pd.DataFrame:
-    """Make rows of the errors of an observer: of one that sees no cut, and of those that see some."""
-    rows = []
-    for response, runs in zip(_OBSERVED, found, strict=True):
-        mean, error = mean_and_error(runs)
-        for place, count in enumerate((0, *size.cuts)):
-            for j, resource in enumerate(_RESOURCES):
-                labels = {"setting": f"{count} cuts seen", "response": response, "resource": resource}
-                rows.append(estimate(labels, _ERROR, (mean[place, j], error[place, j]), len(runs)))
-    return pd.DataFrame(rows)
+    table, runs = summarise(rows, _LABELS), pd.DataFrame(rows)
+    pairs = runs.assign(run=runs.groupby(_LABELS).cumcount())
+    measures = list(table["measure"].unique())
+    effects = compare(pairs, {"response": _PAPER}, _LABELS, measures, pair="run")
+    effects = effects.rename(columns={"mean": "effect", "standard_error": "effect_error"})
+    keys = [*_LABELS, "measure"]
+    table = table.merge(effects[[*keys, "effect", "effect_error"]], "left", keys)
+    table.loc[table["response"] == _PAPER, ["effect", "effect_error"]] = 0.0  # from itself
+    return table
 
 
 def _shown(table: pd.DataFrame) -> pd.DataFrame:
     """Print means over the three resources: a line for each setting and response."""
     rows = table[table["measure"] != _ERROR]
+    measures = rows["measure"].unique()
     wide = rows.pivot_table("mean", ["setting", "response"], "measure", sort=False).reset_index()
     text = {name: list(wide[name]) for name in ("setting", "response")}
-    text |= {name: [f"{value:.3f}" for value in wide[name]] for name in _Seen._fields}
+    text |= {name: [f"{value:.3f}" for value in wide[name]] for name in measures}
     return pd.DataFrame(text)
 
 
@@ -278,16 +263,15 @@ def _figure(table: pd.DataFrame) -> Figure:
     """Draw memory: shares, the spread of the total, and signals in each setting; and the observers."""
     figure, panels = figures.panels(2, 2, (13.0, 9.0))
     memory = pick(table, resource="memory")
-    for axes, measure_name in ((panels[0], "misallocation"), (panels[2], "signals")):
-        for place, (height, response) in enumerate(_heights()):
-            rows = pick(memory, measure=measure_name, response=response)
-            bars = 2.0 * rows["standard_error"]
-            axes.errorbar(rows["mean"], height, xerr=bars, fmt="o", color=colour(place), label=response)
-    for place, (height, response) in enumerate(_heights()):
-        low, high = (
-            numbers(memory, measure=name, response=response)[: len(_SETTINGS)] for name in ("low", "high")
-        )
-        panels[1].hlines(height, low, high, color=colour(place), linewidth=3.0)
+    for place, response in enumerate(_RESPONSES):
+        rows, shade = pick(memory, response=response), colour(place)
+        height = -np.arange(len(_SETTINGS)) - 0.18 * (place - 1.5)
+        for axes, name in ((panels[0], "misallocation"), (panels[2], "signals")):
+            found = pick(rows, measure=name)
+            bars = 2.0 * found["standard_error"]
+            axes.errorbar(found["mean"], height, xerr=bars, fmt="o", color=shade, label=response)
+        low, high = (numbers(rows, measure=name) for name in ("low", "high"))
+        panels[1].hlines(height, low, high, color=shade, linewidth=3.0)
     panels[1].axvline(1.0, color=figures.REFERENCE, linewidth=1.0)
     for axes in panels[:3]:
         axes.set_yticks(-np.arange(len(_SETTINGS)), _SETTINGS)
@@ -298,19 +282,11 @@ def _figure(table: pd.DataFrame) -> Figure:
     panels[0].xaxis.set_minor_formatter("")
     total = "total demand over capacity, for 98 % of the time"
     figures.dress(panels[1], "(b) Total of memory: the same peaks", total, numbers="x")
-    figures.dress(
-        panels[2], "(c) Signals for memory: fewest with full cuts", "signals per unit of time", numbers="x"
-    )
+    title = "(c) Signals for memory: fewest with full cuts"
+    figures.dress(panels[2], title, "signals per unit of time", numbers="x")
     _draw_observers(panels[3], memory)
     shared_legend(figure)
     return figure
-
-
-def _heights() -> list[tuple[Any, str]]:
-    """Say at which heights the settings are drawn, for each response."""
-    return [
-        (-np.arange(len(_SETTINGS)) - 0.18 * (place - 1.5), name) for place, name in enumerate(_RESPONSES)
-    ]
 
 
 def _draw_observers(axes: Axes, memory: pd.DataFrame) -> None:
@@ -320,9 +296,8 @@ def _draw_observers(axes: Axes, memory: pd.DataFrame) -> None:
         figures.points(axes, places, rows, list(_RESPONSES).index(response), linestyle="-")
     axes.set_xticks(places, [name.removesuffix(" cuts seen") for name in rows["setting"]])
     title = "(d) Observers: one fractional cut tells the derivative"
-    figures.dress(
-        axes, title, "cuts of a camera seen", "median error of its derivative (%)", numbers="y", ylim=0
-    )
+    x, y = "cuts of a camera seen", "median error of its derivative (%)"
+    figures.dress(axes, title, x, y, numbers="y", ylim=0)
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
@@ -331,15 +306,12 @@ def _findings(table: pd.DataFrame) -> list[str]:
         return ", ".join(f"{value:.{digits}f}" for value in values)
 
     def gap(setting: str, response: str) -> str:
-        row = pick(
-            table, setting=setting, response=response, resource="memory", measure="misallocation"
-        ).iloc[0]
+        here = {"setting": setting, "response": response, "measure": "misallocation"}
+        row = pick(table, resource="memory", **here).iloc[0]
         return f"{row['effect']:+.2f} ± {2.0 * row['effect_error']:.2f}"
 
-    narrow = [
-        number(table, setting=_CONTINUOUS, response=name, resource="memory", measure="low")
-        for name in (_PAPER, _FRACTIONAL, _FULL)
-    ]
+    low = partial(number, table, setting=_CONTINUOUS, resource="memory", measure="low")
+    narrow = [low(response=name) for name in (_PAPER, _FRACTIONAL, _FULL)]
     cuts = [name for name in table["setting"].unique() if name.endswith("cuts seen")]
     last = cuts[-1]
     return sentences(f"""

@@ -58,6 +58,6 @@ def test_fractional_cuts_are_nearer_and_keep_the_total_higher() -> None:
         for response in ("the paper's", "fractional cuts")
     )
     for ours, theirs in zip(fractional, paper, strict=True):
-        assert (ours.misallocation < theirs.misallocation).all()
-        assert (ours.low > theirs.low).all()
-        assert ours.high == pytest.approx(theirs.high, abs=0.005)
+        assert (ours["misallocation"] < theirs["misallocation"]).all()
+        assert (ours["low"] > theirs["low"]).all()
+        assert ours["high"] == pytest.approx(theirs["high"], abs=0.005)
