@@ -10,7 +10,7 @@ matters: well below the rating, responses do not depend on averages.
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -29,7 +29,7 @@ from models.ev_charging import Vehicles, capacity_left, daily_base_load, ev_char
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import sensed
-from scenarios.common.tables import number, numbers, shown, summarise
+from scenarios.common.tables import number, pick, shown, summarise, theory_of, with_theory
 
 _DAY = 1440
 _CHARGERS, _HOUSES = (3.7, 7.4), 0.5  # kW in turn, and houses for each vehicle
@@ -90,9 +90,7 @@ class Garage:
 class Night(NamedTuple):
     """What is measured of one night."""
 
-    # Numbers, and what theory has for some of them.
-    measures: dict[str, float]
-    expected: dict[str, float]
+    numbers: dict[str, float]  # and what theory has for some of them
     error: FloatArray  # distance of the averages from the optimum in force, at `LOOKS`
     # (4, 288): At `TIMES`: total demand, what it would be without control, the capacity, all in kW;
     # vehicles present.
@@ -103,8 +101,19 @@ class Night(NamedTuple):
 def night(case: Case, n: int, step: int, seed: int) -> Night:
     """Run a night from noon to noon: n vehicles, and so many minutes between two changes of the capacity."""
     result, garage = run(case, n, step, seed)
-    expected = _expected(case, result, garage.vehicles)
-    return _measured(result, garage, expected)
+    vehicles, pieces = garage.vehicles, result.pieces
+    place = np.searchsorted(pieces["start"], TIMES, side="right") - 1
+    at_once = vehicles.arrival + 60.0 * vehicles.energy / garage.ratings
+    plugged = (TIMES[:, None] >= vehicles.arrival) & (TIMES[:, None] < at_once)
+    error = result.tracking["relative_error"].to_numpy()[: len(LOOKS)]
+    capacity, present = (pieces[name].to_numpy()[place] for name in ("capacity", "agents"))
+    total = result.observations.total_demand[: len(TIMES), 0]
+    stay = SHARES[:, None] * (vehicles.departure - vehicles.arrival)
+    minutes = np.minimum(np.round(vehicles.arrival + stay), garage.gone).astype(np.int64)
+    progress = garage.history[minutes, np.arange(len(vehicles))] / vehicles.energy
+    lines = np.stack([total, plugged @ garage.ratings, capacity, present])
+    known = {theory_of(name): value for name, value in _expected(case, result, vehicles).items()}
+    return Night({**_measured(result, garage, error), **known}, error, lines, progress)
 
 
 def run(case: Case, n: int, step: int, seed: int) -> tuple[Result, Garage]:
@@ -135,32 +144,21 @@ def run(case: Case, n: int, step: int, seed: int) -> tuple[Result, Garage]:
     return result, garage
 
 
-def _measured(result: Result, garage: Garage, expected: dict[str, float]) -> Night:
+def _measured(result: Result, garage: Garage, error: FloatArray) -> dict[str, float]:
     vehicles, pieces, sent = garage.vehicles, result.pieces, result.signals_sent.time
-    lasted = _lasted(result)
-    place = np.searchsorted(pieces["start"], TIMES, side="right") - 1
-    at_once = vehicles.arrival + 60.0 * vehicles.energy / garage.ratings
-    plugged = (TIMES[:, None] >= vehicles.arrival) & (TIMES[:, None] < at_once)
-    error = result.tracking["relative_error"].to_numpy()[: len(LOOKS)]
+    lasted, spare = _lasted(result), vehicles.departure - garage.gone
     missing = np.maximum(vehicles.energy - garage.energy, 0.0)
-    measures = {
-        "minutes above capacity": float((pieces["overshoot_time"] * (pieces["end"] - pieces["start"])).sum()),
+    return {
+        _ABOVE: float((pieces["overshoot_time"] * (pieces["end"] - pieces["start"])).sum()),
         "peak": float(pieces["overshoot_peak"].max()),
-        "signals, 22:00 to 1:00": float(((sent >= SPAN[0]) & (sent < SPAN[1])).sum()),
-        "used, 22:00 to 1:00": float(pieces["utilisation"].to_numpy() @ lasted / lasted.sum()),
+        _SIGNALS: float(((sent >= SPAN[0]) & (sent < SPAN[1])).sum()),
+        _USED: float(pieces["utilisation"].to_numpy() @ lasted / lasted.sum()),
         "energy missing": float(missing.sum() / vehicles.energy.sum()),
-        "hours to spare": float((vehicles.departure - garage.gone).mean() / 60.0),
-        "least hours to spare": float((vehicles.departure - garage.gone).min() / 60.0),
-        "error of averages": float(error[(SPAN[0] <= LOOKS) & (SPAN[1] >= LOOKS)].mean()),
+        _SPARE: float(spare.mean() / 60.0),
+        "least hours to spare": float(spare.min() / 60.0),
+        _ERROR: float(error[(SPAN[0] <= LOOKS) & (SPAN[1] >= LOOKS)].mean()),
         "threshold": float(result.problem.threshold[0]),
     }
-    capacity, present = (pieces[name].to_numpy()[place] for name in ("capacity", "agents"))
-    total = result.observations.total_demand[: len(TIMES), 0]
-    stay = SHARES[:, None] * (vehicles.departure - vehicles.arrival)
-    minutes = np.minimum(np.round(vehicles.arrival + stay), garage.gone).astype(np.int64)
-    progress = garage.history[minutes, np.arange(len(vehicles))] / vehicles.energy
-    lines = np.stack([total, plugged @ garage.ratings, capacity, present])
-    return Night(measures, expected, error, lines, progress)
 
 
 def _lasted(result: Result) -> FloatArray:
@@ -186,9 +184,9 @@ def _expected(case: Case, result: Result, vehicles: Vehicles) -> dict[str, float
     spread = theory.averaging_spread(held, alpha, beta, probability=chance, **memory)
     # The expected absolute value of a normal number is the root of 2 / pi of its standard deviation.
     luck = float(np.sqrt(2.0 / np.pi) * (held @ spread) / held.sum())
-    found = {"signals, 22:00 to 1:00": float(rates @ lasted[lasted > 0.0]), "error of averages": luck}
+    found = {_SIGNALS: float(rates @ lasted[lasted > 0.0]), _ERROR: luck}
     if case.lowered:
-        found["minutes above capacity"] = _EXCEEDANCE * float(np.ptp(result.signals_sent.time))
+        found[_ABOVE] = _EXCEEDANCE * float(np.ptp(result.signals_sent.time))
     return found
 
 
@@ -205,16 +203,26 @@ _CASES = {
 }
 _BAD, _OTHER, _LOW = "lossy minus perfect", "forgetting minus all of the stay", "lower threshold minus not"
 _LATER, _FEWER = "late alone minus perfect", "lossy alone minus perfect"
-_PAIRS = ((_BAD, 1, 0), (_OTHER, 2, 1), (_LOW, 3, 1), (_LATER, 4, 0), (_FEWER, 5, 0))
+_PAIRS = {
+    _BAD: ((_LOSSY, _STAY), (_PERFECT, _STAY)),
+    _OTHER: ((_LOSSY, _FORGET), (_LOSSY, _STAY)),
+    _LOW: ((_LOWERED, _STAY), (_LOSSY, _STAY)),
+    _LATER: ((_LATE_ALONE, _STAY), (_PERFECT, _STAY)),
+    _FEWER: ((_LOST_ALONE, _STAY), (_PERFECT, _STAY)),
+}
 _ABOVE, _SIGNALS, _SPARE = "minutes above capacity", "signals, 22:00 to 1:00", "hours to spare"
 _ERROR, _USED = "error of averages", "used, 22:00 to 1:00"
+
+
+_Nights = dict[tuple[str, str], list[Night]]
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run nights with a perfect channel, a bad one, averages that forget, and a lower threshold."""
     replications, n, step = (2, 6, 240) if quick else (12, 40, 15)
     jobs = [partial(night, case, n, step) for case in _CASES.values()]
-    nights = replicate(jobs, replications, seed, workers=1 if quick else None, out=runs)
+    found = replicate(jobs, replications, seed, workers=1 if quick else None, out=runs)
+    nights = dict(zip(_CASES, found, strict=True))
     table = _table(nights)
     settings = {"seed": seed, "replications": replications, "vehicles": n}
     printed = shown(table, ["channel", "average", "measure"], ".3f")
@@ -222,56 +230,37 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     return Finding("ev_day", settings, table, printed, _findings(table), drawn)
 
 
-def _table(nights: list[list[Night]]) -> pd.DataFrame:
+def _table(nights: _Nights) -> pd.DataFrame:
     """Sum up the nights, what would be without control, and paired differences."""
-    keys = ["channel", "average"]
-    labelled = [
-        (dict(zip(keys, case, strict=True)), run)
-        for case, runs in zip(_CASES, nights, strict=True)
-        for run in runs
-    ]
-    rows = [{**labels, **run.measures} for labels, run in labelled]
-    for _, uncontrolled, capacity, _ in (run.lines for run in nights[0]):
+    rows = [(case, run.numbers) for case, found in nights.items() for run in found]
+    for _, uncontrolled, capacity, _ in (run.lines for run in nights[_PERFECT, _STAY]):
         above, peak = 5.0 * float((uncontrolled > capacity).sum()), float((uncontrolled / capacity).max())
-        rows.append({"channel": _NOBODY, "average": "", _ABOVE: above, "peak": peak})
-    for name, one, other in _PAIRS:
+        rows.append(((_NOBODY, ""), {_ABOVE: above, "peak": peak}))
+    for name, (one, other) in _PAIRS.items():
         for left, right in zip(nights[one], nights[other], strict=True):
-            gaps = {key: left.measures[key] - right.measures[key] for key in (_SIGNALS, _SPARE)}
-            rows.append({"channel": name, "average": "", **gaps})
-    table = summarise(rows, keys)
-    expected = summarise([{**labels, **run.expected} for labels, run in labelled], keys)
-    predicted = expected[[*keys, "measure", "mean"]].rename(columns={"mean": "theory"})
-    return table[table["replications"] > 0].merge(predicted, "left", [*keys, "measure"])
+            gaps = {key: left.numbers[key] - right.numbers[key] for key in (_SIGNALS, _SPARE)}
+            rows.append(((name, ""), gaps))
+    keys = ["channel", "average"]
+    labelled = [dict(zip(keys, case, strict=True)) | numbers for case, numbers in rows]
+    return with_theory(summarise(labelled, keys), keys)
 
 
-def _figure(table: pd.DataFrame, nights: list[list[Night]]) -> Figure:
+def _figure(table: pd.DataFrame, nights: _Nights) -> Figure:
     figure = Figure(figsize=(13.0, 5.4), layout="constrained")
     axes = figure.subplot_mosaic("abc;abc;abd;ebd", width_ratios=[1.2, 0.9, 1.1])
-    _draw_day(axes["a"], axes["e"], nights[1][0].lines)
-    _draw_progress(axes["b"], nights[1][0].progress)
+    first = nights[_LOSSY, _STAY][0]
+    _draw_day(axes["a"], axes["e"], first.lines)
+    _draw_progress(axes["b"], first.progress)
     _draw_error(axes["c"], table, nights)
     _draw_above(axes["d"], table)
-    titles = {
-        "a": "A night: what the houses leave is used",
-        "b": "All are full before they leave",
-        "c": "Averages are off by random error, and late",
-        "d": "Overload of the transformer in a night",
-    }
-    for name, title in titles.items():
-        axes[name].set_title(f"({name}) {title}", loc="left", fontsize="medium")
-    for each in axes.values():
-        figures.frame(each)
     shared_legend(figure)
     return figure
 
 
-def _clock(axes: Axes, low: int, high: int, every: int) -> None:
+def _clock(axes: Axes, title: str, label: str, low: int, high: int, every: int) -> None:
     ticks = range(low, high + 1, every)
-    axes.set_xlim(low, high)
+    figures.dress(axes, title, "time of day", label, numbers="y", xlim=(low, high), ylim=(0.0, None))
     axes.set_xticks(ticks, [f"{(12 + tick // 60) % 24}:00" for tick in ticks])
-    axes.set_xlabel("time of day")
-    axes.set_ylim(0.0)
-    figures.number_axis(axes.yaxis)
 
 
 def _draw_day(power: Axes, present: Axes, lines: FloatArray) -> None:
@@ -280,9 +269,8 @@ def _draw_day(power: Axes, present: Axes, lines: FloatArray) -> None:
     power.plot(TIMES, total, color=colour(0), linewidth=1.3, label="charging")
     power.plot(TIMES, capacity, color=colour(1), linewidth=1.8, label="capacity left by the houses")
     present.plot(TIMES, here, color=figures.REFERENCE, drawstyle="steps-post")
-    for axes, label in ((power, "power (kW)"), (present, "vehicles")):
-        _clock(axes, 120, 1320, 240)
-        axes.set_ylabel(label)
+    _clock(power, "(a) A night: what the houses leave is used", "power (kW)", 120, 1320, 240)
+    _clock(present, "", "vehicles", 120, 1320, 240)
     present.set_yticks([0, int(here.max())])
     power.set_xlabel("")
     power.tick_params(labelbottom=False)
@@ -292,54 +280,51 @@ def _draw_progress(axes: Axes, progress: FloatArray) -> None:
     axes.plot(100 * SHARES, 100 * progress, color=colour(0), linewidth=0.6, alpha=0.7)
     figures.named(axes, "one vehicle", color=colour(0), linewidth=0.8, alpha=0.7)
     axes.plot([0, 100], [0, 100], "--", color=figures.REFERENCE, linewidth=1.4, label="just in time")
-    axes.set(xlabel="part of the stay that is over (%)", ylabel="energy delivered (% of the need)")
-    axes.set(xlim=(0, 100), ylim=(0, 103))
+    x, y = "part of the stay that is over (%)", "energy delivered (% of the need)"
+    title = "(b) All are full before they leave"
+    figures.dress(axes, title, x, y, numbers="", xlim=(0, 100), ylim=(0, 103))
 
 
-def _draw_error(axes: Axes, table: pd.DataFrame, nights: list[list[Night]]) -> None:
-    for place, name in ((1, "average over all of the stay"), (2, "average that forgets in 2 hours")):
-        mean, error = mean_and_error([100 * run.error for run in nights[place]])
-        shade, marker = colour(place + 1), " os"[place]
-        axes.errorbar(LOOKS, mean, 2 * error, color=shade, marker=marker, markersize=4.0, label=name)
-        luck = 100 * numbers(table, "theory", channel=_LOSSY, measure=_ERROR)[place - 1]
+def _draw_error(axes: Axes, table: pd.DataFrame, nights: _Nights) -> None:
+    names = {_STAY: "average over all of the stay", _FORGET: "average that forgets in 2 hours"}
+    for place, (average, name) in enumerate(names.items()):
+        mean, error = mean_and_error([100 * run.error for run in nights[_LOSSY, average]])
+        look: dict[str, Any] = {"color": colour(place + 2), "marker": "os"[place], "markersize": 4.0}
+        axes.errorbar(LOOKS, mean, 2 * error, label=name, **look)
+        luck = 100 * number(table, "theory", channel=_LOSSY, average=average, measure=_ERROR)
         axes.plot(SPAN, [luck, luck], ":", color=figures.REFERENCE, linewidth=1.8)
     figures.named(axes, "random error alone, by theory", ":", linewidth=1.8)
-    axes.set_ylabel("distance of averages\nfrom the optimum (%)")
-    _clock(axes, 360, 900, 120)
+    title = "(c) Averages are off by random error, and late"
+    _clock(axes, title, "distance of averages\nfrom the optimum (%)", 360, 900, 120)
 
 
 def _draw_above(axes: Axes, table: pd.DataFrame) -> None:
     names = (_NOBODY, _PERFECT, _LOSSY, _LOWERED)
     for place, name in enumerate(names):
-        minutes, error = _value(table, name, _ABOVE)
-        peak, _ = _value(table, name, "peak")
+        above = pick(table, channel=name, measure=_ABOVE).iloc[0]
+        minutes, peak = above["mean"], number(table, channel=name, measure="peak")
         fill = "0.86" if name == _NOBODY else colour(0)
-        axes.barh(-place, minutes, 0.4, xerr=2 * error, color=fill, capsize=2.0)
+        axes.barh(-place, minutes, 0.4, xerr=2 * above["standard_error"], color=fill, capsize=2.0)
         words = f"{name}: {minutes:.0f} min, up to {peak:.2f} of capacity"
         axes.text(2.0, 0.28 - place, words, va="bottom", fontsize="small")
     axes.set_yticks([])
-    axes.set(xlabel="minutes above the capacity", ylim=(-3.4, 0.8), xlim=(0.0, None))
-    figures.number_axis(axes.xaxis)
-
-
-def _value(table: pd.DataFrame, channel: str, measure: str, **average: str) -> tuple[float, float]:
-    """Look up a mean and its error, of the average over all of the stay unless it is said."""
-    wanted = {"channel": channel, "measure": measure, **average}
-    return number(table, **wanted), number(table, "standard_error", **wanted)
+    how: dict[str, Any] = {"numbers": "x", "xlim": (0.0, None), "ylim": (-3.4, 0.8)}
+    figures.dress(axes, "(d) Overload of the transformer in a night", "minutes above the capacity", **how)
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
-    def mean(channel: str, measure: str, **average: str) -> float:
-        return number(table, channel=channel, measure=measure, **average)
+    def mean(channel: str, measure: str, column: str = "mean", **average: str) -> float:
+        """Look up a number, of the average over all of the stay unless it is said."""
+        return number(table, column, channel=channel, measure=measure, **average)
 
     def both(channel: str, measure: str, scale: float = 1.0) -> str:
-        value, error = _value(table, channel, measure)
-        return f"{scale * value:.1f} ± {abs(scale) * error:.1f}"
+        error = abs(scale) * mean(channel, measure, "standard_error")
+        return f"{scale * mean(channel, measure):.1f} ± {error:.1f}"
 
     ratio, rate = mean(_LOSSY, _SIGNALS) / mean(_PERFECT, _SIGNALS), 1.0 / (1.0 - LOSS)
-    allowed = number(table, "theory", channel=_LOWERED, measure=_ABOVE)
-    luck = 100 * numbers(table, "theory", channel=_LOSSY, measure=_ERROR)
+    allowed = mean(_LOWERED, _ABOVE, "theory")
     stay, forget = (100 * mean(_LOSSY, _ERROR, average=name) for name in (_STAY, _FORGET))
+    luck = [100 * mean(_LOSSY, _ERROR, "theory", average=name) for name in (_STAY, _FORGET)]
     return sentences(f"""
         - {100 * mean(_LOSSY, "energy missing"):.1f} % of the energy needed is missing when vehicles leave.
           They are full {both(_LOSSY, _SPARE)} hours early, the last of a night

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from aimd_des.utils.validation import FloatArray
+from scenarios.common.tables import theory_of
 from scenarios.ev_day import LOSS, Case, Night, night, run
 
 NIGHTS, VEHICLES, STEP = 4, 12, 120
@@ -29,7 +30,7 @@ def lossy() -> list[Night]:
 
 
 def measured(runs: list[Night], name: str) -> FloatArray:
-    return np.array([found.measures[name] for found in runs])
+    return np.array([found.numbers[name] for found in runs])
 
 
 def error(values: FloatArray) -> float:
@@ -72,7 +73,7 @@ def test_lost_signals_are_replaced_by_more_signals(perfect: list[Night], lossy: 
 def test_the_threshold_of_theory_prevents_overload(lossy: list[Night]) -> None:
     lowered, name = nights(Case(late=True, lossy=True, lowered=True)), "minutes above capacity"
     above = measured(lowered, name)
-    allowed = np.array([found.expected[name] for found in lowered])
+    allowed = np.array([found.numbers[theory_of(name)] for found in lowered])
     assert (above - allowed).mean() < -Z * error(above - allowed)
     # Negative control: with the threshold at the capacity it is more than is allowed.
     excess = measured(lossy, name) - allowed
