@@ -17,7 +17,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import BroadcastChannel, Problem, Recording, Result, solve_optimum, theory, topology
+from aimd_des import BroadcastChannel, Problem, Recording, Result, theory, topology
 from aimd_des.compensation import EstimatedLoss, KnownLoss
 from aimd_des.loss import Bernoulli, CommonMode, GilbertElliott, Loss
 from aimd_des.lowlevel import Channel, FloatArray
@@ -25,7 +25,7 @@ from aimd_des.plots import colour
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import distance, late, quietly, run_draws, run_late, sensed
-from scenarios.common.systems import memory_alone, spread
+from scenarios.common.systems import memory_alone, optimum, spread
 from scenarios.common.tables import beside_theory, over_draws, pick, shown, table_of
 
 HOLD_OFF = 0.25  # r, in units of time
@@ -100,7 +100,7 @@ def measure(run: Bursts, draw: int, seed: int) -> dict[str, float]:
 
 def share_of_smallest(problem: Problem, allocation: FloatArray) -> float:
     """Compute what the third of the agents holds that the optimum gives least of the one resource."""
-    order = np.argsort(solve_optimum(problem).allocation[:, 0])
+    order = np.argsort(optimum(problem))
     return float(allocation[order[: problem.n_agents // 3], 0].sum() / allocation.sum())
 
 

@@ -28,7 +28,7 @@ from aimd_des.study import jackknife, mean_and_error
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import run_draws, sensed
-from scenarios.common.systems import memory_alone, predicted, used
+from scenarios.common.systems import memory_alone, optimum, predicted, used
 from scenarios.common.tables import beside_theory, number, pick, shown, table_of, theory_of
 
 WITHIN = 0.05
@@ -199,7 +199,7 @@ def _last_outside(values: FloatArray, start: float, grain: float) -> float:
 
 def error_of(case: Drop, averages: FloatArray) -> FloatArray:
     """Compute the relative error against the new optimum at each record, (r,)."""
-    best = solve_optimum(case.problem(case.left)).allocation
+    best = optimum(case.problem(case.left))[:, None]
     return np.array([relative_error(row[:, None], best)[0] for row in averages])
 
 
@@ -209,7 +209,7 @@ def _of_shares(case: Drop, averages: FloatArray) -> float:
 
 def _with_noise(case: Drop, errors: FloatArray) -> FloatArray:
     """Expect the relative error of the mean field plus normal noise with these standard errors, (r,)."""
-    best = solve_optimum(case.problem(case.left)).allocation[:, 0]
+    best = optimum(case.problem(case.left))
     away, noise = mean_field(case) - best, np.maximum(errors, 1e-12)
     inside = away / noise
     size = noise * np.sqrt(2.0 / np.pi) * np.exp(-0.5 * inside**2) + away * (2.0 * ndtr(inside) - 1.0)

@@ -16,14 +16,14 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import BroadcastChannel, Recording, Result, solve_optimum, theory
+from aimd_des import BroadcastChannel, Recording, Result, theory
 from aimd_des.interventions import CapacityStep, Failover, Intervention, Partition
 from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour, shared_legend
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import quietly, run_draws, sensed
-from scenarios.common.systems import memory_alone, predicted
+from scenarios.common.systems import memory_alone, optimum, predicted
 from scenarios.common.tables import number, over_draws, pick, shown, table_of
 
 # Growth and capacity are the same in all draws of the costs.
@@ -91,12 +91,6 @@ class Found(NamedTuple):
     holdings: FloatArray  # (r, 2): what the even and the odd agents hold over their optimum
 
 
-@lru_cache
-def _share(draw: int) -> FloatArray:
-    """Compute the optimum of one draw of the costs, (n,)."""
-    return np.asarray(solve_optimum(memory_alone(draw=draw)).allocation[:, 0])
-
-
 def _run(case: Outage, draw: int, seed: int, interventions: list[Intervention]) -> Result:
     looks = np.arange(case.at - BEFORE, case.until, GRAIN)
     simulation = sensed(
@@ -114,10 +108,9 @@ def measure(settled: Outage, draw: int, seed: int) -> Found:
     """Run with the fault and without it, and measure what differs."""
     # Instants that fall evenly over the cycles from one signal to the next, which start alike.
     case = settled._replace(at=settled.at + GRAIN * round(5.0 * (0.618 * (draw + seed) % 1.0) / GRAIN))
-    result, without = (
-        _run(case, draw, seed, changes) for changes in (case.interventions, case.interventions[:1])
-    )
-    seen, share = result.observations, _share(draw)
+    changes = case.interventions
+    result, without = (_run(case, draw, seed, some) for some in (changes, changes[:1]))
+    seen, share = result.observations, optimum(memory_alone(draw=draw))
     last, ordinary = (one.pieces.iloc[-1] for one in (result, without))
     total = seen.total_demand[:-1, 0] / CAPACITY
     held = total[round((BEFORE + case.duration) / GRAIN) :] <= 1.0
@@ -159,7 +152,8 @@ def expected(case: Outage) -> dict[str, float]:
     """
     ordinary = predicted(_PROBLEM, latency=case.latency, hold_off=case.hold_off)
     cut = (1.0 - _PROBLEM.decrease[:, 0]) * ordinary.probability[:, 0]
-    demand, alpha = ordinary.utilisation[0] * _share(0) * CAPACITY / _share(0).sum(), _PROBLEM.increase[:, 0]
+    share, alpha = optimum(_PROBLEM), _PROBLEM.increase[:, 0]
+    demand = ordinary.utilisation[0] * share * CAPACITY / share.sum()
     hears = np.isin(np.arange(N), OTHER) if case.fault == PART else np.zeros(N, dtype=bool)
     time, peak, heal = 0.0, -np.inf, case.duration + 0.5 * case.wait
     while time < heal:

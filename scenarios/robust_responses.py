@@ -283,8 +283,6 @@ def _share(group: Sequence[Axes]) -> None:
     for axes in upper:
         axes.sharex(lowest)
         axes.tick_params(labelbottom=False)
-    for axes in group:
-        figures.frame(axes)
     handles, labels = group[0].get_legend_handles_labels()
     look: dict[str, Any] = {"fontsize": "small", "frameon": False, "handlelength": 2.0, "ncols": 2}
     lowest.legend(handles, labels, loc="upper center", bbox_to_anchor=(0.5, -0.22), **look)
@@ -309,12 +307,10 @@ def _draw_losses(panels: Sequence[Axes], table: pd.DataFrame) -> None:
         top.plot(off["at"], 100 * off["theory"].where(off["theory"] > 0.004), "_k", markersize=12)
         figures.points(bottom, bits["at"], bits, place, **look)
     figures.named(top, "theory", "_", color="black", markersize=12)
-    for axes, label in ((top, "distance from\nthe optimum (%)"), (bottom, "bits per unit of time")):
-        axes.set_yscale("log")
-        axes.set_ylabel(label)
-        figures.number_axis(axes.yaxis)
+    figures.dress(top, y="distance from\nthe optimum (%)", numbers="y", yscale="log")
+    x, y = "what agents know of their loss", "bits per unit of time"
+    figures.dress(bottom, "", x, y, numbers="y", yscale="log")
     bottom.set_xticks(range(len(ways)), ways)
-    bottom.set_xlabel("what agents know of their loss")
 
 
 def _draw_thresholds(panels: Sequence[Axes], table: pd.DataFrame) -> None:
@@ -331,12 +327,8 @@ def _draw_thresholds(panels: Sequence[Axes], table: pd.DataFrame) -> None:
     figures.named(top, "theory")
     top.set_yscale("symlog", linthresh=1.0)
     top.set_yticks([0, 1, 10, 100], ["0", "1", "10", "100"])
-    top.set_ylim(0.0, 100.0)
-    top.set_ylabel("time above\nthe capacity (%)")
-    bottom.set_ylabel("mean total demand\n(% of the capacity)")
-    bottom.set_xlabel("latency (control periods)")
-    for axis in (bottom.xaxis, bottom.yaxis):
-        figures.number_axis(axis)
+    figures.dress(top, y="time above\nthe capacity (%)", numbers="", ylim=(0.0, 100.0))
+    figures.dress(bottom, "", "latency (control periods)", "mean total demand\n(% of the capacity)")
 
 
 def _draw_hold_offs(panels: Sequence[Axes], table: pd.DataFrame, what: str) -> None:
@@ -352,12 +344,9 @@ def _draw_hold_offs(panels: Sequence[Axes], table: pd.DataFrame, what: str) -> N
             size = {"fixed 0.25": 10.0, f"0.25 to {_LOOSE:g}": 4.5}.get(name, 7.0)
             look = {**_DOTTED, "scale": scale, "markersize": size}
             figures.curve(axes, rows["at"], rows, place, f"hold-off {name}", **look)
-        axes.set_ylabel(label)
-        figures.number_axis(axes.yaxis)
+        figures.dress(axes, "", what if axes is panels[-1] else "", label)
     figures.level(panels[0], 100.0)
     figures.named(panels[0], "theory")
-    figures.number_axis(panels[-1].xaxis)
-    panels[-1].set_xlabel(what)
 
 
 def _findings(table: pd.DataFrame) -> list[str]:

@@ -27,7 +27,7 @@ from aimd_des.study import jackknife
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import quietly, run_draws, sensed
-from scenarios.common.systems import alike, elasticity, memory_alone, predicted, used
+from scenarios.common.systems import alike, elasticity, memory_alone, optimum, predicted, used
 from scenarios.common.tables import beside_theory, estimate, pick, reached, shown
 
 WEIGHT, _HOLD_OFF = 0.2, 0.5
@@ -76,7 +76,7 @@ def groups(draw: int) -> dict[str, tuple[int, ...]]:
     By their costs; the last group is three cameras with quadratic costs.
     """
     problem = memory_alone(draw=draw)
-    x = solve_optimum(problem).allocation[:, 0]
+    x = optimum(problem)
     square, sixth = (sorted(alike(problem, steepness), key=x.__getitem__) for steepness in (1.0, 5.0))
     middle = len(square) // 2
     return {

@@ -51,9 +51,15 @@ def used(problem: Problem, latency: float = 0.0) -> float:
 
 
 @lru_cache
+def optimum(problem: Problem) -> FloatArray:
+    """Compute the optimal allocation of a single resource, (n,)."""
+    return np.asarray(solve_optimum(problem).allocation[:, 0])
+
+
+@lru_cache
 def elasticity(problem: Problem) -> FloatArray:
     """Compute how steep the costs of a single resource are at its optimum, (n,)."""
-    return theory.elasticity(problem, solve_optimum(problem).allocation)[:, 0]
+    return theory.elasticity(problem, optimum(problem)[:, None])[:, 0]
 
 
 def alike(problem: Problem, steepness: float) -> list[int]:
