@@ -107,7 +107,7 @@ def share_of_smallest(problem: Problem, allocation: FloatArray) -> float:
 class Answer(NamedTuple):
     """What is run with losses that are spread from 0 to twice a mean, and agents that compensate for them."""
 
-    links: str  # in which column of the table the way stands: "nothing", "known loss", or bits of a number
+    links: str  # the way, in that column of the table: "nothing", "known loss", or so many bits of a number
     loss: float
     burst: float
     length: float
