@@ -109,7 +109,7 @@ CLAIMS = (
         12,
         [mesh.Case(mesh.THRICE, 0.3, 8_000.0)],
         mesh.measure,
-        lambda seen: 100.0 * seen.from_plain,
+        lambda seen: 100.0 * seen["from_plain"],
     ),
     Claim(
         "burst_loss",
@@ -157,7 +157,7 @@ CLAIMS = (
             for mixture in (unequal_delays.THREE, unequal_delays.ALL)
         ],
         unequal_delays.measure,
-        lambda early, alike: float(early.three / alike.three),
+        lambda early, alike: early["three"] / alike["three"],
     ),
     Claim(
         "cures",
@@ -166,7 +166,7 @@ CLAIMS = (
         12,
         [cures.Case(cures.LOSS, cures.KNOWN, 80.0, 5_000.0)],
         cures.measure,
-        lambda seen: 100.0 * seen.misallocation,
+        lambda seen: 100.0 * seen["misallocation"],
     ),
 )
 

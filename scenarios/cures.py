@@ -8,8 +8,8 @@ lost together and tell nothing.  Against latency more bits do not help; a hold-o
 the signals in flight.
 """  # noqa: D400 - a question
 
-from collections.abc import Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,9 +26,9 @@ from aimd_des.plots import colour
 from aimd_des.responses import CustomResponse, Derandomised, EventNormalised, Response
 from scenarios.common import figures
 from scenarios.common.command import Finding, command
-from scenarios.common.measure import distance, quietly, rows_of, run_draws, sensed
+from scenarios.common.measure import distance, quietly, rows_of, run_draws, sensed, signal_rate, totals
 from scenarios.common.systems import lowered, memory_alone, rate
-from scenarios.common.tables import number, numbers, over_draws, pick, shown, summarise_draws
+from scenarios.common.tables import number, over_draws, pick, shown, summarise_draws
 
 _N = 60
 _HOLD_OFF, _LONG = 0.25, 1.0
@@ -145,6 +145,11 @@ CURES: dict[str, dict[str, Cure]] = {
 # What is run for longer, too: its errors are bias, or random error that is left.
 _LONGER = (NOTHING, THRICE, KNOWN, f"{KNOWN}, {FRACTIONAL}")
 _LABELS = ("setting", "cure", "over_gamma", "until")
+# Measures that have a panel for each setting: title, label and scale.
+_ROWS = {
+    "misallocation": ("shares", "distance from the optimum (%)", "log"),
+    "utilisation": ("use", "use of the capacity (%), above it 1 % of the time", "linear"),
+}
 
 
 class Case(NamedTuple):
@@ -167,41 +172,31 @@ class Case(NamedTuple):
         return rate(lowered(plain, 1.0 - lift)) / heard * cure.hold_off < _LOAD
 
 
-class Outcome(NamedTuple):
-    """What is measured of one run after its start."""
-
-    bits: float  # per unit of time
-    misallocation: float
-    utilisation: float
-    above: float  # share of the time above the capacity
-    saturated: float  # share of the responses with a probability above 1
-    threshold: float
-
-
 def losses(draw: int) -> FloatArray:
     """Draw how much each agent loses, (n,)."""
     return np.random.default_rng([2028, draw]).permutation(np.linspace(0.0, 0.5, _N))
 
 
-def measure(case: Case, draw: int, seed: int) -> Outcome:
+def measure(case: Case, draw: int, seed: int) -> dict[str, float]:
     """Choose the threshold for the risk by pilot runs, then run and measure."""
     problem, threshold = memory_alone(normalization=1.0 / case.over_gamma, draw=draw), 1.0
     for pilot in range(case.pilots):
         short = case._replace(until=_PILOT * case.until)
         seen = _run(short, lowered(problem, threshold), draw, seed + _PILOT_SEED + pilot)
-        high = float(np.quantile(_totals(seen), 1.0 - _RISK))
+        high = float(np.quantile(totals(seen), 1.0 - _RISK))
         threshold = float(np.clip(threshold + 1.0 - high, _FLOOR, 1.0))
     result = _run(case, lowered(problem, threshold), draw, seed)
-    total, account = _totals(result), result.account
-    signals = (result.signals_sent.time >= case.until / 4.0).sum() / (0.75 * case.until)
-    return Outcome(
-        bits=float(signals * CURES[case.setting][case.cure].bits),
-        misallocation=float(distance(result.problem, result.average_at_end)[0]),
-        utilisation=float(total.mean()),
-        above=float((total > 1.0).mean()),
-        saturated=float(account.saturated.sum() / max(account.responses.sum(), 1)),
-        threshold=threshold,
-    )
+    total, account = totals(result), result.account
+    signals = signal_rate(result, case.until / 4.0)
+    return {
+        "bits": signals * CURES[case.setting][case.cure].bits,  # per unit of time
+        "misallocation": distance(result.problem, result.average_at_end)[0],
+        "utilisation": total.mean(),
+        "above": (total > 1.0).mean(),  # share of the time above the capacity
+        # Share of the responses with a probability above 1.
+        "saturated": account.saturated.sum() / max(account.responses.sum(), 1),
+        "threshold": threshold,
+    }
 
 
 def _run(case: Case, problem: Problem, draw: int, seed: int) -> Result:
@@ -218,11 +213,6 @@ def _run(case: Case, problem: Problem, draw: int, seed: int) -> Result:
     return quietly(simulation, case.until)
 
 
-def _totals(result: Result) -> FloatArray:
-    """Take total demand over the capacity at all samples after the start."""
-    return np.asarray(result.observations.total_demand[:, 0] / result.problem.capacity[0])
-
-
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run memory alone with every cure, for several Gamma."""
     draws, until, pilots = (2, 80.0, 1) if quick else (12, 5000.0, 3)
@@ -235,10 +225,9 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     ]
     cases += [Case(LOSS, cure, scales[1], 4.0 * until, pilots) for cure in _LONGER]
     pairs = run_draws(measure, [case for case in cases if case.possible], draws, 1, seed, quick, runs)
-    rows = rows_of(
-        pairs, lambda case, _, one: {**dict(zip(_LABELS, case[:4], strict=True)), **one._asdict()}, seed
-    )
-    table = summarise_draws([*rows, *_at_budget(rows, until)], _LABELS).assign(theory=np.nan)
+    rows = pd.DataFrame(rows_of(pairs, first=seed)).drop(columns="pilots")
+    rows = pd.concat([rows, _at_budget(rows[rows["until"] == until])])
+    table = summarise_draws(rows, _LABELS).assign(theory=np.nan)
     settings = {"seed": seed, "draws": draws, "until": until}
     printed = shown(_shown(table), ["setting", "cure", "measure"], ".3f")
     drawn = {"cures": partial(_figure, table, until)}
@@ -250,49 +239,39 @@ def _shown(table: pd.DataFrame) -> pd.DataFrame:
     return budget[budget["measure"].isin(["bits", "misallocation", "utilisation"])]
 
 
-def _at_budget(rows: Sequence[dict[str, Any]], until: float) -> list[dict[str, Any]]:
+def _at_budget(rows: pd.DataFrame) -> pd.DataFrame:
     """Interpolate what every draw has with the bits of its setting; 1 / Gamma is not a number there.
 
     A cure that does not get by with so few has no numbers; one that cannot use as many has those of its
     smallest Gamma.
     """
-    frame, made = pd.DataFrame(rows), []
-    frame = frame[frame["until"] == until]
-    for (setting, cure, draw), part in frame.groupby(["setting", "cure", "draw"], sort=False):
+    points = ["setting", "cure", "until", "draw"]
+    made = []
+    for at, part in rows.groupby(points, sort=False):
+        labels: dict[str, Any] = dict(zip(points, at, strict=True))
         ordered = part.sort_values("bits")
-        bits, budget = np.log(ordered["bits"]), np.log(BUDGET[str(setting)])
-        labels = {"setting": setting, "cure": cure, "over_gamma": np.nan, "until": until, "draw": draw}
-        found = {name: float(np.interp(budget, bits, ordered[name], left=np.nan)) for name in Outcome._fields}
-        made.append({**labels, **found, "bits": float(np.exp(np.interp(budget, bits, bits, left=np.nan)))})
-    return made
+        bits, budget = np.log(ordered["bits"]), np.log(BUDGET[labels["setting"]])
+        measures = ordered.assign(bits=bits).drop(columns=[*points, "over_gamma"])
+        found = {str(name): np.interp(budget, bits, column, left=np.nan) for name, column in measures.items()}
+        made.append({**labels, "over_gamma": np.nan, **found, "bits": np.exp(found["bits"])})
+    return pd.DataFrame(made)
 
 
 def _figure(table: pd.DataFrame, until: float) -> Figure:
     figure, panels = figures.panels(2, 3, (14.0, 8.6))
     usual = table[(table["until"] == until) & table["over_gamma"].notna()]
-    for column, setting in enumerate((LOSS, DELAY, BOTH)):
-        high, low = panels[column], panels[3 + column]
+    shown_settings = product(_ROWS.items(), (LOSS, DELAY, BOTH))
+    for letter, axes, (row, setting) in zip("abcdef", panels, shown_settings, strict=True):
+        measure, (words, label, scale) = row
         for place, cure in enumerate(CURES[setting]):
-            x = numbers(usual, setting=setting, cure=cure, measure="bits")
+            bits, rows = (pick(usual, setting=setting, cure=cure, measure=name) for name in ("bits", measure))
             look: dict[str, Any] = {"linestyle": "-", "color": colour(place)}
-            for axes, name in ((high, "misallocation"), (low, "utilisation")):
-                rows = pick(usual, setting=setting, cure=cure, measure=name)
-                figures.points(axes, x, rows, place % len(figures.MARKS), cure, scale=100.0, **look)
-        for axes in (high, low):
-            axes.axvline(BUDGET[setting], color=figures.REFERENCE, linewidth=1.0, linestyle=":")
-        letters = "abcdef"
-        shares, use = "distance from the optimum (%)", "use of the capacity (%), above it 1 % of the time"
-        across = "bits per control period"
-        figures.dress(
-            high,
-            f"({letters[column]}) {setting.capitalize()}: shares",
-            across,
-            shares,
-            xscale="log",
-            yscale="log",
-        )
-        figures.dress(low, f"({letters[3 + column]}) {setting.capitalize()}: use", across, use, xscale="log")
-        high.legend(frameon=False, fontsize="x-small")
+            mark = place % len(figures.MARKS)
+            figures.points(axes, bits["mean"].to_numpy(), rows, mark, cure, scale=100.0, **look)
+        axes.axvline(BUDGET[setting], color=figures.REFERENCE, linewidth=1.0, linestyle=":")
+        title = f"({letter}) {setting.capitalize()}: {words}"
+        figures.dress(axes, title, "bits per control period", label, xscale="log", yscale=scale)
+    figures.legends(panels[:3], fontsize="x-small")
     return figure
 
 

@@ -18,22 +18,16 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from aimd_des import (
-    BroadcastChannel,
-    Recording,
-    solve_optimum,
-    theory,
-    topology,
-)
+from aimd_des import BroadcastChannel, Recording, solve_optimum, theory, topology
 from aimd_des.compensation import KnownLoss
 from aimd_des.loss import Bernoulli
 from aimd_des.lowlevel import Channel, FloatArray
 from aimd_des.plots import colour
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import distance, quietly, rows_of, run_draws, sensed
+from scenarios.common.measure import distance, quietly, rows_of, run_draws, sensed, signal_rate, totals
 from scenarios.common.systems import memory_alone
-from scenarios.common.tables import number, over_draws, pick, shown, summarise_draws, theory_of, with_theory
+from scenarios.common.tables import number, over_draws, pick, shown, table_of
 
 TREE, OWN = "shortest-path tree", "own links, as lossy as the tree"
 THRICE, FLOOD, KNOWN = "tree, every edge sent three times", "flooding", "tree, agents know their loss"
@@ -127,6 +121,11 @@ class Case(NamedTuple):
         """From when on the run is measured."""
         return self.until / 4.0
 
+    def heard(self, draw: int) -> FloatArray:
+        """Compute what responses have of the signals: all of them where agents know their loss, (n,)."""
+        known = self.way == KNOWN
+        return np.ones(N) if known else statistics(self.way, draw, self.longest_loss).delivery
+
     def channel(self, draw: int) -> Channel:
         """Make the channel; own links have the tree's probabilities and latencies, and share nothing."""
         graph = mesh(draw, self.longest_loss)
@@ -138,26 +137,8 @@ class Case(NamedTuple):
         return _tree(graph, _COPIES if self.way == THRICE else 1)
 
 
-class Outcome(NamedTuple):
-    """What is measured of one run, after its start but for averages."""
-
-    signals: float  # per unit of time
-    sent: float  # transmissions over edges per unit of time
-    utilisation: float
-    high: float  # what total demand is below for 99 % of the time, over the capacity
-    above: float  # share of the time above the capacity
-    from_plain: float
-    from_reweighted: float
-    # Of all cameras: share over that of the optimum for what is used, and probability of delivery.
-    least: float
-    most: float
-    least_delivery: float
-    saturated: float  # share of the responses with a probability above 1
-    transmissions: float  # copies over edges for each broadcast
-
-
-def measure(case: Case, draw: int, seed: int) -> Outcome:
-    """Run and measure, with a draw of costs and network."""
+def measure(case: Case, draw: int, seed: int) -> dict[str, float]:
+    """Run and measure, with a draw of costs and network; after the start but for averages."""
     problem, known = memory_alone(draw=draw), statistics(case.way, draw, case.longest_loss)
     simulation = sensed(
         problem,
@@ -168,36 +149,32 @@ def measure(case: Case, draw: int, seed: int) -> Outcome:
         recording=Recording(demand=np.arange(case.start, case.until, _LOOKS), overshoot=False),
     )
     result = quietly(simulation, case.until)
-    signals = float((result.signals_sent.time >= case.start).sum() / (case.until - case.start))
-    total = result.observations.total_demand[:, 0] / problem.capacity[0]
-    average = result.average_at_end
+    signals, total, average = signal_rate(result, case.start), totals(result), result.average_at_end
     share = (average / solve_optimum(problem, capacity=average.sum(axis=0)).allocation)[:, 0]
-    heard = np.ones(N) if case.way == KNOWN else known.delivery
-    return Outcome(
-        signals,
-        signals * known.transmissions,
-        float(total.mean()),
-        float(np.quantile(total, 0.99)),
-        float((total > 1.0).mean()),
-        float(distance(problem, average)[0]),
-        float(distance(problem, average, heard)[0]),
-        float(share.min()),
-        float(share.max()),
-        float(known.delivery.min()),
-        float(result.account.saturated.sum() / result.account.responses.sum()),
-        known.transmissions,
-    )
-
-
-def _row(case: Case, draw: int, one: Outcome) -> dict[str, Any]:
-    known = {theory_of(name): value for name, value in expected(case, draw).items()}
-    return {**case._asdict(), **one._asdict(), **known}
+    return {
+        "signals": signals,  # per unit of time
+        "sent": signals * known.transmissions,  # transmissions over edges per unit of time
+        "utilisation": total.mean(),
+        "high": np.quantile(
+            total, 0.99
+        ),  # what total demand is below for 99 % of the time, over the capacity
+        "above": (total > 1.0).mean(),  # share of the time above the capacity
+        "from_plain": distance(problem, average)[0],
+        "from_reweighted": distance(problem, average, case.heard(draw))[0],
+        # Of all cameras: share over that of the optimum for what is used, and probability of delivery.
+        "least": share.min(),
+        "most": share.max(),
+        "least_delivery": known.delivery.min(),
+        # Share of the responses with a probability above 1.
+        "saturated": result.account.saturated.sum() / result.account.responses.sum(),
+        "transmissions": known.transmissions,  # copies over edges for each broadcast
+    }
 
 
 def expected(case: Case, draw: int) -> dict[str, float]:
     """Predict what there is a formula for: signals per unit of time, and how far shares are shifted."""
-    problem, known = memory_alone(draw=draw), statistics(case.way, draw, case.longest_loss)
-    best = theory.reweighted_optimum(problem, np.ones(N) if case.way == KNOWN else known.delivery)
+    problem = memory_alone(draw=draw)
+    best = theory.reweighted_optimum(problem, case.heard(draw))
     alpha, beta, gamma = problem.increase[0], problem.decrease[0], problem.normalization
     signals = theory.signal_rate(alpha, beta, gamma, best.multipliers)
     return {"signals": float(signals[0]), "from_plain": float(distance(problem, best.allocation)[0])}
@@ -215,11 +192,10 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     # What depends on the age of a run is seen in a shorter one.
     cases += [Case(way, _SHOWN, until / 4.0) for way in WAYS]
     pairs = run_draws(measure, cases, draws, 1, seed, quick, runs)
-    rows = rows_of(pairs, _row, seed)
-    table = with_theory(summarise_draws(rows, _LABELS), _LABELS)
+    table = table_of(pairs, _LABELS, seed, expected)
     settings = {"seed": seed, "draws": draws, "until": until}
     printed = shown(pick(table, longest_loss=_SHOWN, until=until), ["way", "measure"], ".3f")
-    drawn = {"mesh": partial(_figure, table, pd.DataFrame(rows), until)}
+    drawn = {"mesh": partial(_figure, table, pd.DataFrame(rows_of(pairs)), until)}
     return Finding("mesh", settings, table, printed, _findings(table, until), drawn)
 
 
@@ -237,7 +213,7 @@ def _figure(table: pd.DataFrame, rows: pd.DataFrame, until: float) -> Figure:
         hollow = {"markerfacecolor": "none", "markersize": 10.0} if way == OWN else {}
         draw = figures.curve if way in (TREE, THRICE, FLOOD) else figures.points
         draw(shift, 100 * part["longest_loss"], part, place, way, scale=100.0, **hollow)
-        single = rows[(rows["way"] == way) & (rows["until"] == until) & (rows["longest_loss"] == _SHOWN)]
+        single = pick(rows, way=way, until=until, longest_loss=_SHOWN)
         if way != OWN:
             look = {"color": colour(place), "label": way}
             price.plot(single["sent"], 100 * single["from_plain"], figures.MARKS[place], **look)

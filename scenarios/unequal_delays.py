@@ -6,7 +6,7 @@ mean: demand stops growing as soon as the share rho r of the copies of a signal 
 vary from signal to signal and exceed the hold-off by far, agents that hear at scattered times get less.
 """  # noqa: D400 - a question
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,7 +21,7 @@ from aimd_des.latency import Constant, ShiftedGamma
 from aimd_des.lowlevel import FloatArray
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import late, run_draws, run_late
+from scenarios.common.measure import late, rows_of, run_draws, run_late, totals
 from scenarios.common.systems import memory_alone, rate
 from scenarios.common.tables import number, over_draws, pick, shown, summarise_draws
 
@@ -36,6 +36,13 @@ ALL, HALF, EVEN, THREE, SCATTERED = (
     "half scattered",
 )
 MIXTURES = (ALL, HALF, EVEN, THREE, SCATTERED)
+# Whose shares are drawn, by mixture and measure.
+_SHARES = (
+    ("half late: the early", HALF, "first"),
+    ("half late: the late", HALF, "others"),
+    ("three early, over the same when all are alike", THREE, "three_over_alike"),
+)
+_SCATTERED = {"first": "at scattered times", "others": "at a constant one"}
 # Looks at the total, three of which fall into the shortest hold-off.
 _LOOKS = 0.15
 _LABELS = ("mixture", "latency", "hold_off", "until")
@@ -48,25 +55,6 @@ class Case(NamedTuple):
     latency: float
     hold_off: float
     until: float
-
-    @property
-    def start(self) -> float:
-        """From when on the run is measured."""
-        return self.until / 4.0
-
-
-class Outcome(NamedTuple):
-    """What is measured of one run after its start; shares are over those of the optimum for what is used."""
-
-    signals: float  # per unit of time
-    utilisation: float
-    high: float  # what total demand is below for 99 % of the time, over the capacity
-    above: float  # share of the time above the capacity
-    misallocation: float
-    # Of the group that is early, or hears at scattered times; of all others; and of three cameras.
-    first: float
-    others: float
-    three: float
 
 
 def groups(draw: int) -> tuple[IntArray, IntArray, IntArray]:
@@ -90,30 +78,35 @@ def latencies(mixture: str, mean: float, draw: int) -> FloatArray:
     return found
 
 
-def measure(case: Case, draw: int, seed: int) -> Outcome:
-    """Run and measure, with a draw of the costs and of which agents are late."""
+def measure(case: Case, draw: int, seed: int) -> dict[str, float]:
+    """Run, and measure after the first quarter, with a draw of the costs and of which agents are late.
+
+    Shares are over those of the optimum for what is used.
+    """
     problem, late_by = memory_alone(draw=draw), latencies(case.mixture, case.latency, draw)
     first, others, three = groups(draw)
+    start = case.until / 4.0
     model: Any = Constant(late_by)
     if case.mixture == SCATTERED:
         scale = np.zeros(N)
         scale[first] = case.latency
         model = ShiftedGamma(1.0, scale, late_by - scale)
-    looks = np.arange(case.start, case.until, _LOOKS)
-    channel = BroadcastChannel(latency=model)
-    result = run_late(problem, case.hold_off, channel, (case.start, case.until), seed, looks)
-    found = late(result, case.start)
+    looks, channel = np.arange(start, case.until, _LOOKS), BroadcastChannel(latency=model)
+    result = run_late(problem, case.hold_off, channel, (start, case.until), seed, looks)
+    found = late(result, start)
     used = found.average[:, 0]
     best = solve_optimum(problem, capacity=found.average.sum(axis=0)).allocation[:, 0]
-    total = result.observations.total_demand[:, 0] / problem.capacity[0]
-    return Outcome(
-        found.signals,
-        found.utilisation,
-        float(np.quantile(total, 0.99)),
-        found.time_above,
-        float(np.abs(used - best).sum() / used.sum()),
-        *(float(used[group].sum() / best[group].sum()) for group in (first, others, three)),
-    )
+    return {
+        "signals": found.signals,  # per unit of time
+        "utilisation": found.utilisation,
+        # What total demand is below for 99 % of the time, over the capacity.
+        "high": np.quantile(totals(result), 0.99),
+        "above": found.time_above,  # share of the time above the capacity
+        "misallocation": np.abs(used - best).sum() / used.sum(),
+        "first": used[first].sum() / best[first].sum(),  # those that are early, or hear at scattered times
+        "others": used[others].sum() / best[others].sum(),
+        "three": used[three].sum() / best[three].sum(),
+    }
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
@@ -124,24 +117,15 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     cases += [Case(mixture, means[-1], 1.0, until) for mixture in MIXTURES]
     # What depends on the age of a run is seen in a shorter one.
     cases += [Case(mixture, means[-1], 0.5, until / 4.0) for mixture in MIXTURES]
-    pairs = run_draws(measure, cases, draws, 1, seed, quick, runs)
-    table = summarise_draws(_rows(pairs), _LABELS)
+    rows = pd.DataFrame(rows_of(run_draws(measure, cases, draws, 1, seed, quick, runs)))
+    # What the same three cameras hold where all are late alike, which comes first.
+    alike = rows.groupby(["draw", *_LABELS[1:]])["three"].transform("first")
+    table = summarise_draws(rows.assign(three_over_alike=rows["three"] / alike), _LABELS)
     table["theory"] = [_expected(row) for row in table.to_dict("records")]
     settings = {"seed": seed, "draws": draws, "until": until}
     printed = shown(table[table["until"] == until], _LABELS[:3], ".3f")
     drawn = {"unequal_delays": partial(_figure, table, until)}
     return Finding("unequal_delays", settings, table, printed, _findings(table, means[-1], until), drawn)
-
-
-def _rows(pairs: Sequence[tuple[Case, list[list[Outcome]]]]) -> list[dict[str, Any]]:
-    """List what was measured, and what the same three cameras hold over that where all are late alike."""
-    alike = {case[1:]: found for case, found in pairs if case.mixture == ALL}
-    return [
-        {**case._asdict(), "draw": draw, **one._asdict(), "three_over_alike": one.three / same.three}
-        for case, found in pairs
-        for draw, (runs, reference) in enumerate(zip(found, alike[case[1:]], strict=True))
-        for one, same in zip(runs, reference, strict=True)
-    ]
 
 
 def _expected(row: Mapping[Any, Any]) -> float:
@@ -159,31 +143,18 @@ def _expected(row: Mapping[Any, Any]) -> float:
 def _figure(table: pd.DataFrame, until: float) -> Figure:
     figure, (shares, high, wrong, scattered) = figures.panels(2, 2, (12.5, 8.6))
     main = pick(table, hold_off=0.5, until=until)
-    x = "mean latency of all cameras (control periods)"
-    held = "share over the optimal share"
-    for place, (mixture, group, label) in enumerate(
-        (
-            (HALF, "first", "half late: the early"),
-            (HALF, "others", "half late: the late"),
-            (THREE, "three_over_alike", "three early, over the same when all are alike"),
-        )
-    ):
+    for place, (label, mixture, group) in enumerate(_SHARES):
         rows = pick(main, mixture=mixture, measure=group)
         figures.points(shares, rows["latency"] * (1.0 + 0.03 * (place - 1)), rows, place, label)
-    for place, mixture in enumerate(MIXTURES):
-        for axes, name, scale in ((high, "high", 1.0), (wrong, "misallocation", 100.0)):
-            rows = pick(main, mixture=mixture, measure=name)
-            figures.points(axes, rows["latency"], rows, place, "" if axes is wrong else mixture, scale=scale)
-            if axes is high and mixture != SCATTERED:
-                figures.theory(axes, rows["latency"], rows, place)
+    figures.curves(high, "latency", "mixture", pick(main, measure="high"))
     figures.named(high, "theory")
-    for place, (group, label) in enumerate(
-        (("first", "at scattered times"), ("others", "at a constant one"))
-    ):
+    figures.curves(wrong, "latency", "mixture", pick(main, measure="misallocation"), scale=100.0)
+    for place, (group, label) in enumerate(_SCATTERED.items()):
         rows = pick(main, mixture=SCATTERED, measure=group)
         figures.points(scattered, rows["latency"], rows, place, f"half scattered: those that hear {label}")
     for axes in (shares, scattered):
         figures.level(axes, 1.0)
+    x, held = "mean latency of all cameras (control periods)", "share over the optimal share"
     limits: dict[str, Any] = {"ylim": (0.96, 1.04)}
     figures.dress(shares, "(a) Late agents get neither more nor less", x, held, **limits)
     figures.dress(high, "(b) A mixture is milder than its mean", x, "total over capacity, 99 % of the time")

@@ -18,7 +18,6 @@ from scenarios.cures import (
     WAIT,
     Case,
     Cure,
-    Outcome,
     _inferring,
     losses,
     measure,
@@ -30,13 +29,13 @@ Z = 5.4
 
 
 @lru_cache
-def runs(setting: str, cure: str) -> list[Outcome]:
+def runs(setting: str, cure: str) -> list[dict[str, float]]:
     return [measure(Case(setting, cure, 80.0, 5000.0), draw, 1000 * draw) for draw in range(DRAWS)]
 
 
 def gap(name: str, setting: str, one: str, other: str) -> tuple[float, float]:
     pairs = zip(runs(setting, one), runs(setting, other), strict=True)
-    mean, error = mean_and_error([getattr(a, name) - getattr(b, name) for a, b in pairs])
+    mean, error = mean_and_error([a[name] - b[name] for a, b in pairs])
     return float(mean), float(error)
 
 
@@ -85,7 +84,7 @@ def test_who_knows_or_infers_its_loss_is_nearer_than_three_copies_bring_it() -> 
     assert saved > Z * error
     apart, error = gap("misallocation", LOSS, INFERRED, KNOWN)
     assert abs(apart) < Z * error
-    bits = [np.mean([one.bits for one in runs(LOSS, cure)]) for cure in (KNOWN, INFERRED, THRICE)]
+    bits = [np.mean([one["bits"] for one in runs(LOSS, cure)]) for cure in (KNOWN, INFERRED, THRICE)]
     # Nothing is sent twice by who knows, and who infers needs as many signals.
     assert bits[1] / bits[0] == pytest.approx(2.0, rel=0.1)
     assert bits[2] > bits[1] > bits[0]
@@ -98,15 +97,15 @@ def test_against_latency_a_longer_hold_off_takes_fewer_bits_and_uses_more() -> N
     more, error = gap("utilisation", DELAY, WAIT, NOTHING)
     assert more > Z * error
     for cure in (NOTHING, WAIT):
-        above, error = mean_and_error([one.above for one in runs(DELAY, cure)])
+        above, error = mean_and_error([one["above"] for one in runs(DELAY, cure)])
         assert above < 0.02 + Z * error  # risk is about the same, of 1 %
 
 
 def test_in_bursts_copies_are_worth_nothing() -> None:
     once, twice = (measure(Case(BURSTS, cure, 80.0, 100.0), 0, 0) for cure in (NOTHING, INFERRED))
-    assert twice == once._replace(bits=2.0 * once.bits)
+    assert twice == {**once, "bits": 2.0 * once["bits"]}
     alone, other = (measure(Case(LOSS, cure, 80.0, 100.0), 0, 0) for cure in (NOTHING, INFERRED))
-    assert other != alone._replace(bits=2.0 * alone.bits)  # negative control: each lost for itself
+    assert other != {**alone, "bits": 2.0 * alone["bits"]}  # negative control: each lost for itself
 
 
 @pytest.mark.slow
@@ -114,5 +113,5 @@ def test_in_bursts_known_loss_helps_less() -> None:
     nearer, error = gap("misallocation", BURSTS, NOTHING, KNOWN)
     assert nearer > Z * error
     pairs = zip(runs(BURSTS, KNOWN), runs(LOSS, KNOWN), strict=True)
-    worse, error = mean_and_error([a.misallocation - b.misallocation for a, b in pairs])
+    worse, error = mean_and_error([a["misallocation"] - b["misallocation"] for a, b in pairs])
     assert worse > Z * error

@@ -14,7 +14,6 @@ from scenarios.unequal_delays import (
     THREE,
     Case,
     N,
-    Outcome,
     groups,
     latencies,
     measure,
@@ -25,7 +24,7 @@ DRAWS = 8
 Z = 5.4
 
 
-def runs(mixture: str, latency: float) -> list[Outcome]:
+def runs(mixture: str, latency: float) -> list[dict[str, float]]:
     case = Case(mixture, latency, 0.5, 4000.0)
     return [measure(case, draw, 1000 * draw) for draw in range(DRAWS)]
 
@@ -45,13 +44,15 @@ def test_who_is_late_gets_neither_more_nor_less() -> None:
     """Half of a percent is left to the order 1 / n, which pairs of a few agents feel."""
     found = runs(HALF, 10.0)
     for name in ("first", "others"):
-        mean, error = mean_and_error([getattr(one, name) for one in found])
+        mean, error = mean_and_error([one[name] for one in found])
         assert abs(mean - 1.0) < 0.005 + Z * error
     early, alike = runs(THREE, 10.0), runs(ALL, 10.0)
-    mean, error = mean_and_error([one.three / same.three for one, same in zip(early, alike, strict=True)])
+    mean, error = mean_and_error(
+        [one["three"] / same["three"] for one, same in zip(early, alike, strict=True)]
+    )
     assert abs(mean - 1.0) < 0.005 + Z * error
     # Negative control: signals at scattered times do change what one gets.
-    mean, error = mean_and_error([one.first - one.others for one in runs(SCATTERED, 10.0)])
+    mean, error = mean_and_error([one["first"] - one["others"] for one in runs(SCATTERED, 10.0)])
     assert mean + 0.01 + Z * error < 0.0
 
 
@@ -63,7 +64,7 @@ def test_a_mixture_is_milder_than_its_mean() -> None:
     below = 0.01 * rise / float(problem.capacity[0])
     lift, allowed, wanted = {}, {}, {}
     for mixture in (ALL, EVEN, HALF):
-        mean, error = mean_and_error([one.high for one in runs(mixture, 10.0)])
+        mean, error = mean_and_error([one["high"] for one in runs(mixture, 10.0)])
         lift[mixture], allowed[mixture] = float(mean) - 1.0, Z * float(error) + below
         growth = theory.mixture_lift(problem.increase[:, 0], latencies(mixture, 10.0, 0), rate(problem), 0.5)
         wanted[mixture] = growth / float(problem.capacity[0])

@@ -131,6 +131,16 @@ def quietly(simulation: Simulation, until: float) -> Result:
         return simulation.run(until)
 
 
+def totals(result: Result) -> FloatArray:
+    """Take total demand of one resource over its capacity, at all samples."""
+    return np.asarray(result.observations.total_demand[:, 0] / result.problem.capacity[0])
+
+
+def signal_rate(result: Result, start: float) -> float:
+    """Count the signals per unit of time from `start` on."""
+    return float((result.signals_sent.time >= start).sum() / (result.until - start))
+
+
 class Late(NamedTuple):
     """What is measured of one resource from a note on, over the capacity; `average` (n, 1) in its unit."""
 
@@ -172,7 +182,7 @@ def late(result: Result, start: float) -> Late:
     average = ((seen.average[-1] * result.until - seen.average[0] * start) / span).T
     over = seen.stretches[-1].overshoot()
     return Late(
-        signals=float((result.signals_sent.time >= start).sum() / span),
+        signals=signal_rate(result, start),
         utilisation=float(average.sum() / result.problem.capacity[0]),
         peak=float(over.peak[0]),
         time_above=float(over.time[0]),
@@ -283,10 +293,11 @@ def rows_of(
 ) -> list[dict[str, Any]]:
     """List what `run_draws` gives, a row for each run, with its `draw`, which are counted from `first` on.
 
-    A row is what a function of case, draw and outcome makes of them; default: the fields of both.
+    A row is what a function of case, draw and outcome makes of them; default: the fields of the case, and the
+    numbers of the outcome by measure.
     """
     return [
-        {"draw": draw, **(row(case, draw, one) if row else {**case._asdict(), **one._asdict()})}
+        {"draw": draw, **(row(case, draw, one) if row else {**case._asdict(), **one})}
         for case, found in pairs
         for draw, outcomes in enumerate(found, first)
         for one in outcomes

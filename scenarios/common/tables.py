@@ -22,7 +22,7 @@ def summarise(rows: Sequence[Mapping[str, Any]], labels: Sequence[str]) -> pd.Da
     return table.iloc[np.argsort(place, kind="stable")].reset_index(drop=True)
 
 
-def summarise_draws(rows: Sequence[Mapping[str, Any]], labels: Sequence[str]) -> pd.DataFrame:
+def summarise_draws(rows: Sequence[Mapping[str, Any]] | pd.DataFrame, labels: Sequence[str]) -> pd.DataFrame:
     """Reduce rows of single runs, labels, `draw` and numbers, to means over draws: a measure after the other.
 
     The standard error is that of a mean over draws; `spread` is the standard deviation of draws' means, and
