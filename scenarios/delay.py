@@ -14,23 +14,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aimd_des import BroadcastChannel, InputError, Problem, solve_optimum, theory
 from aimd_des.lowlevel import FloatArray
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import distance, late, rows_of, run_draws, run_late
+from scenarios.common.measure import distance, late, run_draws, run_late, totals
 from scenarios.common.systems import held, memory_alone, rate
-from scenarios.common.tables import beside_theory, number, over_draws, pick, shown, summarise_draws
+from scenarios.common.tables import beside_theory, number, over_draws, pick, shown, table_of
 
-MEASURES = ("signals", "utilisation", "misallocation", "smallest", "level", "above")
 _START, _SHORT, _LONG = 1_000.0, 5_000.0, 20_000.0
 # Up to this X shares are about as right as without latency.
 _RIGHT = 0.7
 # Looks at total demand a period, for the level that it exceeds for 1 % of the time.
 _LOOKS = 2
+# Measures, their scale, label and title; the first two are over X, the others over the latency.
 _PANELS = (
     ("misallocation", 100.0, "distance from the optimum (%)", "(a) Signals on their way put shares wrong"),
     ("smallest", 100.0, "held by the smallest third (% of optimum)", "(b) Small shares get too large"),
@@ -52,18 +51,9 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     draws = 2 if quick else 10
     cases = _cases(quick)
     pairs = run_draws(measure, cases, draws, 1, seed, quick, runs)
-    rows = rows_of(pairs, lambda case, _, one: {**case._asdict(), **dict(zip(MEASURES, one, strict=True))})
-    table = summarise_draws(rows, Case._fields)
-    table["taken"] = [taken(row["latency"], row["hold_off"]) for row in table.to_dict("records")]
-    problems = [memory_alone(draw=draw) for draw in range(seed, seed + draws)]
-    expected = {
-        case: pd.DataFrame([expect(problem, case.latency, case.hold_off) for problem in problems]).mean()
-        for case in cases
-    }
-    table["theory"] = [
-        expected[Case(row["latency"], row["hold_off"], row["span"])].get(row["measure"], np.nan)
-        for row in table.to_dict("records")
-    ]
+    table = table_of(pairs, Case._fields, seed, expect)
+    x = [taken(*where) for where in zip(table["latency"], table["hold_off"], strict=True)]
+    table.insert(len(table.columns) - 1, "taken", x)
     settings = {"seed": seed, "draws": draws, "start": _START, "span": _SHORT, "longer": _LONG}
     printed = shown(table, ["latency", "hold_off", "span", "measure"])
     return Finding("delay", settings, table, printed, _findings(table), {"delay": partial(_figure, table)})
@@ -80,8 +70,7 @@ def _cases(quick: bool) -> list[Case]:
 def taken(latency: float, hold_off: float) -> float:
     """Compute X, what signals on their way take of the capacity."""
     problem = memory_alone()
-    lift = theory.peak_lift(problem.n_agents, problem.increase[0], latency)
-    return float(lift[0] / problem.capacity[0]) / (rate(problem) * hold_off)
+    return _lift(problem, latency) / (rate(problem) * hold_off)
 
 
 def smallest(problem: Problem, average: FloatArray) -> float:
@@ -91,34 +80,36 @@ def smallest(problem: Problem, average: FloatArray) -> float:
     return float(average[third].sum() / best[third].sum())
 
 
-def measure(case: Case, draw: int, seed: int) -> tuple[float, ...]:
-    """Run one draw of the costs; give the measures, by `MEASURES`."""
+def measure(case: Case, draw: int, seed: int) -> dict[str, float]:
+    """Run and measure one draw of the costs."""
     problem, until = memory_alone(draw=draw), _START + case.span
     looks = np.arange(_START, until, 1.0 / _LOOKS)
     channel = BroadcastChannel(latency=case.latency)
     result = run_late(problem, case.hold_off, channel, (_START, until), seed, looks)
     seen = late(result, _START)
-    totals = result.observations.total_demand[:, 0] / problem.capacity[0]
-    return (
-        seen.signals,
-        seen.utilisation,
-        float(distance(problem, seen.average)[0]),
-        smallest(problem, seen.average),
-        float(np.quantile(totals, 0.99)) - 1.0 - _lift(problem, case.latency),
-        seen.time_above,
-    )
+    return {
+        "signals": seen.signals,
+        "utilisation": seen.utilisation,
+        "misallocation": distance(problem, seen.average)[0],
+        "smallest": smallest(problem, seen.average),
+        # What total demand exceeds for 1 % of the time, over the line.
+        "level": np.quantile(totals(result), 0.99) - 1.0 - _lift(problem, case.latency),
+        "above": seen.time_above,
+    }
 
 
 def _lift(problem: Problem, latency: float) -> float:
-    return float(theory.peak_lift(60, problem.increase[0], latency)[0] / problem.capacity[0])
+    lift = theory.peak_lift(problem.n_agents, problem.increase[0], latency)
+    return float(lift[0] / problem.capacity[0])
 
 
-def expect(problem: Problem, latency: float, hold_off: float) -> dict[str, float]:
+def expect(case: Case, draw: int) -> dict[str, float]:
     """Predict signals, use and shares: by the limit cycle, or where demand comes to rest beyond 1 / rho."""
+    problem = memory_alone(draw=draw)
     try:
-        found = theory.limit_cycle(problem, hold_off, latency)
+        found = theory.limit_cycle(problem, case.hold_off, case.latency)
     except InputError:
-        rest = held(problem, hold_off=hold_off, latency=latency)
+        rest = held(problem, hold_off=case.hold_off, latency=case.latency)
         return {"signals": rest.signals, "utilisation": rest.utilisation}
     return {
         "signals": float(found.signals[0]),
@@ -134,15 +125,15 @@ def _figure(table: pd.DataFrame) -> Figure:
     for place, (axes, (measure, scale, label, title)) in enumerate(zip(panels, _PANELS, strict=True)):
         rows = pick(short, measure=measure)
         if place < 2:
-            _draw(axes, rows[(rows["latency"] > 0.0) & (rows["hold_off"] < 1.5)], "latency", "taken", scale)
-            named = r"X = (d / r) n$\alpha$ / ($\rho$ C)"
-            limits: dict[str, Any] = {"xscale": "log", "xlim": (0.02, 30.0)}
+            rows = rows[(rows["latency"] > 0.5) & (rows["hold_off"] < 1.5)].sort_values("taken")
+            by, x, named = "latency", "taken", r"X = (d / r) n$\alpha$ / ($\rho$ C)"
+            axes.set(xscale="log", xlim=(0.02, 30.0))
         else:
-            _draw(axes, rows, "hold_off", "latency", scale)
-            named, limits = "latency (control periods)", {}
-        if measure in ("misallocation", "signals"):
-            limits["yscale"] = "log"
-        figures.dress(axes, title, named, label, numbers="y", **limits)
+            by, x, named = "hold_off", "latency", "latency (control periods)"
+        figures.curves(axes, x, by, rows, f"{by.replace('_', '-')} {{:g}}", scale=scale)
+        figures.named(axes, "theory, without noise")
+        axes.set_yscale("log" if measure in ("misallocation", "signals") else "linear")
+        figures.dress(axes, title, named, label, numbers="y")
     plain = number(short, measure="misallocation", latency=0.0, hold_off=1.0)
     figures.level(panels[0], 100.0 * plain)
     figures.named(panels[0], "without latency", ":", linewidth=1.0)
@@ -150,13 +141,6 @@ def _figure(table: pd.DataFrame) -> Figure:
     figures.level(panels[2], 1.0)
     figures.legends(panels, ncols=2)
     return figure
-
-
-def _draw(axes: Axes, rows: pd.DataFrame, by: str, along: str, scale: float) -> None:
-    for place, value in enumerate(sorted(rows[by].unique())[-6:]):
-        mine = rows[rows[by] == value].sort_values(along)
-        figures.curve(axes, mine[along], mine, place, f"{by.replace('_', '-')} {value:g}", scale=scale)
-    figures.named(axes, "theory, without noise")
 
 
 def _findings(table: pd.DataFrame) -> list[str]:

@@ -9,18 +9,20 @@ from aimd_des import theory
 from aimd_des.study import mean_and_error
 from scenarios.common.measure import run_draws
 from scenarios.common.systems import memory_alone, rate
-from scenarios.delay import MEASURES, Case, expect, measure, taken
+from scenarios.delay import Case, expect, measure, taken
 from scenarios.usable import Case as Search
-from scenarios.usable import Setting, search, usable_delay, usable_loss
+from scenarios.usable import search, usable_delay, usable_loss
 
 # Standard errors by which a mean may be off: by Student's t with 3 degrees of freedom once in 200.
 Z = 6.0
 DRAWS = 4
 
+Found = dict[tuple[float, float], list[dict[str, float]]]
+
 
 @pytest.fixture(scope="module")
-def found() -> dict[tuple[float, float], np.ndarray]:
-    """Measures of each latency and hold-off, shape (draws, measures); 1,500 units after the start."""
+def found() -> Found:
+    """Measures of each latency and hold-off, draw by draw; 1,500 units after the start."""
     where = [
         (0.0, 0.5),
         (0.0, 1.4),
@@ -34,30 +36,30 @@ def found() -> dict[tuple[float, float], np.ndarray]:
     ]
     cases = [Case(*each, 1_500.0) for each in where]
     outcomes = run_draws(measure, cases, DRAWS, 1, 0, quick=True)
-    return {each: np.array([one for (one,) in runs]) for each, (_, runs) in zip(where, outcomes, strict=True)}
+    return {each: [one for (one,) in runs] for each, (_, runs) in zip(where, outcomes, strict=True)}
 
 
-def column(found: dict[tuple[float, float], np.ndarray], name: str, *where: float) -> np.ndarray:
-    return found[where][:, MEASURES.index(name)]  # type: ignore[index]
+def column(found: Found, name: str, *where: float) -> np.ndarray:
+    return np.array([one[name] for one in found[where]])  # type: ignore[index]
 
 
 @pytest.mark.parametrize("where", [(2.0, 0.1), (10.0, 0.1), (10.0, 0.5)])
 @pytest.mark.parametrize("name", ["signals", "utilisation", "smallest"])
 def test_signals_on_their_way_do_what_the_limit_cycle_says(
-    where: tuple[float, float], name: str, found: dict[tuple[float, float], np.ndarray]
+    where: tuple[float, float], name: str, found: Found
 ) -> None:
     """Ratios draw by draw, so that the spread of the costs cancels: 3 % is claimed."""
-    wanted = [expect(memory_alone(draw=draw), *where)[name] for draw in range(DRAWS)]
+    wanted = [expect(Case(*where, 1_500.0), draw)[name] for draw in range(DRAWS)]
     mean, error = mean_and_error((column(found, name, *where) / wanted).tolist())
     assert abs(mean - 1.0) < 0.03 + Z * error
     # Negative control: without latency all of them are others.
-    plain = [expect(memory_alone(draw=draw), 0.0, where[1])[name] for draw in range(DRAWS)]
+    plain = [expect(Case(0.0, where[1], 1_500.0), draw)[name] for draw in range(DRAWS)]
     apart, error = mean_and_error((column(found, name, *where) / plain).tolist())
     if where[1] == 0.1:
         assert abs(apart - 1.0) > 0.03 + Z * error
 
 
-def test_what_they_take_orders_the_shares(found: dict[tuple[float, float], np.ndarray]) -> None:
+def test_what_they_take_orders_the_shares(found: Found) -> None:
     """Differences from no latency, draw by draw: none up to X = 0.7, and more than a point at 1.4."""
     floor = column(found, "misallocation", 0.0, 0.5)
     right, error = mean_and_error((column(found, "misallocation", 5.0, 0.5) - floor).tolist())
@@ -72,7 +74,7 @@ def test_what_they_take_orders_the_shares(found: dict[tuple[float, float], np.nd
 
 
 def test_beyond_one_over_rho_demand_runs_away_whatever_the_latency(
-    found: dict[tuple[float, float], np.ndarray],
+    found: Found,
 ) -> None:
     assert min(1.0 / rate(memory_alone(draw=draw)) for draw in range(DRAWS)) < 2.0
     for latency in (0.0, 10.0):
@@ -84,7 +86,7 @@ def test_beyond_one_over_rho_demand_runs_away_whatever_the_latency(
 
 
 def test_peaks_stay_on_the_line_only_where_one_cut_is_enough(
-    found: dict[tuple[float, float], np.ndarray],
+    found: Found,
 ) -> None:
     for latency in (0.0, 0.5):
         assert (column(found, "level", latency, 0.5) <= 0.0).all()
@@ -95,14 +97,14 @@ def test_peaks_stay_on_the_line_only_where_one_cut_is_enough(
 @pytest.mark.parametrize("hold_off", [0.1, 0.7])
 def test_usable_delay_is_what_the_threshold_leaves_for_growth(hold_off: float) -> None:
     """Within a tenth of a period, of draws 0 and 1."""
-    case = Search("latency", 4.0, 0.02, Setting(hold_off, 0.9), 1_000.0)
+    case = Search("latency", 4.0, 0.02, hold_off, 0.9, 1_000.0)
     room = 0.1 * memory_alone().capacity[0] / memory_alone().increase.sum()
-    wanted = usable_delay(case).above
+    wanted = usable_delay(case)["above"]
     assert wanted == pytest.approx(room, abs=0.2)
     for draw in (0, 1):
-        assert search(case, draw, 1_000 * draw).above == pytest.approx(wanted, abs=0.1)
+        assert search(case, draw, 1_000 * draw)["above"] == pytest.approx(wanted, abs=0.1)
     # Negative control: another threshold.
-    other = usable_delay(case._replace(setting=Setting(hold_off, 0.95))).above
+    other = usable_delay(case._replace(threshold=0.95))["above"]
     assert abs(other - wanted) > 0.5
 
 
@@ -111,11 +113,13 @@ def test_a_threshold_below_the_capacity_makes_more_loss_usable() -> None:
     """A tenth of loss is told from another: the time above the capacity rises ninefold over two of them."""
     edges = {}
     for threshold in (1.0, 0.95):
-        case = Search("loss", 0.95, 0.01, Setting(0.5, threshold), 1_500.0)
-        found, wanted = search(case, 0, 0), usable_loss(case).above
-        assert found.above == pytest.approx(wanted, abs=0.1)
-        assert found.misallocation > found.above + 0.1  # losses that are the same for all cost no shares
-        edges[threshold] = found.above
+        case = Search("loss", 0.95, 0.01, 0.5, threshold, 1_500.0)
+        found, wanted = search(case, 0, 0), usable_loss(case)["above"]
+        assert found["above"] == pytest.approx(wanted, abs=0.1)
+        assert (
+            found["misallocation"] > found["above"] + 0.1
+        )  # losses that are the same for all cost no shares
+        edges[threshold] = found["above"]
     assert edges[0.95] - edges[1.0] > 0.1
 
 
@@ -124,8 +128,8 @@ def test_usable_delay_by_the_shares_grows_with_the_hold_off() -> None:
     """Noise of a run is 2 %, which leaves sqrt(25 - 4) = 4.6 of 5 % to the bias."""
     edges = []
     for hold_off in (0.1, 0.2):
-        case = Search("latency", 8.0, 0.1, Setting(hold_off, 0.9), 3_000.0)
-        edge, wanted = search(case, 0, 0).misallocation, usable_delay(case).misallocation
+        case = Search("latency", 8.0, 0.1, hold_off, 0.9, 3_000.0)
+        edge, wanted = search(case, 0, 0)["misallocation"], usable_delay(case)["misallocation"]
         assert math.sqrt(0.046 / 0.05) * wanted * 0.85 < edge < 1.1 * wanted
         edges.append(edge)
     assert edges[1] == pytest.approx(2.0 * edges[0], rel=0.25)
@@ -135,7 +139,7 @@ def test_usable_delay_by_the_shares_grows_with_the_hold_off() -> None:
 
 
 def test_a_limit_that_is_never_kept_or_always_is_said_so() -> None:
-    always = Search("latency", 0.5, 0.1, Setting(0.5, 0.9), 500.0)
-    assert search(always, 0, 0).above == 0.5
-    never = Search("latency", 0.5, 0.1, Setting(2.0, 1.0), 500.0)
-    assert search(never, 0, 0).above == 0.0
+    always = Search("latency", 0.5, 0.1, 0.5, 0.9, 500.0)
+    assert search(always, 0, 0)["above"] == 0.5
+    never = Search("latency", 0.5, 0.1, 2.0, 1.0, 500.0)
+    assert search(never, 0, 0)["above"] == 0.0
