@@ -8,8 +8,7 @@ agents that receive less take more. The rest is random error, and the bias of th
 without loss.
 """  # noqa: D400 - a question
 
-from collections.abc import Sequence
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -18,7 +17,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import BroadcastChannel, Crossing, Fleet, Problem, Recording, Sampled, Simulation, theory
+from aimd_des import BroadcastChannel, Crossing, Fleet, Recording, Sampled, Simulation, theory
 from aimd_des.interventions import CapacityStep
 from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour, shared_legend
@@ -26,7 +25,16 @@ from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
 from scenarios.common.measure import distance, late, quietly, run_draws
 from scenarios.common.systems import critical, held, memory_alone, spread, usable
-from scenarios.common.tables import number, over_draws, pick, reached, shown, summarise_draws, with_theory
+from scenarios.common.tables import (
+    number,
+    over_draws,
+    pick,
+    reached,
+    shown,
+    summarise_draws,
+    theory_of,
+    with_theory,
+)
 
 _SAME, _SPREAD = "the same for all", "spread"
 _PLAIN, _NEW = "from plain optimum", "from reweighted optimum"
@@ -67,13 +75,6 @@ class _Case(NamedTuple):
         return self.mean if self.kind == _SAME else spread(0.0, 2.0 * self.mean)
 
 
-class _Outcome(NamedTuple):
-    signals: float
-    utilisation: float
-    above: tuple[float, float]  # share of time above the capacity, in both stretches
-    averages: tuple[FloatArray, FloatArray]  # over all of the run, at its second and third time; (n, 1)
-
-
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run memory of the paper's system with losses from 0 to 0.9, the same for all and spread over agents."""
     draws, step, tops = (2, 0.3, [0.0, 0.8]) if quick else (12, 0.05, [0.0, 0.4, 0.8])
@@ -81,30 +82,30 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     losses = np.round(np.arange(0.0, 0.95, step), 2).tolist()
     cases = [_Case(way, _SAME, loss, short) for way in _WAYS for loss in losses]
     cases += [_Case(way, _SPREAD, 0.5 * top, long) for way in _WAYS[1:] for top in tops]
-    found = run_draws(_run, cases, draws, 1, seed, quick, runs)
+    found = run_draws(_measured, cases, draws, 1, seed, quick, runs)
     rows = [
-        {**row, "draw": draw}
+        {"loss": case.kind, "way": case.way.name, "mean_loss": case.mean, "draw": draw, **row}
         for case, outcomes in found
         for draw, (one,) in enumerate(outcomes, seed)
-        for row in _rows(case, one, draw)
+        for row in one
     ]
     rows += [
         {"loss": _SAME, "way": way.name, "mean_loss": np.nan, "length": short[2], "draw": draw, **limits}
         for way in _WAYS
         for draw in range(seed, seed + draws)
-        for limits in [_limits(way, draw, [row for row in rows if row["draw"] == draw])]
+        for limits in [_limits(way, draw, pick(pd.DataFrame(rows), loss=_SAME, way=way.name, draw=draw))]
     ]
     table = with_theory(summarise_draws(rows, _LABELS), _LABELS)
     of_one = pd.Series([_expected(row, seed) for row in table.to_dict("records")], dtype=float)
     table["theory"] = table["theory"].fillna(of_one)
     settings = {"seed": seed, "draws": draws, "until": short[2], "until_spread": long[2]}
     printed = shown(table[~table["measure"].isin(["signals", _EARLY])], [*_LABELS, "measure"])
-    return Finding(
-        "loss", settings, table, printed, _findings(table), {"loss": partial(_figure, table, seed)}
-    )
+    drawn = {"loss": partial(_figure, table, seed)}
+    return Finding("loss", settings, table, printed, _findings(table), drawn)
 
 
-def _run(case: _Case, draw: int, seed: int) -> _Outcome:
+def _measured(case: _Case, draw: int, seed: int) -> list[dict[str, float]]:
+    """Run, and measure: where losses differ, averages at two times, and what theory has for them."""
     problem, (early, start, until) = memory_alone(draw=draw), case.times
     simulation = Simulation(
         problem,
@@ -119,48 +120,32 @@ def _run(case: _Case, draw: int, seed: int) -> _Outcome:
     )
     result = quietly(simulation, until)
     found, seen = late(result, start), result.observations
-    above = float(seen.stretches[-2].overshoot().time[0]), found.time_above
-    return _Outcome(found.signals, found.utilisation, above, (seen.average[0].T, seen.average[-1].T))
-
-
-def _rows(case: _Case, found: _Outcome, draw: int) -> list[dict[str, Any]]:
-    """List what is measured of one run, and what theory has for how far its averages are from the optima."""
-    labels: dict[str, Any] = {"loss": case.kind, "way": case.way.name, "mean_loss": case.mean}
-    _, start, until = case.times
     if case.kind == _SAME:
-        measures = {"signals": found.signals, "utilisation": found.utilisation}
-        return [{**labels, "length": until, **measures, _EARLY: found.above[0], _LATE: found.above[1]}]
-    problem = memory_alone(draw=draw)
+        measures = {"length": until, "signals": found.signals, "utilisation": found.utilisation}
+        return [{**measures, _EARLY: seen.stretches[-2].overshoot().time[0], _LATE: found.time_above}]
     share = found.signals if case.way.dynamics == "discrete" else 0.0
     optima = {_PLAIN: None, _NEW: theory.loss_weights(np.asarray(case.loss)[:, None], share)}
-    settled = _settled(case.way.name, case.mean, draw)
-    rows = []
-    for length, average in zip((start, until), found.averages, strict=True):
+    settled, rows = _settled(case, draw), []
+    for length, average in zip((start, until), seen.average, strict=True):
+        row = {"length": length}
         for name, weights in optima.items():
-            off = float(distance(problem, average, weights)[0])
-            known = float(distance(problem, settled, weights)[0])
-            rows.append({**labels, "length": length, name: off, f"theory of {name}": known})
-    return [{**rows[k], **rows[k + 1]} for k in (0, 2)]
+            row[name] = distance(problem, average.T, weights)[0]
+            row[theory_of(name)] = distance(problem, settled, weights)[0]
+        rows.append(row)
+    return rows
 
 
-@lru_cache(maxsize=1024)
-def _settled(name: str, mean: float, draw: int) -> FloatArray:
+def _settled(case: _Case, draw: int) -> FloatArray:
     """Compute where averages settle with losses that are spread, (n, 1)."""
-    way = next(way for way in _WAYS if way.name == name)
-    loss = spread(0.0, 2.0 * mean)
-    return theory.convergence(
-        memory_alone(draw=draw), way.dynamics, latency=way.latency, loss=loss
-    ).steady.average
+    way, problem = case.way, memory_alone(draw=draw)
+    return theory.convergence(problem, way.dynamics, latency=way.latency, loss=case.loss).steady.average
 
 
-def _limits(way: _Way, draw: int, rows: Sequence[dict[str, Any]]) -> dict[str, float]:
+def _limits(way: _Way, draw: int, rows: pd.DataFrame) -> dict[str, float]:
     """Find the loss that is usable and the critical one, of one draw."""
-    chosen = [row for row in rows if row["way"] == way.name and row["loss"] == _SAME]
-    losses, above = (np.array([row[name] for row in chosen]) for name in ("mean_loss", _LATE))
-    problem = memory_alone(draw=draw)
-    limits = {_CRITICAL: critical(problem, way.hold_off, way.dynamics)}
+    limits = {_CRITICAL: critical(memory_alone(draw=draw), way.hold_off, way.dynamics)}
     if way.dynamics == "continuous":
-        limits[_USABLE] = reached(losses, above, _ALLOWED)
+        limits[_USABLE] = reached(rows["mean_loss"].to_numpy(), rows[_LATE].to_numpy(), _ALLOWED)
     return limits
 
 
@@ -169,17 +154,12 @@ def _expected(row: dict[Any, Any], seed: int) -> float:
     way, measure = next(way for way in _WAYS if way.name == row["way"]), row["measure"]
     if measure in {"signals", "utilisation"}:
         return _held(way, row["mean_loss"], seed)[int(measure == "utilisation")]
-    return usable(_problem(seed), way.hold_off) if measure == _USABLE else np.nan
+    return usable(memory_alone(draw=seed), way.hold_off) if measure == _USABLE else np.nan
 
 
 def _held(way: _Way, loss: float, draw: int) -> theory.SteadyTotal:
     setting = {"hold_off": way.hold_off, "latency": way.latency, "loss": loss}
-    return held(_problem(draw), way.dynamics, **setting)
-
-
-@lru_cache
-def _problem(draw: int) -> Problem:
-    return memory_alone(draw=draw)
+    return held(memory_alone(draw=draw), way.dynamics, **setting)
 
 
 def _figure(table: pd.DataFrame, seed: int) -> Figure:
@@ -207,7 +187,7 @@ def _draw_same(axes: Axes, table: pd.DataFrame, measure: str, seed: int) -> None
         turn = number(table, way=way.name, measure=_CRITICAL)
         axes.axvline(turn, color=colour(place), linewidth=1.0, linestyle="--")
         if measure == "utilisation":
-            turn = critical(_problem(seed), way.hold_off, way.dynamics)
+            turn = critical(memory_alone(draw=seed), way.hold_off, way.dynamics)
             grid = np.union1d(rows["mean_loss"], [turn - 1e-6, turn])
             line = np.array([_held(way, loss, seed).utilisation for loss in grid])
             for side in (grid < turn, grid >= turn):
@@ -244,19 +224,10 @@ def _findings(table: pd.DataFrame) -> list[str]:
                 f" {over_draws(table, way=way.name, measure=_USABLE)}, theory {known:.2f}"
             )
         found.append(text + ".")
-    spread_rows = table[table["loss"] == _SPREAD]
-    lengths, top = np.unique(spread_rows["length"]), spread_rows["mean_loss"].max()
+    rows = pick(table, loss=_SPREAD)
+    lengths, top = np.unique(rows["length"]), rows["mean_loss"].max()
     for way in _WAYS[1:]:
-
-        def off(measure: str, loss: float, length: float, name: str = way.name) -> str:
-            wanted: dict[str, Any] = {"loss": _SPREAD, "way": name, "mean_loss": loss, "length": length}
-            wanted["measure"] = measure
-            return f"{over_draws(table, 100.0, **wanted)} % after {length:g}"
-
-        def bias(measure: str, loss: float, name: str = way.name) -> str:
-            wanted = {"loss": _SPREAD, "way": name, "mean_loss": loss, "measure": measure}
-            return f"{100 * number(table, 'theory', **wanted):.2f} % in the end by theory"
-
+        off, bias = (partial(say, pick(rows, way=way.name)) for say in (_off, _bias))
         new, none = (" and ".join(off(_NEW, loss, length) for length in lengths) for loss in (top, 0.0))
         found.append(
             f"{way.name}, loss spread from 0 to {2 * top:g}: averages are {off(_PLAIN, top, lengths[-1])}"
@@ -264,6 +235,14 @@ def _findings(table: pd.DataFrame) -> list[str]:
             f" ({bias(_NEW, top)}). Without loss they are {none} from the optimum ({bias(_NEW, 0.0)})."
         )
     return sentences("- " + "\n- ".join(found))
+
+
+def _off(rows: pd.DataFrame, measure: str, loss: float, length: float) -> str:
+    return f"{over_draws(rows, 100.0, measure=measure, mean_loss=loss, length=length)} % after {length:g}"
+
+
+def _bias(rows: pd.DataFrame, measure: str, loss: float) -> str:
+    return f"{100 * number(rows, 'theory', measure=measure, mean_loss=loss):.2f} % in the end by theory"
 
 
 main = command("loss", study, __doc__)

@@ -6,7 +6,7 @@ import pytest
 from aimd_des.theory import critical_loss, needed_rate
 from aimd_des.utils.validation import FloatArray
 from scenarios.common.systems import memory_alone, usable
-from scenarios.loss import _NEW, _SAME, _SPREAD, _WAYS, _Case, _rows, _run
+from scenarios.loss import _LATE, _NEW, _SAME, _SPREAD, _WAYS, _Case, _measured
 
 DRAWS = range(3)
 SLOW, FAST, CLOCK = _WAYS
@@ -15,7 +15,8 @@ SPAN = (500.0, 1000.0, 3000.0)
 
 def above(way: object, loss: float) -> FloatArray:
     cases = [_Case(way, _SAME, loss, SPAN) for _ in DRAWS]  # type: ignore[arg-type]
-    return np.array([_run(case, draw, 1000 * draw).above[1] for draw, case in zip(DRAWS, cases, strict=True)])
+    found = [_measured(case, draw, 1000 * draw) for draw, case in zip(DRAWS, cases, strict=True)]
+    return np.array([row[_LATE] for (row,) in found])
 
 
 def test_loss_that_is_survived_need_not_be_usable() -> None:
@@ -46,7 +47,5 @@ def test_what_is_left_from_the_reweighted_optimum_is_luck_that_wears_off() -> No
     ratio away.
     """
     case = _Case(CLOCK, _SPREAD, 0.4, (500.0, 3000.0, 30_000.0))
-    found = np.array(
-        [[row[_NEW] for row in _rows(case, _run(case, draw, 1000 * draw), draw)] for draw in DRAWS]
-    )
+    found = np.array([[row[_NEW] for row in _measured(case, draw, 1000 * draw)] for draw in DRAWS])
     assert (found[:, 1] < 0.6 * found[:, 0]).all()
