@@ -358,7 +358,7 @@ def test_rows_of_accuracy_measure_what_theory_has(wide: float) -> None:
         values, vectors = np.linalg.eigh(expected.covariance(time))
         root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
         runs[:, q] = average + wide * np.einsum("jik,rjk->rij", root, draws)
-    table = frame(accuracy_rows._rows_of(case, SMALL, at, runs))
+    table = frame(accuracy_rows._rows(case, SMALL, at, list(runs)))
     held = table.groupby("formula", sort=False)["holds"].apply(lambda column: set(column) == {"yes"})
     assert held.all() == (wide == 1.0)
     scatter = table[table["formula"].str.startswith("Standard deviation")]["holds"]

@@ -20,7 +20,7 @@ from aimd_des.lowlevel import FloatArray
 from aimd_des.responses import EventNormalised, Randomised, Response
 from aimd_des.study import jackknife
 from models.smart_cameras import smart_cameras
-from scenarios.theory_table.rows import Experiment, Row, Rule, Size, by_formula, estimated, rows_of
+from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated, rows_of
 
 _PROBLEM = smart_cameras(0)
 _PERCENT, _THOUSAND = 100.0, 1000.0
@@ -52,8 +52,8 @@ _CASES = (
 def accuracy(size: Size) -> Experiment:
     """Set up runs of the paper's system that are long enough for the bias to be seen."""
     at = np.round(np.geomspace(_FIRST * size.long, size.long, _LOOKS))
-    jobs = [partial(_averages, case, tuple(at.tolist())) for case in _CASES]
-    return Experiment(list(jobs), partial(_rows, size, at))
+    looks = tuple(at.tolist())
+    return Experiment([(partial(_averages, case, looks), partial(_rows, case, size, at)) for case in _CASES])
 
 
 def _averages(case: _Case, at: tuple[float, ...], seed: int) -> FloatArray:
@@ -75,13 +75,9 @@ def _off(average: FloatArray) -> FloatArray:
     return average - solve_optimum(_PROBLEM, capacity=average.sum(axis=0)).allocation
 
 
-def _rows(size: Size, at: FloatArray, outcomes: list[list[FloatArray]]) -> list[Row]:
-    pairs = zip(_CASES, outcomes, strict=True)
-    return by_formula([row for case, runs in pairs for row in _rows_of(case, size, at, np.stack(runs))])
-
-
-def _rows_of(case: _Case, size: Size, at: FloatArray, averages: FloatArray) -> list[Row]:
-    """Hold runs, (r, q, n, m), against what theory expects of them."""
+def _rows(case: _Case, size: Size, at: FloatArray, runs: list[FloatArray]) -> list[Row]:
+    """Hold averages, (q, n, m) of each run, against what theory expects of them."""
+    averages = np.stack(runs)
     expected = theory.convergence(_PROBLEM, case.dynamics, latency=case.latency, response=case.response)
     labels: dict[str, Any] = {
         "names": _PROBLEM.resource_names,

@@ -1,6 +1,6 @@
 """Results from the literature on AIMD: synchronised agents, fixed probabilities, signals at random times."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -13,6 +13,9 @@ from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated
 _TWO_PERCENT = Rule("relative", 0.02, "within 2 %")
 _EXACT = Rule("relative", 0.002, "within 0.2 %")
 _AGENTS = 20
+
+# What is measured in a run, and what theory has for it, by formula.
+_Outcome = dict[str, tuple[float, Any]]
 
 
 def _problem(increase: Any, decrease: Any, probability: FloatArray, capacity: float) -> Problem:
@@ -32,7 +35,7 @@ def _intervals(result: Result) -> float:
     return float(np.diff(times[len(times) // 2 :]).mean())
 
 
-def _synchronised(until: float, seed: int) -> dict[str, float]:
+def _synchronised(until: float, seed: int) -> _Outcome:
     """Draw increases and decreases, let all respond to every signal, and compare with the fixed point."""
     rng = np.random.default_rng([2018, seed])
     alpha, beta = rng.uniform(0.5, 1.5, _AGENTS) / _AGENTS, rng.uniform(0.3, 0.8, _AGENTS)
@@ -42,11 +45,12 @@ def _synchronised(until: float, seed: int) -> dict[str, float]:
     held = result.observations.average[:, 0]
     mean = (until * held[-1] - start * held[0]) / (until - start)
     saw = 0.5 * (1.0 + beta) * theory.event_mean(4.0, alpha, beta)
-    return {
+    found = {
         "period": _intervals(result) / float(theory.event_interval(4.0, alpha, beta)),
-        "utilisation": mean.sum() / 4.0 / float(theory.synchronised_utilisation(alpha, beta)),
-        "shares": float(1.0 - np.abs(mean - saw).sum() / saw.sum()),
+        "mean utilisation": mean.sum() / 4.0 / float(theory.synchronised_utilisation(alpha, beta)),
+        "shares (1 − sum of deviations over sum)": float(1.0 - np.abs(mean - saw).sum() / saw.sum()),
     }
+    return {f"Synchronised agents, over theory: {name}": (ratio, 1.0) for name, ratio in found.items()}
 
 
 def _mixed() -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -56,7 +60,7 @@ def _mixed() -> tuple[FloatArray, FloatArray, FloatArray]:
     return alpha, rng.uniform(0.3, 0.8, _AGENTS), rng.uniform(0.1, 0.6, _AGENTS)
 
 
-def _fixed_probabilities(until: float, seed: int) -> dict[str, Any]:
+def _fixed_probabilities(until: float, seed: int) -> tuple[float, FloatArray]:
     """Measure shares at events: responses are drawn apart, so responders are a fair sample."""
     alpha, beta, chance = _mixed()
     problem = _problem(alpha, beta, chance, 8.0)
@@ -65,7 +69,7 @@ def _fixed_probabilities(until: float, seed: int) -> dict[str, Any]:
     log = result.events
     cuts = log[(log["kind"] == "respond") & (log["time"] >= until / 5)]
     taken = cuts.groupby(cuts["agent"].cat.codes)["value"].mean()
-    return {"interval": _intervals(result), "shares": taken.reindex(range(_AGENTS)).to_numpy() / (1.0 - beta)}
+    return _intervals(result), taken.reindex(range(_AGENTS)).to_numpy() / (1.0 - beta)
 
 
 class _Drawn:
@@ -89,64 +93,68 @@ class _Drawn:
             system.broadcast(0)
 
 
-def _poisson(until: float, seed: int) -> dict[str, float]:
+def _poisson(until: float, seed: int) -> _Outcome:
     """Take moments of agents with alpha 1 and beta 0.5 that answer every other one of the signals."""
     problem = _problem(1.0, 0.5, np.full(_AGENTS, 0.5), 1000.0)
     looks = np.arange(until / 5, until, 0.5)
     result = _continuous(problem, _Drawn(seed, 1.0), seed, until, Recording("end", looks, overshoot=False))
     held = result.observations.demand
-    return {"first": float(held.mean()), "second": float((held**2).mean())}
+    first, second = (theory.poisson_moment(1.0, 0.5, 0.5, order) for order in (1, 2))
+    return {
+        "Poisson signals: first moment": (held.mean(), first),
+        "Poisson signals: second moment": ((held**2).mean(), second),
+    }
 
 
-def _flow(until: float, seed: int) -> dict[str, float]:
+def _flow(until: float, seed: int) -> _Outcome:
     """Let each packet of one flow be lost with probability 0.002."""
     problem = _problem(1.0, 0.5, np.ones(1), 1e6)
     start = until / 5
     unit = _Drawn(seed, 0.002, per_demand=True)
     result = _continuous(problem, unit, seed, until, Recording("end", [start], overshoot=False))
     held = result.observations.average[:, 0, 0]
-    return {"mean": float((until * held[-1] - start * held[0]) / (until - start))}
+    mean = (until * held[-1] - start * held[0]) / (until - start)
+    return {
+        "Square-root law, a loss per packet": (mean, theory.square_root_law(1.0, 0.5, 0.002, "per_packet"))
+    }
 
 
 def classics(size: Size) -> Experiment:
     """Set up runs of small systems with fixed response probabilities."""
-    jobs: list[Callable[[int], Any]] = [
-        partial(_synchronised, size.until),
-        partial(_fixed_probabilities, size.until),
-        partial(_poisson, size.until),
-        partial(_flow, 20 * size.until),
-    ]
-    return Experiment(jobs, _rows)
-
-
-def _rows(outcomes: list[list[dict[str, Any]]]) -> list[Row]:
-    together, apart, poisson, flow = (
-        {name: np.array([run[name] for run in runs]) for name in runs[0]} for runs in outcomes
-    )
-    alpha, beta, chance = _mixed()
-    wanted, interval = (law(8.0, alpha, beta, chance) for law in (theory.event_mean, theory.event_interval))
-    shares = apart["shares"]
-    worst = int(np.abs((shares / wanted).mean(axis=0) - 1.0).argmax())
-    first, second = (theory.poisson_moment(1.0, 0.5, 0.5, order) for order in (1, 2))
-    law = theory.square_root_law(1.0, 0.5, 0.002, "per_packet")
-    same, fixed = "Synchronised agents, over theory:", "Fixed probabilities:"
     drawn, mixed = "alpha and beta drawn for each replication", "alpha, beta and lambda differ"
     known, lost = "alpha 1, beta 0.5, rate 0.5", "alpha 1, beta 0.5, loss 0.002"
-    # Shares over theory are averaged over the agents: each of them should be 1.
-    found: list[tuple[str, str, FloatArray, Any]] = [
-        (f"{same} period", drawn, together["period"], 1.0),
-        (f"{same} mean utilisation", drawn, together["utilisation"], 1.0),
-        (f"{same} shares (1 − sum of deviations over sum)", drawn, together["shares"], 1.0),
-        (f"{fixed} time between events", mixed, apart["interval"], interval),
-        (f"{fixed} share at events, over theory", mixed, (shares / wanted).mean(axis=1), 1.0),
-        (f"{fixed} share at events, agent {worst}, the farthest", mixed, shares[:, worst], wanted[worst]),
-        ("Poisson signals: first moment", known, poisson["first"], first),
-        ("Poisson signals: second moment", known, poisson["second"], second),
-        ("Square-root law, a loss per packet", lost, flow["mean"], law),
-    ]
+    return Experiment(
+        [
+            (partial(_synchronised, size.until), partial(_rows, drawn, _EXACT)),
+            (partial(_fixed_probabilities, size.until), partial(_rows_of_shares, mixed)),
+            (partial(_poisson, size.until), partial(_rows, known, _TWO_PERCENT)),
+            (partial(_flow, 20 * size.until), partial(_rows, lost, _TWO_PERCENT)),
+        ]
+    )
+
+
+def _rows(setting: str, rule: Rule, runs: Sequence[_Outcome]) -> list[Row]:
     rows: list[Row] = []
-    for formula, setting, values, predicted in found:
-        rule = _EXACT if setting == drawn else _TWO_PERCENT
+    for formula, (_, predicted) in runs[0].items():
+        values = np.array([[run[formula][0]] for run in runs])
         labels = {"setting": setting, "normalization": 0.5, "hold_off": 0.0, "rule": rule}
-        rows += estimated(values[:, None], predicted, ["all"], formula=formula, **labels)
+        rows += estimated(values, predicted, ["all"], formula=formula, **labels)
     return rows
+
+
+def _rows_of_shares(setting: str, runs: list[tuple[float, FloatArray]]) -> list[Row]:
+    """Make rows of the time between events, and of shares at them: of all agents, and of the farthest one."""
+    wanted, interval = (law(8.0, *_mixed()) for law in (theory.event_mean, theory.event_interval))
+    ratios = [shares / wanted for _, shares in runs]
+    worst = int(np.abs(np.mean(ratios, axis=0) - 1.0).argmax())
+    words = "Fixed probabilities:"
+    outcomes: list[_Outcome] = [
+        {
+            f"{words} time between events": (found, interval),
+            # Averaged over the agents: each of them should be 1.
+            f"{words} share at events, over theory": (ratio.mean(), 1.0),
+            f"{words} share at events, agent {worst}, the farthest": (shares[worst], wanted[worst]),
+        }
+        for (found, shares), ratio in zip(runs, ratios, strict=True)
+    ]
+    return _rows(setting, _TWO_PERCENT, outcomes)

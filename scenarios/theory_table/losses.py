@@ -13,7 +13,7 @@ from models.smart_cameras import smart_cameras
 from scenarios.common.measure import Measures, Run, distance, measure
 from scenarios.common.systems import critical as critical_loss
 from scenarios.common.systems import held, memory_alone, spread
-from scenarios.theory_table.rows import Experiment, Row, Rule, Size, by_formula, estimated, rows_of
+from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated, rows_of
 
 _NEAR = Rule("difference", 0.02, "at most 2 %")
 _FAR = Rule("at least", 0.0, "at least 5 times")
@@ -45,30 +45,28 @@ def heterogeneous(size: Size) -> Experiment:
     """Set up runs in which every agent has a loss of its own, from 0 to 0.6."""
     problem, loss = smart_cameras(0), spread(0.0, 0.6)
     runs = [_run(dynamics, problem, size, 0.25, loss) for dynamics in _BOTH]
-    return Experiment([partial(measure, run) for run in runs], partial(_heterogeneous_rows, runs))
+    return Experiment([(partial(measure, run), partial(_heterogeneous_rows, run)) for run in runs])
 
 
 def _ratio(problem: Problem, weights: FloatArray, average: FloatArray) -> FloatArray:
     return distance(problem, average) / distance(problem, average, weights)
 
 
-def _heterogeneous_rows(runs: list[Run], outcomes: list[list[Measures]]) -> list[Row]:
-    rows: list[Row] = []
-    what = "Loss that differs: distance of the averages from the"
-    for run, measures in zip(runs, outcomes, strict=True):
-        problem, loss = run.problem, np.asarray(run.loss)
-        share: FloatArray | float = 0.0
-        if run.dynamics == "discrete":
-            share = theory.predict(problem, "discrete", latency=1.0, loss=loss).signals
-        weights = theory.loss_weights(loss[:, None], share) * np.ones((1, problem.n_resources))
-        averages, labels = [one.average for one in measures], _labels(run, "0 to 0.6")
-        for words, reduced, predicted, rule in (
-            ("reweighted optimum", partial(distance, problem, weights=weights), 0.0, _NEAR),
-            ("plain optimum, over that from the reweighted", partial(_ratio, problem, weights), 5.0, _FAR),
-        ):
-            found, formula = jackknife(averages, reduced), f"{what} {words}"
-            rows += rows_of(found, predicted, problem.resource_names, formula=formula, rule=rule, **labels)
-    return by_formula(rows)
+def _heterogeneous_rows(run: Run, measures: list[Measures]) -> list[Row]:
+    problem, loss = run.problem, np.asarray(run.loss)
+    share: FloatArray | float = 0.0
+    if run.dynamics == "discrete":
+        share = theory.predict(problem, "discrete", latency=1.0, loss=loss).signals
+    weights = theory.loss_weights(loss[:, None], share) * np.ones((1, problem.n_resources))
+    averages, labels = [one.average for one in measures], _labels(run, "0 to 0.6")
+    what, rows = "Loss that differs: distance of the averages from the", []
+    for words, reduced, predicted, rule in (
+        ("reweighted optimum", partial(distance, problem, weights=weights), 0.0, _NEAR),
+        ("plain optimum, over that from the reweighted", partial(_ratio, problem, weights), 5.0, _FAR),
+    ):
+        found, formula = jackknife(averages, reduced), f"{what} {words}"
+        rows += rows_of(found, predicted, problem.resource_names, formula=formula, rule=rule, **labels)
+    return rows
 
 
 def compensated(size: Size) -> Experiment:
@@ -86,34 +84,32 @@ def compensated(size: Size) -> Experiment:
         chance = theory.compensated_probability(expected.probability, loss[:, None], share)
         costs = weighted_costs(plain.costs, chance / expected.probability)
         runs.append(_run(dynamics, Problem(plain.resources, costs), size, 0.25, loss))
-    return Experiment([partial(measure, run) for run in runs], partial(_compensated_rows, plain, runs))
+    return Experiment([(partial(measure, run), partial(_compensated_rows, plain, run)) for run in runs])
 
 
-def _compensated_rows(plain: Problem, runs: list[Run], outcomes: list[list[Measures]]) -> list[Row]:
-    rows: list[Row] = []
-    names, what = plain.resource_names, "Loss made good for:"
-    for run, measures in zip(runs, outcomes, strict=True):
-        labels = _labels(run, f"0 to {np.max(run.loss):g}")
-        found = jackknife([one.average for one in measures], partial(distance, plain))
-        words = f"{what} distance of the averages from the plain optimum"
-        rows += rows_of(found, 0.0, names, formula=words, rule=_NEAR, **labels)
-        words, shares = (
-            f"{what} share of responses with a probability above 1",
-            [one.saturated for one in measures],
-        )
-        rows += estimated(shares, 0.0, names, formula=words, **labels)
-        expected = theory.predict(plain, run.dynamics, latency=run.latency).signals * labels["hold_off"]
-        words = f"{what} share of the opportunities to signal that are used"
-        used = [one.signals * labels["hold_off"] for one in measures]
-        rows += estimated(used, expected, names, formula=words, **labels)
-    return by_formula(rows)
+def _compensated_rows(plain: Problem, run: Run, measures: list[Measures]) -> list[Row]:
+    names, what, labels = (
+        plain.resource_names,
+        "Loss made good for:",
+        _labels(run, f"0 to {np.max(run.loss):g}"),
+    )
+    found = jackknife([one.average for one in measures], partial(distance, plain))
+    words = f"{what} distance of the averages from the plain optimum"
+    rows = rows_of(found, 0.0, names, formula=words, rule=_NEAR, **labels)
+    words = f"{what} share of responses with a probability above 1"
+    rows += estimated([one.saturated for one in measures], 0.0, names, formula=words, **labels)
+    words = f"{what} share of the opportunities to signal that are used"
+    expected = theory.predict(plain, run.dynamics, latency=run.latency).signals * labels["hold_off"]
+    used = [one.signals * labels["hold_off"] for one in measures]
+    return rows + estimated(used, expected, names, formula=words, **labels)
 
 
 def critical(size: Size) -> Experiment:
     """Set up searches for the loss from which on total demand of many agents with memory alone runs away."""
     problem = memory_alone(size.agents)
-    jobs = [partial(_locate, problem, dynamics, size) for dynamics in _BOTH]
-    return Experiment(list(jobs), partial(_critical_rows, problem))
+    return Experiment(
+        [(partial(_locate, problem, each, size), partial(_critical_rows, problem, each)) for each in _BOTH]
+    )
 
 
 def _locate(problem: Problem, dynamics: _Dynamics, size: Size, seed: int) -> float:
@@ -128,21 +124,18 @@ def _locate(problem: Problem, dynamics: _Dynamics, size: Size, seed: int) -> flo
     return 0.5 * (low + high)
 
 
-def _critical_rows(problem: Problem, outcomes: list[list[float]]) -> list[Row]:
-    rows: list[Row] = []
-    for dynamics, found in zip(_BOTH, outcomes, strict=True):
-        words = "clock" if dynamics == "discrete" else "continuous, crossing"
-        rows += estimated(
-            np.array(found)[:, None],
-            critical_loss(problem, 1.0, dynamics),
-            problem.resource_names,
-            formula="Critical loss",
-            setting=f"{words}, {problem.n_agents} agents",
-            normalization=float(problem.normalization[0]),
-            hold_off=1.0,
-            rule=_LOCATED,
-        )
-    return rows
+def _critical_rows(problem: Problem, dynamics: _Dynamics, found: list[float]) -> list[Row]:
+    words = "clock" if dynamics == "discrete" else "continuous, crossing"
+    return estimated(
+        np.array(found)[:, None],
+        critical_loss(problem, 1.0, dynamics),
+        problem.resource_names,
+        formula="Critical loss",
+        setting=f"{words}, {problem.n_agents} agents",
+        normalization=float(problem.normalization[0]),
+        hold_off=1.0,
+        rule=_LOCATED,
+    )
 
 
 def runaway(size: Size) -> Experiment:
@@ -150,15 +143,11 @@ def runaway(size: Size) -> Experiment:
     problem = memory_alone()
     losses = {dynamics: round(critical_loss(problem, 1.0, dynamics) + 0.15, 2) for dynamics in _BOTH}
     runs = [_run(dynamics, problem, size, 1.0, loss) for dynamics, loss in losses.items()]
-    return Experiment([partial(measure, run) for run in runs], partial(_runaway_rows, runs))
+    return Experiment([(partial(measure, run), partial(_runaway_rows, run)) for run in runs])
 
 
-def _runaway_rows(runs: list[Run], outcomes: list[list[Measures]]) -> list[Row]:
-    rows: list[Row] = []
-    words = "Beyond the critical loss: mean total demand over capacity"
-    for run, measures in zip(runs, outcomes, strict=True):
-        loss, names = float(np.max(run.loss)), run.problem.resource_names
-        level = held(run.problem, run.dynamics, loss=loss).utilisation
-        labels = _labels(run, f"{loss:g}")
-        rows += estimated([one.utilisation for one in measures], level, names, formula=words, **labels)
-    return rows
+def _runaway_rows(run: Run, measures: list[Measures]) -> list[Row]:
+    loss, words = float(np.max(run.loss)), "Beyond the critical loss: mean total demand over capacity"
+    level = held(run.problem, run.dynamics, loss=loss).utilisation
+    used, labels = [one.utilisation for one in measures], _labels(run, f"{loss:g}")
+    return estimated(used, level, run.problem.resource_names, formula=words, **labels)

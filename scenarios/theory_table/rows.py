@@ -67,9 +67,21 @@ class Row:
 class Experiment:
     """Runs, and what to make of them."""
 
-    jobs: list[Callable[[int], Any]]  # Each takes a seed
-    # Makes rows of the outcomes of all jobs, a list of replications for each.
-    rows: Callable[[list[list[Any]]], list[Row]]
+    # Each is a job, which takes a seed, and what makes rows of the outcomes of its replications.
+    parts: list[tuple[Callable[[int], Any], Callable[[list[Any]], list[Row]]]]
+    order: Sequence[str] = ()  # Of the formulas; default: by when each comes first
+
+    @property
+    def jobs(self) -> list[Callable[[int], Any]]:
+        """What is run."""
+        return [job for job, _ in self.parts]
+
+    def rows(self, outcomes: Sequence[list[Any]]) -> list[Row]:
+        """Make rows of the replications of every job, sorted by formula."""
+        pairs = zip(self.parts, outcomes, strict=True)
+        rows = [row for (_, make), found in pairs for row in make(found)]
+        places = list(self.order) or list(dict.fromkeys(row.formula for row in rows))
+        return sorted(rows, key=lambda row: places.index(row.formula))
 
 
 def rows_of(
@@ -88,35 +100,22 @@ def estimated(values: npt.ArrayLike, predicted: Any, names: Sequence[str], **lab
     return rows_of(mean_and_error(values), predicted, names, **labels)
 
 
-def by_formula(rows: Sequence[Row], order: Sequence[str] = ()) -> list[Row]:
-    """Sort rows by formula: in the order that is given, or by when each comes first."""
-    places = list(order) or list(dict.fromkeys(row.formula for row in rows))
-    return sorted(rows, key=lambda row: places.index(row.formula))
-
-
 def frame(rows: Sequence[Row]) -> pd.DataFrame:
     """Put rows into a table, with deviations and verdicts.
 
     The deviation in errors is NaN where the error is 0 or rounding; a claim is empty where a deviation is
     only shown, and holds is yes, no or empty.
     """
-    table = []
-    for row in rows:
-        deviation = row.mean - row.predicted
-        noisy = row.standard_error > 1e-12 * max(abs(row.mean), 1e-300)
-        bound = row.rule is not None and row.rule.kind == "at least"
-        verdict = "" if row.rule is None else "yes" if row.rule.holds(row.predicted, row.mean) else "no"
-        table.append(
-            {
-                **{name: value for name, value in vars(row).items() if name != "rule"},
-                "deviation": deviation,
-                "relative_deviation": np.nan if bound or not row.predicted else deviation / row.predicted,
-                "deviation_in_errors": deviation / row.standard_error if noisy and not bound else np.nan,
-                "claim": "" if row.rule is None else row.rule.words,
-                "holds": verdict,
-            }
-        )
-    return pd.DataFrame(table)
+    table = pd.DataFrame([vars(row) for row in rows]).drop(columns="rule")
+    predicted, mean, error = table["predicted"], table["mean"], table["standard_error"]
+    bound = np.array([row.rule is not None and row.rule.kind == "at least" for row in rows])
+    noisy = error > 1e-12 * mean.abs().clip(lower=1e-300)
+    table["deviation"] = mean - predicted
+    table["relative_deviation"] = (table["deviation"] / predicted).where(~bound & (predicted != 0.0))
+    table["deviation_in_errors"] = (table["deviation"] / error).where(~bound & noisy)
+    table["claim"] = ["" if row.rule is None else row.rule.words for row in rows]
+    holds = ["" if row.rule is None else row.rule.holds(row.predicted, row.mean) for row in rows]
+    return table.assign(holds=["" if held == "" else "yes" if held else "no" for held in holds])
 
 
 _HEADER = ("setting", "Gamma", "hold-off", "of", "theory", "simulation", "deviation", "claim", "holds")

@@ -10,7 +10,7 @@ from aimd_des import Crossing, Problem, Sampled, solve_optimum, theory
 from aimd_des.lowlevel import FloatArray
 from models.smart_cameras import smart_cameras
 from scenarios.common.measure import Measures, Run, measure
-from scenarios.theory_table.rows import Experiment, Row, Rule, Size, by_formula, estimated
+from scenarios.theory_table.rows import Experiment, Row, Rule, Size, estimated
 
 _NEAR = Rule("relative", 0.05, "within 5 %")
 _POINTS = Rule("difference", 0.02, "within 2 points")
@@ -50,16 +50,10 @@ def _cases(size: Size) -> list[_Case]:
 
 def signals_and_utilisation(size: Size) -> Experiment:
     """Set up runs of the paper's system: signals, utilisation, the price in bits and the lift of peaks."""
-    cases = _cases(size)
-    return Experiment([partial(measure, case.run) for case in cases], partial(_rows, cases))
+    return Experiment([(partial(measure, case.run), partial(_rows, case)) for case in _cases(size)], _ORDER)
 
 
-def _rows(cases: list[_Case], outcomes: list[list[Measures]]) -> list[Row]:
-    pairs = zip(cases, outcomes, strict=True)
-    return by_formula([row for case, runs in pairs for row in _rows_of(case, runs)], _ORDER)
-
-
-def _rows_of(case: _Case, runs: list[Measures]) -> list[Row]:
+def _rows(case: _Case, runs: list[Measures]) -> list[Row]:
     run, problem, loss = case.run, case.run.problem, float(np.max(case.run.loss))
     continuous = run.dynamics == "continuous"
     period = 1.0 if continuous and isinstance(run.control_unit, Sampled) else 0.0

@@ -77,35 +77,19 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     experiments = [make(size) for make in _EXPERIMENTS]
     jobs = [job for experiment in experiments for job in experiment.jobs]
     outcomes = iter(replicate(jobs, size.replications, seed, workers=1 if quick else None, out=runs))
-    rows = [
-        row
-        for experiment in experiments
-        for row in experiment.rows([next(outcomes) for _ in experiment.jobs])
-    ]
-    table = table_of(rows)
+    table = table_of([row for each in experiments for row in each.rows([next(outcomes) for _ in each.jobs])])
     if quick:
         table["holds"] = ""  # at this size no claim is judged
     settings = {"seed": seed, "replications": size.replications}
     findings = _findings(table)
     page = _PAGE.format(
         findings="\n".join(f"- {finding}" for finding in findings),
-        replications=size.replications,
+        **{name: f"{value:,g}" for name, value in vars(size).items()},
+        resolution=f"{0.9 / 2**size.halvings:.3f}",
         table=markdown(table),
-        **_lengths(size),
     )
     drawn, pages = {"theory_table": partial(_deviations, table)}, {"theory_table.md": page}
     return Finding("theory_table", settings, table, digest(table), findings, drawn, pages)
-
-
-def _lengths(size: Size) -> dict[str, str]:
-    return {
-        "until": f"{size.until:,.0f}",
-        "start": f"{size.start:,.0f}",
-        "steps": f"{size.steps:,}",
-        "agents": f"{size.agents}",
-        "long": f"{size.long:,.0f}",
-        "resolution": f"{0.9 / 2**size.halvings:.3f}",
-    }
 
 
 def _deviations(table: pd.DataFrame) -> Figure:
@@ -119,10 +103,8 @@ def _deviations(table: pd.DataFrame) -> Figure:
     axes = figure.subplots()
     for first_order in (False, True):
         chosen = rows[rows["formula"].str.endswith("first order alone") == first_order]
-        within = (
-            chosen.groupby("formula").cumcount()
-            - (chosen.groupby("formula")["formula"].transform("size") - 1) / 2
-        )
+        rows_of = chosen.groupby("formula")
+        within = rows_of.cumcount() - (rows_of["formula"].transform("size") - 1) / 2
         axes.errorbar(
             100.0 * chosen["relative_deviation"],
             chosen["formula"].map(formulas.index) + 0.02 * within,
