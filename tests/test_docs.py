@@ -175,7 +175,7 @@ def test_the_index_names_every_scenario_once() -> None:
     assert sorted(named) == list(SCENARIOS)
 
 
-@pytest.mark.parametrize("name", ["delay", "congested_channel", "paper"])  # a module, a folder, a page
+@pytest.mark.parametrize("name", ["delay", "paper"])  # a module, a folder with a page of its own
 def test_scripts_and_notebooks_to_download_run_the_study(name: str) -> None:
     gallery = extension("scenario_gallery")
     text, code = SCENARIOS[name]
@@ -209,7 +209,7 @@ def test_links_to_findings_lead_to_the_gallery() -> None:
 
 
 def test_modules_and_folders_are_scenarios() -> None:
-    text, code = SCENARIOS["congested_channel"]
+    text, code = SCENARIOS["theory_table"]
     assert (text.name, code.name) == ("__init__.py", "study.py")
     assert SCENARIOS["delay"][0] == SCENARIOS["delay"][1]
     assert "common" not in SCENARIOS

@@ -18,8 +18,8 @@ from aimd_des import (
 )
 from aimd_des.theory import congestion, needed_rate
 from aimd_des.utils.validation import FloatArray
-from scenarios.common.measure import distance
-from scenarios.congested_channel.runs import (
+from scenarios.common.systems import memory_alone
+from scenarios.congested_channel import (
     BEGIN,
     Constant,
     Excess,
@@ -31,7 +31,6 @@ from scenarios.congested_channel.runs import (
     load,
     shares,
     stay,
-    system_of,
 )
 
 # By Student's t with 7 degrees of freedom, beyond on one side once in 1,000.
@@ -61,7 +60,7 @@ def test_the_turning_load_and_the_rest_solve_the_two_balances() -> None:
     ("law", "hold_off"), [(Constant(0.2), 1.0), (Overflow(0.2), 1.0), (Excess(0.2, 0.6), 0.4)]
 )
 def test_demand_always_comes_back_where_enough_signals_pass(law: Constant, hold_off: float) -> None:
-    assert congestion(system_of(0), law, hold_off=hold_off) == (np.inf, ())
+    assert congestion(memory_alone(), law, hold_off=hold_off) == (np.inf, ())
 
 
 def test_there_is_no_way_back_to_a_capacity_that_signals_cannot_hold() -> None:
@@ -85,22 +84,24 @@ def test_runs_come_back_from_below_the_turning_load_and_not_from_beyond() -> Non
     for hold_off, short, long in ((1.0, 3.0, 12.0), (0.5, 8.0, 19.0)):
         for draw in range(3):
             law = Excess(0.2, 0.95)
-            turning = congestion(system_of(draw), law, hold_off=hold_off).turning
+            turning = congestion(memory_alone(draw=draw), law, hold_off=hold_off).turning
             near, far = (
                 load(Silence(law, hold_off, silence, after=200.0), draw, 1000 * draw)
                 for silence in (short, long)
             )
-            assert near.lifted < turning - 0.05
-            assert near.last < 1.1
-            assert far.lifted > turning + 0.1
-            assert far.last > far.lifted  # it runs on
+            lifted, last = near
+            assert lifted < turning - 0.05
+            assert last < 1.1
+            lifted, last = far
+            assert lifted > turning + 0.1
+            assert last > lifted  # it runs on
     # The run without the cause.
-    assert load(Silence(Constant(0.2), 1.0, 12.0, after=200.0), 0, 0).last < 1.1
+    assert load(Silence(Constant(0.2), 1.0, 12.0, after=200.0), 0, 0)[1] < 1.1
 
 
 def test_escapes_are_counted_with_the_time_until_then() -> None:
     law = Excess(0.2, 0.95)
-    assert congestion(system_of(0), law, hold_off=1.4).turning == 1.0
+    assert congestion(memory_alone(), law, hold_off=1.4).turning == 1.0
     gone, time = stay(Stay(law, 1.4, 1.0, 400.0, 0.5), 0, 0)
     assert gone == 1.0
     assert 0.0 < time < 300.0
@@ -109,8 +110,8 @@ def test_escapes_are_counted_with_the_time_until_then() -> None:
 
 
 def distances(own: bool) -> FloatArray:
-    found = [shares(Holding(0.2, own, ends=(400.0, 1200.0)), draw, 1000 * draw) for draw in range(8)]
-    return np.array([distance(system_of(draw), one.average[1][:, None])[0] for draw, one in enumerate(found)])
+    case = Holding(0.2, own, ends=(400.0, 1200.0))
+    return np.array([shares(case, draw, 1000 * draw)[1] for draw in range(8)])
 
 
 def test_loss_in_proportion_to_holdings_distorts_shares() -> None:

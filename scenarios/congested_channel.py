@@ -1,22 +1,34 @@
-"""The study: what is run, and what is made of it."""
+"""Can signals be lost to the excess that they report?
 
-from collections.abc import Sequence
+They can: where loss grows with the load, demand that has once passed a turning load does not come back by
+itself, and rests at a multiple of the capacity.  Theory has that load; hold-offs far below 1 / rho put it far
+away, and a channel that keeps enough of its capacity for signals has none.  Where an agent loses signals in
+proportion to what it holds, shares are distorted a little, until single agents run away for themselves.
+"""  # noqa: D400 - a question
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import gamma
 
-from aimd_des import theory
+from aimd_des import BroadcastChannel, Recording, theory
+from aimd_des.interventions import Partition
+from aimd_des.loss import Bernoulli, Loss
+from aimd_des.lowlevel import Draws, FloatArray, Purpose, System
 from aimd_des.plots import colour
 from aimd_des.study import jackknife
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import distance, rows_of, run_draws
+from scenarios.common.measure import distance, quietly, rows_of, run_draws, sensed, totals
+from scenarios.common.systems import lowered, memory_alone
 from scenarios.common.tables import (
     estimate,
     number,
@@ -29,21 +41,185 @@ from scenarios.common.tables import (
     theory_of,
     with_theory,
 )
-from scenarios.congested_channel.runs import (
-    Constant,
-    Excess,
-    Holding,
-    Law,
-    Load,
-    Overflow,
-    Shares,
-    Silence,
-    Stay,
-    load,
-    shares,
-    stay,
-    system_of,
-)
+
+# Loss depends on demand from here on, so that the start of a run is none of the causes; no agent hears from
+# `OUTAGE` on for a while.
+BEGIN, OUTAGE = 200.0, 300.0
+# A level of demand is a mean over so much time.
+_STRETCH = 50.0
+
+
+@dataclass(frozen=True)
+class Excess:
+    """Loss that grows by the excess over the capacity; what it may not pass is kept for signals."""
+
+    base: float
+    limit: float = 1.0
+
+    def __call__(self, load: float) -> float:
+        """Return the probability of loss at a load."""
+        return min(self.base + max(load - 1.0, 0.0), self.limit)
+
+
+@dataclass(frozen=True)
+class Overflow:
+    """Loss of the share of all traffic that exceeds the capacity, and of a part of the rest."""
+
+    base: float
+
+    def __call__(self, load: float) -> float:
+        """Return the probability of loss at a load."""
+        return 1.0 - (1.0 - self.base) / max(load, 1.0)
+
+
+@dataclass(frozen=True)
+class Constant:
+    """Loss that does not depend on the load: the run without the cause."""
+
+    base: float
+
+    def __call__(self, load: float) -> float:
+        """Return the probability of loss at a load."""
+        return self.base
+
+
+Law = Excess | Overflow | Constant
+
+
+@dataclass(frozen=True)
+class LoadLoss:
+    """Loss that is the same for all, and depends on the load by a law from a time on."""
+
+    law: Law
+    begin: float = 0.0
+
+    def start(self, n_agents: int) -> "_ReadingLoss":
+        """Begin a run."""
+        return _ReadingLoss(self._chance)
+
+    def _chance(self, system: System, draws: Draws) -> float:
+        load = system.total(draws.resource) / float(system.problem.capacity[draws.resource])
+        return self.law(load if draws.time >= self.begin else 1.0)
+
+
+@dataclass(frozen=True)
+class HoldingLoss:
+    """Loss in proportion to what an agent holds, up to a limit; `share` at the capacity over n."""
+
+    share: float
+    limit: float
+
+    def start(self, n_agents: int) -> "_ReadingLoss":
+        """Begin a run."""
+        return _ReadingLoss(self._chance)
+
+    def _chance(self, system: System, draws: Draws) -> FloatArray:
+        held, j = system.allocations()[0][draws.resource], draws.resource
+        parts = held * (draws.n_agents / float(system.problem.capacity[j]))
+        return np.asarray(np.minimum(self.share * parts, self.limit))
+
+
+@dataclass(eq=False)
+class _ReadingLoss:
+    """Losses of one run, with a probability that is read off it."""
+
+    chance: Callable[[System, Draws], float | FloatArray]
+
+    def attach(self, system: System) -> None:
+        """Take the run in progress."""
+        self.system = system
+
+    def draw(self, draws: Draws) -> npt.NDArray[np.bool_]:
+        """Say of each agent's copy whether it is lost, shape (n,)."""
+        return np.asarray(draws.uniforms(Purpose.LOSS) < self.chance(self.system, draws))
+
+
+class Silence(NamedTuple):
+    """A run in which no agent hears for a while; then signals are lost by a law."""
+
+    law: Law
+    hold_off: float
+    silence: float  # how long no agent hears, in units of time
+    threshold: float = 1.0
+    after: float = 400.0  # how long it runs afterwards
+
+
+@lru_cache(maxsize=1024)
+def _congestion(law: Law, hold_off: float, draw: int, threshold: float = 1.0) -> theory.Congestion:
+    return theory.congestion(lowered(memory_alone(draw=draw), threshold), law, hold_off=hold_off)
+
+
+def load(case: Silence, draw: int, seed: int) -> tuple[float, float]:
+    """Run, and measure the load as the silence ends, and its mean over the last stretch."""
+    back = OUTAGE + case.silence
+    until = back + case.after
+    simulation = sensed(
+        lowered(memory_alone(draw=draw), case.threshold),
+        case.hold_off,
+        channel=BroadcastChannel(loss=LoadLoss(case.law, BEGIN)),
+        interventions=[Partition(OUTAGE, case.silence)] if case.silence > 0.0 else [],
+        seed=seed,
+        recording=Recording(demand=[back, *np.arange(until - _STRETCH, until, 0.5)], overshoot=False),
+    )
+    total = totals(quietly(simulation, until))
+    return float(total[0]), float(total[1:].mean())
+
+
+class Stay(NamedTuple):
+    """A run that only chance takes from the capacity, with loss by a law from the start on."""
+
+    law: Law
+    hold_off: float
+    threshold: float
+    until: float
+    gone: float  # so far beyond the turning load no run is ever on its way back
+
+
+def stay(case: Stay, draw: int, seed: int) -> FloatArray:
+    """Run, and count escapes, 0 or 1, and the time until then; without the first stretch."""
+    begin = 2.0 * _STRETCH
+    looks = np.arange(begin, case.until)
+    simulation = sensed(
+        lowered(memory_alone(draw=draw), case.threshold),
+        case.hold_off,
+        channel=BroadcastChannel(loss=LoadLoss(case.law, begin)),
+        seed=seed,
+        recording=Recording(demand=looks, overshoot=False),
+    )
+    total = totals(quietly(simulation, case.until))
+    turning = _congestion(case.law, case.hold_off, draw, case.threshold).turning
+    away = np.flatnonzero(total > turning + case.gone)
+    return np.array([len(away) > 0, looks[away[0]] - begin if len(away) else case.until - begin])
+
+
+class Holding(NamedTuple):
+    """A run with loss in proportion to what agents hold, or the same for all, with two lengths."""
+
+    share: float
+    own: bool  # whether it is in proportion
+    hold_off: float = 0.25
+    limit: float = 0.9
+    ends: tuple[float, float] = (2000.0, 4000.0)
+
+    @property
+    def loss(self) -> Loss:
+        """The model of loss."""
+        return HoldingLoss(self.share, self.limit) if self.own else Bernoulli(self.share)
+
+
+def shares(case: Holding, draw: int, seed: int) -> list[float]:
+    """Run, and measure how far averages are from the optimum for what they use, at both ends."""
+    problem = memory_alone(draw=draw)
+    simulation = sensed(
+        problem,
+        case.hold_off,
+        channel=BroadcastChannel(loss=case.loss),
+        seed=seed,
+        recording=Recording(demand="end", allocations=list(case.ends[:1]), overshoot=False),
+    )
+    found = quietly(simulation, case.ends[1]).observations.average[-2:]
+    return [float(distance(problem, average.T)[0]) for average in found]
+
 
 _BASE = 0.2
 _EXCESS, _OVERFLOW, _SAME = "base + excess", "overflow", "the base alone"
@@ -111,7 +287,7 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     jobs = partial(run_draws, draws=size.draws, replications=1, seed=seed, quick=quick, runs=runs)
     rows = rows_of(jobs(load, silences), _silence_row, seed)
     rows += rows_of(jobs(load, rests), _rest_row, seed)
-    held = [row for case, found in jobs(shares, holdings) for row in _share_rows(case, found, seed)]
+    held = list(_share_rows(jobs(shares, holdings), seed))
     table = pd.concat([summarise_draws(some, _LABELS) for some in (rows, held)], ignore_index=True)
     table = with_theory(table, _LABELS)
     table = pd.concat([table, pd.DataFrame(_escapes(size, seed, quick, runs))], ignore_index=True)
@@ -133,30 +309,29 @@ def _silences(size: _Size) -> list[Silence]:
     ]
 
 
-@lru_cache(maxsize=1024)
-def _congestion(law: Law, hold_off: float, draw: int) -> theory.Congestion:
-    return theory.congestion(system_of(draw), law, hold_off=hold_off)
+def _labels(experiment: str, *others: Any) -> dict[str, Any]:
+    return dict(zip(_LABELS, (experiment, *others), strict=True))
 
 
-def _silence_row(case: Silence, draw: int, one: Load) -> dict[str, Any]:
-    gap = one.lifted - _congestion(case.law, case.hold_off, draw).turning
-    back = one.last < _AWAY
+def _silence_row(case: Silence, draw: int, loads: tuple[float, float]) -> dict[str, Any]:
+    lifted, last = loads
+    gap, back = lifted - _congestion(case.law, case.hold_off, draw).turning, last < _AWAY
     right = float(back == (gap < 0.0))
     law = _LOWER if case.threshold < 1.0 else next(name for name, law in _LAWS.items() if law == case.law)
     return {
-        **dict(zip(_LABELS, ("silence", law, case.hold_off, case.silence, case.after), strict=True)),
-        "lifted": one.lifted,
+        **_labels("silence", law, case.hold_off, case.silence, case.after),
+        "lifted": lifted,
         _SILENCE: float(back),
         "as predicted": right,
         "clearly predicted": right if abs(gap) > _NEAR else np.nan,
     }
 
 
-def _rest_row(case: Silence, draw: int, one: Load) -> dict[str, Any]:
+def _rest_row(case: Silence, draw: int, loads: tuple[float, float]) -> dict[str, Any]:
     rests = _congestion(case.law, case.hold_off, draw).rests
     limit = case.law.limit if isinstance(case.law, Excess) else np.nan
-    labels = dict(zip(_LABELS, ("rest", _EXCESS, case.hold_off, limit, case.after), strict=True))
-    return {**labels, _REST: one.last, theory_of(_REST): rests[-1] if rests else np.nan}
+    labels = _labels("rest", _EXCESS, case.hold_off, limit, case.after)
+    return {**labels, _REST: loads[1], theory_of(_REST): rests[-1] if rests else np.nan}
 
 
 def _escapes(size: _Size, seed: int, quick: bool, runs: Path | None) -> list[dict[str, Any]]:
@@ -168,7 +343,7 @@ def _escapes(size: _Size, seed: int, quick: bool, runs: Path | None) -> list[dic
     for (law, hold_off, threshold), (_, found) in zip(_STAYS, pairs, strict=True):
         counts = [np.sum(seen, axis=0) for seen in found]
         rate, error = jackknife(counts, lambda mean: mean[:1] / mean[1:])
-        labels = {"experiment": "stay", "loss": law, "hold_off": hold_off, "x": threshold, "length": until}
+        labels = _labels("stay", law, hold_off, threshold, until)
         row = estimate(labels, _RATE, (rate, error), each * size.draws)
         spread = float(np.std([count[0] / count[1] for count in counts], ddof=1))
         rows.append({**row, "draws": size.draws, "spread": spread})
@@ -177,14 +352,14 @@ def _escapes(size: _Size, seed: int, quick: bool, runs: Path | None) -> list[dic
     return rows
 
 
-def _share_rows(case: Holding, found: Sequence[Sequence[Shares]], seed: int) -> list[dict[str, Any]]:
-    rows = []
-    for draw, (one,) in enumerate(found, start=seed):
-        for length, average in zip(case.ends, one.average, strict=True):
-            labels = {"experiment": "shares", "loss": _OWN if case.own else _EQUAL, "hold_off": case.hold_off}
-            off = 100 * float(distance(system_of(draw), average[:, None])[0])
-            rows.append({**labels, "x": case.share, "length": length, "draw": draw, _SHARES: off})
-    return rows
+def _share_rows(
+    pairs: Iterable[tuple[Holding, list[list[list[float]]]]], first: int
+) -> Iterable[dict[str, Any]]:
+    for case, found in pairs:
+        for draw, (distances,) in enumerate(found, first):
+            for length, off in zip(case.ends, distances, strict=True):
+                labels = _labels("shares", _OWN if case.own else _EQUAL, case.hold_off, case.share, length)
+                yield {**labels, "draw": draw, _SHARES: 100 * off}
 
 
 def _figure(table: pd.DataFrame, size: _Size, seed: int) -> Figure:
@@ -306,4 +481,7 @@ def _said(table: pd.DataFrame, law: str, hold_off: float, threshold: float) -> s
     )
 
 
-main = command("congested_channel", study, "Can signals be lost to the excess that they report?")
+main = command("congested_channel", study, __doc__)
+
+if __name__ == "__main__":
+    main()
