@@ -6,7 +6,7 @@ no noise: 26 to 43 times nearer at the paper's length. Loss is noise again. A la
 with 10 the paper's rule ends two to four times as far from the optimum, and with 20 the cures fail.
 """  # noqa: D400 - a question
 
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from aimd_des import BroadcastChannel, Fleet, InputError, Recording, Simulation, SimulationError, theory
 from aimd_des.latency import Constant
 from aimd_des.loss import Bernoulli
-from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour, heat_map, shared_legend
 from aimd_des.responses import Derandomised, EventNormalised, Randomised, Response
 from models.smart_cameras import smart_cameras
@@ -46,11 +45,6 @@ class _Case(NamedTuple):
     steps: tuple[int, ...]
 
 
-class _Outcome(NamedTuple):
-    averages: FloatArray  # (q, n, m), after so many steps
-    saturated: FloatArray  # (m,), share of the responses
-
-
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run the paper's system with its rule and with cures, in time, and over latency and loss."""
     curves, points = (2, 2) if quick else (12, 4)
@@ -65,16 +59,14 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         for name in _WAYS
         if (lag, loss) not in _CHANNELS
     ]
-    found = run_all(_run, in_time, curves, seed, quick, runs)
-    found += run_all(_run, over_all, points, seed, quick, runs)
-    table = summarise([row for case, outcomes in found for row in _rows(case, outcomes)], _LABELS)
-    table = table[table["mean"].notna()].sort_values(
-        ["measure", *_LABELS[:2]], kind="stable", ignore_index=True
-    )
+    found = run_all(_measured, in_time, curves, seed, quick, runs)
+    found += run_all(_measured, over_all, points, seed, quick, runs)
+    rows = [{**_labels(case), **row} for case, outcomes in found for outcome in outcomes for row in outcome]
+    table = summarise(rows, _LABELS)
+    table = table[table["mean"].notna()].sort_values(["measure", *_LABELS[:2]], kind="stable")
     # What signals find late is followed by steps of NumPy: that takes seconds.
-    known = {case: _expected(case) for case, _ in found if not (quick and (case.lag or case.loss))}
-    columns = [_of_row(row, known) for row in table.to_dict("records")]
-    table[["theory", "low", "high"]] = columns
+    known = [row for case, _ in found if not (quick and (case.lag or case.loss)) for row in _expected(case)]
+    table = table.merge(pd.DataFrame(known), "left")
     settings = {"seed": seed, "replications": curves, "replications of the map": points, "steps": steps[-1]}
     pages = {"convergence.md": _page(table, steps[-1])}
     drawn = {"convergence": partial(_figure, table, steps[-1])}
@@ -83,7 +75,12 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     )
 
 
-def _run(case: _Case, seed: int) -> _Outcome:
+def _labels(case: _Case) -> dict[str, Any]:
+    return {"lag": case.lag, "loss": case.loss, "response": case.response}
+
+
+def _measured(case: _Case, seed: int) -> list[dict[str, Any]]:
+    """Run, and measure each resource after so many steps; in the end, responses that are cut off."""
     simulation = Simulation(
         _PROBLEM,
         channel=BroadcastChannel(latency=Constant(case.lag), loss=Bernoulli(case.loss)),
@@ -94,45 +91,32 @@ def _run(case: _Case, seed: int) -> _Outcome:
     )
     result = quietly(simulation, case.steps[-1])
     account = result.account
-    share = account.saturated.sum(axis=1) / np.maximum(account.responses.sum(axis=1), 1)
-    return _Outcome(result.observations.average[-len(case.steps) :].transpose(0, 2, 1), share)
+    cut_off = account.saturated.sum(axis=1) / np.maximum(account.responses.sum(axis=1), 1)
+    return [
+        {"steps": steps, "resource": name, "misallocation": far, "saturated": share}
+        for steps, average in zip(case.steps, result.observations.average[-len(case.steps) :], strict=True)
+        for name, far, share in zip(
+            _PROBLEM.resource_names,
+            distance(_PROBLEM, average.T),
+            cut_off if steps == case.steps[-1] else np.full_like(cut_off, np.nan),
+            strict=True,
+        )
+    ]
 
 
-def _rows(case: _Case, outcomes: list[_Outcome]) -> list[dict[str, Any]]:
-    rows = []
-    for outcome in outcomes:
-        for k, average in enumerate(outcome.averages):
-            far = distance(_PROBLEM, average)
-            labels = {"lag": case.lag, "loss": case.loss, "response": case.response, "steps": case.steps[k]}
-            last = case.steps[k] == case.steps[-1]
-            rows += [
-                labels
-                | {"resource": name, "misallocation": far[j]}
-                | {"saturated": outcome.saturated[j] if last else np.nan}
-                for j, name in enumerate(_PROBLEM.resource_names)
-            ]
-    return rows
-
-
-@lru_cache
-def _expected(case: _Case) -> theory.Expected | None:
-    """Predict misallocation, where responses are not cut off in the end and demand settles."""
+def _expected(case: _Case) -> list[dict[str, Any]]:
+    """Predict misallocation and the interval of 95 % of the runs, unless responses are cut off in the end."""
     try:
         found = theory.convergence(_PROBLEM, latency=case.lag, loss=case.loss, response=_WAYS[case.response])
     except (InputError, SimulationError):
-        return None
-    return found.misallocation(case.steps)
-
-
-def _of_row(row: dict[Any, Any], known: dict[_Case, theory.Expected | None]) -> tuple[float, ...]:
-    """Look up what is predicted for a row, and the interval of 95 % of the runs."""
-    place = _PROBLEM.resource_names.index(row["resource"])
-    for case, expected in known.items():
-        mine = (case.lag, case.loss, case.response) == (row["lag"], row["loss"], row["response"])
-        if mine and expected is not None and row["measure"] == "misallocation":
-            k = case.steps.index(row["steps"])
-            return tuple(float(part[k, place]) for part in expected)
-    return np.nan, np.nan, np.nan
+        return []
+    predicted = zip(case.steps, *found.misallocation(case.steps), strict=True)
+    return [
+        {**_labels(case), "measure": "misallocation", "steps": steps, "resource": name}
+        | {"theory": mean, "low": low, "high": high}
+        for steps, *parts in predicted
+        for name, mean, low, high in zip(_PROBLEM.resource_names, *parts, strict=True)
+    ]
 
 
 def _last(table: pd.DataFrame, steps: int) -> pd.DataFrame:
@@ -141,20 +125,18 @@ def _last(table: pd.DataFrame, steps: int) -> pd.DataFrame:
 
 def _shown(table: pd.DataFrame, steps: int) -> pd.DataFrame:
     """Print what is left in the end, in per cent, and in brackets what theory has for it."""
-    rows = []
-    for lag, loss, name in dict.fromkeys(
-        tuple(row) for row in _last(table, steps)[_LABELS[:3]].itertuples(index=False)
-    ):
-        mine: dict[str, Any] = {"measure": "misallocation", "lag": lag, "loss": loss, "response": name}
+    lines = []
+    for (lag, loss, name), rows in pick(table, steps=steps).groupby(_LABELS[:3], sort=False):
         cells = {
-            resource: said(table, _PERCENT, 3, **mine, steps=steps, resource=resource).replace("theory ", "")
+            resource: said(rows, _PERCENT, 3, measure="misallocation", resource=resource).replace(
+                "theory ", ""
+            )
             for resource in _PROBLEM.resource_names
         }
-        cut_off = numbers(table, **(mine | {"measure": "saturated"}), steps=steps).max()
-        rows.append(
-            {"lag": str(lag), "loss": f"{loss:g}", "response": name, **cells, "cut off": f"{cut_off:.0%}"}
-        )
-    return pd.DataFrame(rows)
+        cut_off = numbers(rows, measure="saturated").max()
+        labels = {"lag": str(lag), "loss": f"{loss:g}", "response": name}
+        lines.append({**labels, **cells, "cut off": f"{cut_off:.0%}"})
+    return pd.DataFrame(lines)
 
 
 def _page(table: pd.DataFrame, steps: int) -> str:
@@ -183,13 +165,11 @@ def _figure(table: pd.DataFrame, steps: int) -> Figure:
 
 
 def _draw_course(axes: Axes, table: pd.DataFrame, channel: tuple[int, float]) -> None:
-    for place, name in enumerate(_WAYS):
-        mine = {"lag": channel[0], "loss": channel[1], "response": name, "resource": "memory"}
-        rows = pick(table, measure="misallocation", **mine)
-        figures.points(axes, rows["steps"], rows, place, name, scale=_PERCENT)
-        figures.theory(axes, rows["steps"], rows, place, scale=_PERCENT)
-        low, high = _PERCENT * rows["low"], _PERCENT * rows["high"]
-        axes.fill_between(rows["steps"], low, high, color=colour(place), alpha=0.15, linewidth=0)
+    rows = pick(table, measure="misallocation", lag=channel[0], loss=channel[1], resource="memory")
+    figures.curves(axes, "steps", "response", rows, scale=_PERCENT)
+    for place, (_, mine) in enumerate(rows.groupby("response", sort=False)):
+        low, high = _PERCENT * mine["low"], _PERCENT * mine["high"]
+        axes.fill_between(mine["steps"], low, high, color=colour(place), alpha=0.15, linewidth=0)
 
 
 def _findings(table: pd.DataFrame, steps: int) -> list[str]:
