@@ -15,15 +15,15 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aimd_des import Clocks, Sampled, theory
+from aimd_des import Clocks, theory
 from aimd_des.lowlevel import FloatArray
 from aimd_des.plots import colour, shared_legend
-from aimd_des.study import paired_difference
+from aimd_des.study import jackknife, paired_difference
 from scenarios.common import figures
 from scenarios.common.command import Finding, command, sentences
-from scenarios.common.measure import Measures, Run, distance, distances, measure_all
+from scenarios.common.measure import Measures, Run, distance, measure, run_all
 from scenarios.common.systems import memory_alone, spread
-from scenarios.common.tables import number, numbers, pick, shown
+from scenarios.common.tables import estimate, number, numbers, pick, shown, summarise
 
 _PROBLEM = memory_alone()
 _IN_PHASE = "in phase"
@@ -31,7 +31,6 @@ _BIAS = "misallocation of the mean"
 
 
 class _Setting(NamedTuple):
-    name: str
     phase: bool = False
     drift: float = 0.0
     jitter: float = 0.0
@@ -50,16 +49,17 @@ class _Setting(NamedTuple):
         )
 
 
-_SETTINGS = (
-    _Setting(_IN_PHASE),
-    _Setting("random phases", phase=True),
-    _Setting("jitter 0.5", jitter=0.5),
-    _Setting("jitter 0.9", jitter=0.9),
-    _Setting("drift ±1 %", drift=0.01),
-    _Setting("drift ±5 %", drift=0.05),
-    _Setting("drift ±20 %", drift=0.2),
-    _Setting("all three together", phase=True, drift=0.2, jitter=0.5),
-)
+_SETTINGS = {
+    _IN_PHASE: _Setting(),
+    "random phases": _Setting(phase=True),
+    "jitter 0.5": _Setting(jitter=0.5),
+    "jitter 0.9": _Setting(jitter=0.9),
+    "drift ±1 %": _Setting(drift=0.01),
+    "drift ±5 %": _Setting(drift=0.05),
+    "drift ±20 %": _Setting(drift=0.2),
+    "all three together": _Setting(phase=True, drift=0.2, jitter=0.5),
+}
+_MEASURES = ("signals", "utilisation", "misallocation", "peak")
 
 _PANELS = (
     ("signals", 1.0, "signals per unit of time", "(a) Signals: long jitter takes more"),
@@ -72,50 +72,47 @@ _PANELS = (
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run memory of the paper's system with different clocks and the same random numbers."""
     replications, until = (3, 150.0) if quick else (20, 1500.0)
-    cases: list[tuple[dict[str, Any], Run]] = [
-        ({"clocks": setting.name}, _run(setting, until)) for setting in _SETTINGS
+    cases = [
+        Run(_PROBLEM, until, until // 3, latency=0.5, clocks=setting.clocks) for setting in _SETTINGS.values()
     ]
-    table, outcomes = measure_all(cases, replications, seed, quick, runs)
-    table = table[table["measure"] != "saturated"].reset_index(drop=True)
+    pairs = run_all(measure, cases, replications, seed, quick, runs)
+    found = {name: outcomes for name, (_, outcomes) in zip(_SETTINGS, pairs, strict=True)}
+    rows = [
+        {**_labels(name), **{key: float(getattr(one, key)[0]) for key in _MEASURES}}
+        for name, outcomes in found.items()
+        for one in outcomes
+    ]
+    table = summarise(rows, list(_labels("")))
     table["replication_std"] = table["standard_error"] * np.sqrt(replications)
     table[["effect", "effect_error"]] = [
-        _effect(row["measure"], _place(row["clocks"]), outcomes) for row in table.to_dict("records")
+        _effect(row["measure"], found[row["clocks"]], found[_IN_PHASE]) for row in table.to_dict("records")
     ]
-    table = pd.concat([table, pd.DataFrame(_pooled(outcomes))], ignore_index=True)
+    table = pd.concat([table, pd.DataFrame(_pooled(found))], ignore_index=True)
     table["theory"] = [
-        _expected(row["measure"], _SETTINGS[place], outcomes[place])
-        for row in table.to_dict("records")
-        for place in [_place(row["clocks"])]
+        _expected(row["measure"], row["clocks"], found[row["clocks"]]) for row in table.to_dict("records")
     ]
     settings = {"seed": seed, "replications": replications, "until": until}
     printed = _shown(table)
     return Finding("clocks", settings, table, printed, _findings(table), {"clocks": partial(_figure, table)})
 
 
-def _run(setting: _Setting, until: float) -> Run:
-    return Run(_PROBLEM, until, until // 3, "discrete", Sampled(), latency=0.5, clocks=setting.clocks)
+def _labels(name: str) -> dict[str, str]:
+    return {"clocks": name, "resource": "memory"}
 
 
-def _place(name: str) -> int:
-    return [setting.name for setting in _SETTINGS].index(name)
-
-
-def _effect(measure: str, place: int, outcomes: list[list[Measures]]) -> tuple[float, float]:
+def _effect(key: str, here: list[Measures], there: list[Measures]) -> tuple[float, float]:
     """Compare runs of the same seeds: mean difference from clocks in phase, and its standard error."""
-    here, there = ([getattr(run, measure)[0] for run in outcomes[which]] for which in (place, 0))
-    found = paired_difference(here, there)
+    one, other = ([getattr(run, key)[0] for run in runs] for runs in (here, there))
+    found = paired_difference(one, other)
     return found.mean, found.standard_error
 
 
-def _pooled(outcomes: list[list[Measures]]) -> list[dict[str, Any]]:
+def _pooled(found: dict[str, list[Measures]]) -> list[dict[str, Any]]:
     """Measure shares without the random error of single runs: by the mean of the averages over all runs."""
-    pairs = zip(_SETTINGS, outcomes, strict=True)
-    labelled = [({"clocks": setting.name, "resource": "memory"}, runs) for setting, runs in pairs]
-    optima = {_BIAS: None}
+    off = partial(distance, _PROBLEM)
     return [
-        row
-        for labels, runs in labelled
-        for row in distances(labels, _PROBLEM, [run.average for run in runs], optima)
+        estimate(_labels(name), _BIAS, jackknife([run.average for run in runs], off), len(runs))
+        for name, runs in found.items()
     ]
 
 
@@ -125,14 +122,15 @@ def _predicted() -> theory.Prediction:
     return theory.predict(_PROBLEM, "discrete", latency=1.0)
 
 
-def _expected(measure: str, setting: _Setting, runs: list[Measures]) -> float:
+def _expected(key: str, name: str, runs: list[Measures]) -> float:
     """Predict what there is a formula for, or NaN: in phase, and shares if fast clocks add more often."""
-    if measure in ("signals", "utilisation") and setting == _SETTINGS[0]:
-        return float(getattr(_predicted(), measure)[0])
-    if measure != _BIAS or not setting.drift:
+    setting = _SETTINGS[name]
+    if key in ("signals", "utilisation") and name == _IN_PHASE:
+        return float(getattr(_predicted(), key)[0])
+    if key != _BIAS or not setting.drift:
         return np.nan
     signals, repeated = (
-        float(np.mean([getattr(run, name)[0] for run in runs])) for name in ("signals", "repeated")
+        float(np.mean([getattr(run, each)[0] for run in runs])) for each in ("signals", "repeated")
     )
     # An agent adds at all its ticks but those with a signal.  Of two signals a unit apart one is
     # latched twice, and so lost, where no tick of a slow clock comes in between.
@@ -146,8 +144,8 @@ def _expected(measure: str, setting: _Setting, runs: list[Measures]) -> float:
 
 def _figure(table: pd.DataFrame) -> Figure:
     figure, panels = figures.panels(1, 4, (14.0, 4.4), sharey=True)
-    for axes, (measure, factor, label, title) in zip(panels, _PANELS, strict=True):
-        _draw(axes, pick(table, measure=measure), factor)
+    for axes, (key, factor, label, title) in zip(panels, _PANELS, strict=True):
+        _draw(axes, pick(table, measure=key), factor)
         figures.dress(axes, title, label, numbers="x")
     shared_legend(figure)
     return figure
@@ -176,27 +174,25 @@ def _shown(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
-    apart = [setting.name for setting in _SETTINGS[1:]]
-    shift = {
-        measure: max(apart, key=partial(_size, table, measure)) for measure in ("signals", "utilisation")
-    }
-    effect = {
-        measure: number(table, "effect", measure=measure, clocks=name) for measure, name in shift.items()
-    }
-    noise = {measure: number(table, "replication_std", measure=measure) for measure in shift}
-    peak, bias = (numbers(table, measure=measure) for measure in ("peak", _BIAS))
-    widest = _place("drift ±20 %")
+    apart = list(_SETTINGS)[1:]
+    shift = {key: max(apart, key=partial(_size, table, key)) for key in ("signals", "utilisation")}
+    effect = {key: number(table, "effect", measure=key, clocks=name) for key, name in shift.items()}
+    noise = {key: number(table, "replication_std", measure=key) for key in shift}
+
+    def percent(key: str, name: str, column: str = "mean") -> float:
+        return 100.0 * number(table, column, measure=key, clocks=name)
+
     still = [name for name in apart if not np.any(_effects(table, name))]
-    settled = 100.0 * numbers(table, "theory", measure=_BIAS)[widest]
+    random, widest = "random phases", "drift ±20 %"
     lines = sentences(f"""
         - Signals change by at most {effect["signals"]:+.4f} a step ({shift["signals"]}; runs in phase scatter
           by {noise["signals"]:.4f}), utilisation by at most {100 * effect["utilisation"]:+.2f} points
           ({shift["utilisation"]}; scatter {100 * noise["utilisation"]:.2f}).
-        - Peaks are {100 * (peak[0] - 1.0):.1f} % above the capacity in phase and {100 * (peak[1] - 1.0):.1f}
-          % with random phases: total demand then grows evenly.
-        - Shares stay right unless clocks drift: they are {100 * bias[0]:.1f} % off in phase,
-          {100 * bias[1]:.1f} % with random phases and {100 * bias[widest]:.1f} % with drift ±20 %, where
-          theory has {settled:.1f} %: a fast clock adds more often.
+        - Peaks are {percent("peak", _IN_PHASE) - 100.0:.1f} % above the capacity in phase and
+          {percent("peak", random) - 100.0:.1f} % with random phases: total demand then grows evenly.
+        - Shares stay right unless clocks drift: they are {percent(_BIAS, _IN_PHASE):.1f} % off in phase,
+          {percent(_BIAS, random):.1f} % with random phases and {percent(_BIAS, widest):.1f} % with drift
+          ±20 %, where theory has {percent(_BIAS, widest, "theory"):.1f} %: a fast clock adds more often.
     """)
     lines += [
         f"{name} changes nothing, to the last bit: every signal is still answered at the same tick."
@@ -210,8 +206,8 @@ def _effects(table: pd.DataFrame, name: str) -> FloatArray:
     return found[~np.isnan(found)]
 
 
-def _size(table: pd.DataFrame, measure: str, name: str) -> float:
-    return abs(number(table, "effect", measure=measure, clocks=name))
+def _size(table: pd.DataFrame, key: str, name: str) -> float:
+    return abs(number(table, "effect", measure=key, clocks=name))
 
 
 main = command("clocks", study, __doc__)

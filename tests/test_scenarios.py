@@ -22,7 +22,7 @@ from models.smart_cameras import smart_cameras
 from scenarios import paper
 from scenarios.common import figures
 from scenarios.common.command import Finding, write
-from scenarios.common.measure import Measures, Run, measure, measure_all, run_draws
+from scenarios.common.measure import Measures, Run, measure, run_draws
 from scenarios.common.systems import memory_alone, spread
 from scenarios.common.tables import over_draws, summarise, summarise_draws, table_of
 from scenarios.theory_table import accuracy as accuracy_rows
@@ -246,11 +246,6 @@ def test_measures_count_from_the_start_that_was_asked_for() -> None:
     assert found.utilisation[0] == pytest.approx(late["total"].mean() / 32.0, abs=1e-3)
     assert found.peak[0] == pytest.approx(late["total"].max() / 32.0, abs=60 * 0.025 * 0.01 / 32.0 + 1e-12)
     assert found.average[:, 0] == pytest.approx(result.average_at_end[:, 0])
-    table, outcomes = measure_all(
-        [({"way": "a"}, Run(problem, 60.0, 20.0, "continuous", Crossing(0.5)))], 2, 1, quick=True
-    )
-    assert outcomes[0][0].signals == found.signals
-    assert set(table["measure"]) == {"signals", "utilisation", "misallocation", "peak", "saturated"}
 
 
 @pytest.mark.parametrize(

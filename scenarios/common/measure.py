@@ -9,7 +9,6 @@ from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
 
 from aimd_des import (
     BroadcastChannel,
@@ -30,14 +29,11 @@ from aimd_des.interventions import CapacityStep
 from aimd_des.latency import Constant
 from aimd_des.loss import Bernoulli
 from aimd_des.lowlevel import Channel, FloatArray, ProcessGenerator, System
-from aimd_des.study import jackknife, replicate
+from aimd_des.study import replicate
 from aimd_des.theory import reweighted_optimum
-from scenarios.common.tables import estimate, summarise
 
 _Case = TypeVar("_Case")
 _Outcome = TypeVar("_Outcome")
-
-_COLUMNS = ("signals", "utilisation", "misallocation", "peak", "saturated")
 
 # A signal that comes so soon after another can find it still in the latch of a slow clock.
 _SOON = 1.5
@@ -306,39 +302,3 @@ def rows_of(
 
 def _run_draw(function: Callable[[_Case, int, int], _Outcome], case: _Case, draw: int, seed: int) -> _Outcome:
     return function(case, draw, seed + _SEEDS_A_DRAW * draw)
-
-
-def distances(
-    labels: Mapping[str, Any], problem: Problem, averages: Sequence[FloatArray], optima: Mapping[str, Any]
-) -> list[dict[str, Any]]:
-    """Measure how far the mean of averages is from optima of reweighted costs, or plain ones, by name.
-
-    The mean over replications is free of the random error of single runs.
-    """
-    return [
-        estimate(
-            labels, name, jackknife(averages, partial(distance, problem, weights=weights)), len(averages)
-        )
-        for name, weights in optima.items()
-    ]
-
-
-def measure_all(
-    cases: Sequence[tuple[Mapping[str, Any], Run]],
-    replications: int,
-    seed: int,
-    quick: bool,
-    runs: Path | None = None,
-) -> tuple[pd.DataFrame, list[list[Measures]]]:
-    """Run cases, labels and what to run, with the same seeds.
-
-    Gives a table, and for each case the measures of one replication after the other.
-    """
-    pairs = run_all(measure, [run for _, run in cases], replications, seed, quick, runs)
-    rows = [
-        {**labels, "resource": name, **{column: float(getattr(found, column)[j]) for column in _COLUMNS}}
-        for (labels, _), (run, outcomes) in zip(cases, pairs, strict=True)
-        for j, name in enumerate(run.problem.resource_names)
-        for found in outcomes
-    ]
-    return summarise(rows, [*cases[0][0], "resource"]), [outcomes for _, outcomes in pairs]
