@@ -76,10 +76,8 @@ CLAIMS = (
         "2.26 ± 0.03",
         10,
         [
-            continuous_vs_discrete.Case(place, 4_000.0)
+            continuous_vs_discrete.Case(name, 4_000.0)
             for name in ("continuous, sampled", "continuous, crossing")
-            for place, way in enumerate(continuous_vs_discrete.WAYS)
-            if way.name == name
         ],
         continuous_vs_discrete.measured,
         lambda sampled, crossing: 100.0 * float(sampled.utilisation[0] - crossing.utilisation[0]),

@@ -27,7 +27,6 @@ from scenarios.common.tables import over_draws, pick, shown, summarise_draws
 
 
 class _Way(NamedTuple):
-    name: str
     dynamics: Literal["discrete", "continuous"]
     unit: Sampled | Crossing
     latency: float = 0.0
@@ -36,13 +35,17 @@ class _Way(NamedTuple):
     steps_above: float = 0.0
 
 
-_CLOCK = _Way("clock", "discrete", Sampled(), steps_above=1.0)
-_LATER = _Way("clock, acts a step later", "discrete", Sampled(), 1.0, steps_above=2.0)
-_LOOKS = _Way("continuous, sampled", "continuous", Sampled(), period=1.0, steps_above=1.0)
-_LOOKS_LATER = _Way("continuous, sampled, latency 1", "continuous", Sampled(), 1.0, 1.0, steps_above=2.0)
-_CROSSING = _Way("continuous, crossing", "continuous", Crossing(0.0))
-_CROSSING_LATER = _Way("continuous, crossing, latency 1", "continuous", Crossing(1.0), 1.0, steps_above=1.0)
-WAYS = (_CLOCK, _LATER, _LOOKS, _LOOKS_LATER, _CROSSING, _CROSSING_LATER)
+_CLOCK, _LATER = "clock", "clock, acts a step later"
+_LOOKS, _LOOKS_LATER = "continuous, sampled", "continuous, sampled, latency 1"
+_CROSSING, _CROSSING_LATER = "continuous, crossing", "continuous, crossing, latency 1"
+WAYS = {
+    _CLOCK: _Way("discrete", Sampled(), steps_above=1.0),
+    _LATER: _Way("discrete", Sampled(), 1.0, steps_above=2.0),
+    _LOOKS: _Way("continuous", Sampled(), period=1.0, steps_above=1.0),
+    _LOOKS_LATER: _Way("continuous", Sampled(), 1.0, 1.0, steps_above=2.0),
+    _CROSSING: _Way("continuous", Crossing(0.0)),
+    _CROSSING_LATER: _Way("continuous", Crossing(1.0), 1.0, steps_above=1.0),
+}
 # What is told apart: the way with it, less the way without.
 _CAUSES = {
     "sampling, continuous": (_LOOKS, _CROSSING),
@@ -52,7 +55,7 @@ _CAUSES = {
     "a step later, crossing": (_CROSSING_LATER, _CROSSING),
 }
 _START = 250.0
-_MEASURES = ("signals", "utilisation", "peak", "misallocation")
+_MEASURES = ["signals", "utilisation", "peak", "misallocation"]
 _PANELS = (
     ("signals", 1.0, "signals per unit of time", "(a) Signals: rho, rho / (1 + rho)"),
     ("utilisation", 100.0, "averages over capacity (%)", "(b) Use: what samples uses more"),
@@ -64,35 +67,27 @@ _PANELS = (
 class Case(NamedTuple):
     """A run: its way and its length."""
 
-    way: int  # place among the ways
+    way: str
     until: float
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Run the paper's system in six ways, with draws of the costs, for two lengths."""
     draws, lengths = (2, (350.0,)) if quick else (10, (1_000.0, 4_000.0))
-    cases = [Case(way, until) for until in lengths for way in range(len(WAYS))]
-    found = run_draws(measured, cases, draws, 1, seed, quick, runs)
+    cases = [Case(way, until) for until in lengths for way in WAYS]
     names = smart_cameras(0).resource_names
-    outcomes = {(WAYS[case.way], case.until): [one for (one,) in each] for case, each in found}
-    rows = [
-        {
-            **_numbers(names, j, way.name, until, draw),
-            **{key: float(getattr(one, key)[j]) for key in _MEASURES},
-        }
-        for (way, until), each in outcomes.items()
-        for draw, one in enumerate(each)
-        for j in range(len(names))
-    ]
-    rows += [
-        {**_numbers(names, j, cause, until, draw), **{key: _less(key, *pair)[j] for key in _MEASURES}}
-        for until in lengths
-        for cause, ways in _CAUSES.items()
-        for draw, pair in enumerate(zip(*(outcomes[way, until] for way in ways), strict=True))
-        for j in range(len(names))
-    ]
-    table = summarise_draws(rows, ["way", "until", "resource"])
-    expected = {way.name: _expected(way, range(seed, seed + draws)) for way in WAYS}
+    ways = pd.DataFrame(
+        [
+            {**case._asdict(), "resource": names[j], "draw": draw}
+            | {key: float(getattr(one, key)[j]) for key in _MEASURES}
+            for case, found in run_draws(measured, cases, draws, 1, seed, quick, runs)
+            for draw, (one,) in enumerate(found)
+            for j in range(len(names))
+        ]
+    )
+    causes = [_less(ways, cause, until) for until in lengths for cause in _CAUSES]
+    table = summarise_draws(pd.concat([ways, *causes]), ["way", "until", "resource"])
+    expected = {name: _expected(way, range(seed, seed + draws)) for name, way in WAYS.items()}
     table["theory"] = [
         expected.get(row["way"], {}).get(row["measure"], np.full(3, np.nan))[names.index(row["resource"])]
         for row in table.to_dict("records")
@@ -103,14 +98,13 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     return Finding("continuous_vs_discrete", settings, table, printed, _findings(table, names), drawn)
 
 
-def _numbers(names: Any, j: int, way: str, until: float, draw: int) -> dict[str, Any]:
-    return {"way": way, "until": until, "resource": names[j], "draw": draw}
-
-
-def _less(key: str, one: Measures, other: Measures) -> Any:
-    """Subtract; signals are divided."""
-    first, second = getattr(one, key), getattr(other, key)
-    return first / second if key == "signals" else first - second
+def _less(runs: pd.DataFrame, cause: str, until: float) -> pd.DataFrame:
+    """Subtract what one way has from what another has, draw by draw; signals are divided."""
+    one, other = (
+        pick(runs, way=way, until=until).set_index(["resource", "draw"])[_MEASURES] for way in _CAUSES[cause]
+    )
+    less = (one - other).assign(signals=one["signals"] / other["signals"])
+    return less.assign(way=cause, until=until).reset_index()
 
 
 def measured(case: Case, draw: int, seed: int) -> Measures:
@@ -152,11 +146,11 @@ def _figure(table: pd.DataFrame, resources: tuple[str, ...]) -> Figure:
 
 def _draw(axes: Axes, rows: pd.DataFrame, resources: list[str], factor: float) -> None:
     for place, way in enumerate(WAYS):
-        mine = pick(rows, way=way.name)
+        mine = pick(rows, way=way)
         beside = np.arange(len(resources)) + 0.13 * (place - 2.5)
         expected = factor * mine["theory"]
         axes.hlines(expected, beside - 0.06, beside + 0.06, color="black", linewidth=1.4, zorder=3)
-        figures.points(axes, beside, mine, place, way.name, scale=factor, markersize=6.0)
+        figures.points(axes, beside, mine, place, way, scale=factor, markersize=6.0)
     figures.named(axes, "theory", color="black")
     axes.set_xticks(range(len(resources)), resources)
 
@@ -169,12 +163,12 @@ def _findings(table: pd.DataFrame, names: tuple[str, ...]) -> list[str]:
         rows = pick(table, way=way, measure=name, until=until)
         return " / ".join(over_draws(rows, scale, digits, resource=resource) for resource in names)
 
-    def peak(way: _Way) -> str:
-        values = 100.0 * (pick(table, way=way.name, measure="peak", until=lengths[0])["mean"] - 1.0)
+    def peak(way: str) -> str:
+        values = 100.0 * (pick(table, way=way, measure="peak", until=lengths[0])["mean"] - 1.0)
         return f"{values.min():.1f} to {values.max():.1f} %"
 
     used = {cause: say(cause, "utilisation") for cause in _CAUSES}
-    off = [say(way.name, "misallocation", until=until) for until in lengths for way in (_CLOCK, _CROSSING)]
+    off = [say(way, "misallocation", until=until) for until in lengths for way in (_CLOCK, _CROSSING)]
     return sentences(f"""
         - Signals, {" / ".join(names)}: the clock has {say("the clock, sampled", "signals", 2)} of those of
           continuous agents that are sampled: 1 / (1 + rho).
