@@ -5,7 +5,6 @@ the loss, and hardly on the latency. With half of the hold-off 20 % has a probab
 threshold helps against low peaks alone, and with fractional cuts splitting found none of these peaks.
 """  # noqa: D400 - a question
 
-from collections.abc import Iterable
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -67,17 +66,6 @@ class Size(NamedTuple):
     levels: tuple[float, ...]
 
 
-class Found(NamedTuple):
-    """Levels at which paths were split, ascending, and how likely peaks that high are."""
-
-    level: list[float]
-    mean: list[float]
-    standard_error: list[float]
-    low: list[float]
-    high: list[float]
-    gain: float  # work of plain runs over that of splitting, for the highest level
-
-
 _BASE = Setting()
 _USUAL = Size(200.0, 120, 6, LEVELS)
 _QUICK = Size(200.0, 20, 3, LEVELS[:1])
@@ -104,8 +92,12 @@ _TITLES = {
 }
 
 
-def estimate(setting: Setting, size: Size, seed: int) -> Found:
-    """Estimate how likely peaks are; the highest levels are left out if splitting does not come to them."""
+def estimate(setting: Setting, seed: int, size: Size) -> list[dict[str, float]]:
+    """Estimate how likely peaks are, a row for each level at which paths were split, ascending.
+
+    Levels that splitting does not come to are left out.  The gain, of the highest level, is the work of plain
+    runs over that of splitting.
+    """
     simulation = sensed(
         lowered(memory_alone(_N), setting.threshold),
         setting.hold_off,
@@ -113,29 +105,22 @@ def estimate(setting: Setting, size: Size, seed: int) -> Found:
         response=_RESPONSES[setting.response],
         seed=seed,
     )
-    for count in range(len(size.levels), 0, -1):
-        *via, level = size.levels[:count]
+    paths = size._asdict()
+    levels = paths.pop("levels")
+    for count in range(len(levels), 0, -1):
+        *via, level = levels[:count]
         try:
-            found = rare_event(
-                simulation,
-                level=level,
-                via=via,
-                within=WITHIN,
-                after=size.after,
-                trials=size.trials,
-                repetitions=size.repetitions,
-            )
+            found = rare_event(simulation, level=level, via=via, within=WITHIN, **paths)
         except SimulationError:
             continue
-        return Found(
-            level=list(found.levels),
-            mean=[each.mean for each in found.reached],
-            standard_error=[each.standard_error for each in found.reached],
-            low=[each.low for each in found.reached],
-            high=[each.high for each in found.reached],
-            gain=found.gain,
-        )
-    return Found([], [], [], [], [], np.nan)
+        names, walk = ("mean", "standard_error", "low", "high"), expected(setting, found.levels)
+        rows = [
+            {"level": level, **{name: getattr(each, name) for name in names}, "theory": known, "gain": np.nan}
+            for level, each, known in zip(found.levels, found.reached, walk, strict=True)
+        ]
+        rows[-1]["gain"] = found.gain
+        return rows
+    return []
 
 
 @lru_cache
@@ -143,8 +128,12 @@ def expected(setting: Setting, levels: tuple[float, ...]) -> tuple[float, ...]:
     """Predict how likely peaks are from the share of time that the walk of theory is above levels.
 
     The total is cut at the next signal that arrives, so that it stays above a level for half a hold-off in
-    the mean; stays within the time come independently.  NaN where the walk has next to no time there.
+    the mean; stays within the time come independently.  NaN where the walk has next to no time there, and for
+    bursts and other responses than the paper's, which the walk does not know.
     """
+    unknown = (np.nan,) * len(levels)
+    if setting.burst or setting.response != _PAPER:
+        return unknown
     problem = lowered(memory_alone(_N), setting.threshold)
     try:
         share = theory.time_above(
@@ -156,60 +145,29 @@ def expected(setting: Setting, levels: tuple[float, ...]) -> tuple[float, ...]:
             hold_off=setting.hold_off,
         )[:, 0]
     except (InputError, SimulationError):  # signals do not suffice
-        return (np.nan,) * len(levels)
+        return unknown
     chance = -np.expm1(-share * WITHIN / (0.5 * setting.hold_off))
     return tuple(np.where(share < _LEAST_SHARE, np.nan, chance).tolist())
-
-
-def _is_of_theory(setting: Setting) -> bool:
-    """Whether the walk knows the setting: independent losses, and the paper's response."""
-    return setting.burst == 0.0 and setting.response == _PAPER
 
 
 def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Finding:
     """Estimate the peaks of ten cameras behind channels, control units and responses."""
     size = _QUICK if quick else _USUAL
-    shown = [_BASE, _PANELS[_LOSS]["loss 0.45"]] if quick else list(dict.fromkeys(_settings()))
-    pairs = run_all(partial(_measure, size), shown, 1, seed, quick, runs)
-    table = _table({setting: found for setting, (found,) in pairs})
+    every = (setting for panel in _PANELS.values() for setting in panel.values())
+    shown = [_BASE, _PANELS[_LOSS]["loss 0.45"]] if quick else list(dict.fromkeys(every))
+    pairs = run_all(partial(estimate, size=size), shown, 1, seed, quick, runs)
+    found = {setting: rows for setting, (rows,) in pairs}
+    table = pd.DataFrame(
+        [
+            {"panel": panel, "setting": name, **row}
+            for panel, settings in _PANELS.items()
+            for name, setting in settings.items()
+            for row in found.get(setting, [])
+        ]
+    )
     settings = {"seed": seed, "after": size.after, "trials": size.trials, "repetitions": size.repetitions}
     drawn = {"rare": partial(_figure, table, shown)}
     return Finding("rare", settings, table, _printed(table), _findings(table), drawn)
-
-
-def _measure(size: Size, setting: Setting, seed: int) -> Found:
-    return estimate(setting, size, seed)
-
-
-def _settings() -> Iterable[Setting]:
-    return (setting for panel in _PANELS.values() for setting in panel.values())
-
-
-def _table(found: dict[Setting, Found]) -> pd.DataFrame:
-    """List each setting of each panel, a row for each level that splitting has come to."""
-    rows: list[dict[str, Any]] = []
-    for panel, settings in _PANELS.items():
-        for name, setting in settings.items():
-            if setting not in found:
-                continue
-            one, labels = found[setting], {"panel": panel, "setting": name}
-            known = (
-                expected(setting, tuple(one.level)) if _is_of_theory(setting) else (np.nan,) * len(one.level)
-            )
-            rows += [
-                {
-                    **labels,
-                    "level": level,
-                    "mean": mean,
-                    "standard_error": error,
-                    "low": low,
-                    "high": high,
-                    "theory": walk,
-                    "gain": one.gain if level == one.level[-1] else np.nan,
-                }
-                for level, mean, error, low, high, walk in zip(*one[:5], known, strict=True)
-            ]
-    return pd.DataFrame(rows)
 
 
 def _printed(table: pd.DataFrame) -> pd.DataFrame:
@@ -223,8 +181,10 @@ def _printed(table: pd.DataFrame) -> pd.DataFrame:
             "95 % interval": [
                 f"{low:.2g} to {high:.2g}" for low, high in zip(rows["low"], rows["high"], strict=True)
             ],
-            "theory": ["" if np.isnan(value) else f"{value:.2g}" for value in rows["theory"]],
-            "gain": ["" if np.isnan(value) else f"{value:.2g}" for value in rows["gain"]],
+            **{
+                name: ["" if np.isnan(value) else f"{value:.2g}" for value in rows[name]]
+                for name in ("theory", "gain")
+            },
         }
     )
 
@@ -236,9 +196,8 @@ def _figure(table: pd.DataFrame, shown: list[Setting]) -> Figure:
             if setting not in shown:
                 continue
             _draw(axes, pick(table, panel=panel, setting=name), place, name)
-            if _is_of_theory(setting):
-                walk = expected(setting, tuple(_GRID.tolist()))
-                axes.plot(100.0 * _GRID - 100.0, walk, ":", color=colour(place), linewidth=1.3)
+            walk = expected(setting, tuple(_GRID.tolist()))
+            axes.plot(100.0 * _GRID - 100.0, walk, ":", color=colour(place), linewidth=1.3)
         figures.named(axes, "theory's walk", ":", linewidth=1.3)
         axes.set_yscale("log")
         x, y = "peak above the capacity (%)", f"probability within {WITHIN:g} periods"

@@ -4,29 +4,27 @@ import math
 
 import pytest
 
-from scenarios.rare import LEVELS, Found, Setting, Size, estimate, expected
+from scenarios.rare import LEVELS, Setting, Size, estimate, expected
 
 SMALL = Size(after=100.0, trials=15, repetitions=4, levels=(1.1,))
 
 
-def at(found: Found, level: float) -> tuple[float, float]:
+def at(found: list[dict[str, float]], level: float) -> tuple[float, float]:
     """The probability of a peak, and its standard error."""
-    place = found.level.index(level)
-    return found.mean[place], found.standard_error[place]
+    (row,) = [row for row in found if row["level"] == level]
+    return row["mean"], row["standard_error"]
 
 
 def test_loss_makes_peaks_likelier() -> None:
-    lossy, lossless = (at(estimate(Setting(loss=loss), SMALL, 0), 1.1) for loss in (0.3, 0.0))
+    lossy, lossless = (at(estimate(Setting(loss=loss), 0, SMALL), 1.1) for loss in (0.3, 0.0))
     assert lossy[0] - lossless[0] > 4.0 * math.hypot(lossy[1], lossless[1])
 
 
 def test_levels_out_of_reach_are_left_out() -> None:
-    found = estimate(Setting(), SMALL._replace(levels=(1.1, 9.0)), 0)
-    assert found.level[-1] == 1.1
-    assert found.mean == estimate(Setting(), SMALL, 0).mean
-    nothing = estimate(Setting(), SMALL._replace(levels=(9.0,)), 0)
-    assert nothing.level == []
-    assert math.isnan(nothing.gain)
+    found, reached = (estimate(Setting(), 0, SMALL._replace(levels=by)) for by in ((1.1, 9.0), (1.1,)))
+    assert found[-1]["level"] == 1.1
+    assert [row["mean"] for row in found] == [row["mean"] for row in reached]
+    assert estimate(Setting(), 0, SMALL._replace(levels=(9.0,))) == []
 
 
 @pytest.mark.parametrize("setting", [Setting(), Setting(latency=1.0), Setting(loss=0.45)])
