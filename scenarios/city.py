@@ -30,7 +30,6 @@ _HOLD_OFF = 1.0
 # The last stretch of a run, which is drawn, and how often it is looked at.
 _STRETCH, _LOOK = 20.0, 0.05
 _EARLY = "misallocation, first quarter"
-_MEASURES = ("signals", "utilisation", "misallocation", "consensus spread", "scatter", _EARLY)
 _LABELS = ["cameras", "resource"]
 _NAMES = smart_cameras().resource_names
 
@@ -41,9 +40,9 @@ class _Size(NamedTuple):
 
 
 class _City(NamedTuple):
-    """What a run of one size comes to, by measure and resource, and the last stretch of it."""
+    """What a run of one size comes to, and the last stretch of it."""
 
-    values: FloatArray  # (measures, m)
+    values: dict[str, FloatArray]  # (m,), by measure
     # (q,) and (q, m): times, and totals over the capacities.
     time: FloatArray
     load: FloatArray
@@ -59,9 +58,10 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
         ((_, found),) = run_draws(_city, [_Size(cameras, until)], count, 1, seed, quick, runs)
         cities[cameras] = found[0][0]
         rows += [
-            {"cameras": cameras, "resource": name, "draw": draw, **dict(zip(_MEASURES, column, strict=True))}
+            {"cameras": cameras, "resource": name, "draw": draw}
+            | {measure: float(values[j]) for measure, values in city.values.items()}
             for draw, (city,) in enumerate(found, start=seed)
-            for name, column in zip(_NAMES, city.values.T.tolist(), strict=True)
+            for j, name in enumerate(_NAMES)
         ]
     table = summarise_draws(rows, _LABELS)
     settings = {"seed": seed, "until": until, **_CHANNEL, "hold_off": _HOLD_OFF}
@@ -81,21 +81,21 @@ def _city(size: _Size, draw: int, seed: int) -> _City:
     )
     result = quietly(simulation, until)
     load = result.observations.total_demand / problem.capacity
-    return _City(np.array(_measured(result, until)), result.observations.demand_times, load)
+    return _City(_measured(result), result.observations.demand_times, load)
 
 
-def _measured(result: Result, until: float) -> list[Any]:
+def _measured(result: Result) -> dict[str, FloatArray]:
     """Measure signals per unit of time since the first, averages at the end, and how peaks scatter."""
     problem, average, sent = result.problem, result.average_at_end, result.signals_sent
     first = np.array([sent.time[sent.resource == j].min() for j in range(problem.n_resources)])
-    return [
-        sent.counts(problem.n_resources) / (until - first),
-        metrics.utilisation(average, problem.capacity),
-        distance(problem, average),
-        metrics.consensus_spread(problem.costs, average),
-        _scatter(result),
-        distance(problem, result.observations.average[0].T),
-    ]
+    return {
+        "signals": sent.counts(problem.n_resources) / (result.until - first),
+        "utilisation": metrics.utilisation(average, problem.capacity),
+        "misallocation": distance(problem, average),
+        "consensus spread": metrics.consensus_spread(problem.costs, average),
+        "scatter": _scatter(result),
+        _EARLY: distance(problem, result.observations.average[0].T),
+    }
 
 
 def _scatter(result: Result) -> FloatArray:
@@ -108,7 +108,7 @@ def _scatter(result: Result) -> FloatArray:
 
 def _figure(cities: dict[int, _City], table: pd.DataFrame) -> Figure:
     figure, (left, middle, right) = figures.panels(1, 3, (13.0, 4.6))
-    names = list(dict.fromkeys(table["resource"]))
+    names = list(_NAMES)
     for axes, cameras, letter in ((left, min(cities), "a"), (middle, max(cities), "b")):
         city = cities[cameras]
         for j, name in enumerate(names):
@@ -129,16 +129,8 @@ def _draw_sizes(axes: Axes, table: pd.DataFrame, names: list[str]) -> None:
             axes.plot(x, y, style, color=colour(j), markerfacecolor=face, linewidth=1.2)
     figures.named(axes, "distance from the optimum", "o-")
     figures.named(axes, "scatter of the times between signals", "s--", markerfacecolor="white")
-    across, up = "number of cameras", "distance, and scatter over the mean (%)"
-    figures.dress(
-        axes,
-        "(c) Random error over the number of cameras",
-        across,
-        up,
-        numbers="",
-        xscale="log",
-        yscale="log",
-    )
+    title, up = "(c) Random error over the number of cameras", "distance, and scatter over the mean (%)"
+    figures.dress(axes, title, "number of cameras", up, numbers="", xscale="log", yscale="log")
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter("")
 
@@ -159,11 +151,8 @@ def _findings(table: pd.DataFrame, until: float) -> list[str]:
     few, many = int(table["cameras"].min()), int(table["cameras"].max())
 
     def each(cameras: int, measure: str, scale: float = 1.0, digits: int = 2) -> str:
-        rows = table.loc[(table["cameras"] == cameras) & (table["measure"] == measure), "resource"]
-        found = (
-            over_draws(table, scale, digits, cameras=cameras, measure=measure, resource=name) for name in rows
-        )
-        return ", ".join(found)
+        rows = pick(table, cameras=cameras, measure=measure)
+        return ", ".join(over_draws(rows, scale, digits, resource=name) for name in _NAMES)
 
     luck = (
         f"{each(cameras, _EARLY, 100.0, 1)} after {0.25 * until:g} and"
