@@ -6,9 +6,8 @@ exceptions. Shares stay right to within 3.2 % on both sides, until responses are
 Latency is paid in excess over the capacity, loss in signals.
 """  # noqa: D400 - a question
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,6 +26,7 @@ from aimd_des.lowlevel import FloatArray
 from aimd_des.study import read_study, summarise
 from models.smart_cameras import smart_cameras
 from scenarios.common.command import Finding, command, sentences
+from scenarios.common.tables import pick
 
 
 class _Map(NamedTuple):
@@ -61,16 +61,16 @@ def study(quick: bool = False, seed: int = 0, runs: Path | None = None) -> Findi
     """Run the paper's system over latency and loss, continuous and discrete."""
     described = _described(quick, seed)
     # A thread will do for a second's work: a process would take longer to start.
-    with _folder(runs) as folder, ThreadPoolExecutor(1) as thread:
+    with TemporaryDirectory(prefix="delay_loss.") as temporary, ThreadPoolExecutor(1) as thread:
+        folder = runs or Path(temporary) / "runs"
         frame = run_study(described, folder, thread if quick else None, 1 if quick else None).runs
-    table = _table(frame)
-    critical = _critical()
-    table["theory"] = [critical[row["dynamics"], row["resource"]] for row in table.to_dict("records")]
+    table, critical = _table(frame), _critical()
+    table["theory"] = [critical[row["resource"]][row["dynamics"]] for row in table.to_dict("records")]
     settings = {"seed": seed, "replications": described.replications, "until": described.scenario["until"]}
     printed = _shown(table)
     drawn = {
-        f"delay_loss_{name}": partial(_draw, _means(table, name), _lines(critical, name), name)
-        for name in dict.fromkeys(table["resource"].astype(str))
+        f"delay_loss_{name}": partial(_draw, _wide(pick(table, resource=name), _AXES), critical[name], name)
+        for name in critical
     }
     return Finding("delay_loss", settings, table, printed, _findings(table), drawn)
 
@@ -91,16 +91,6 @@ def _described(quick: bool, seed: int) -> Study:
     return full.model_copy(update={"replications": replications, "axes": axes, "scenario": scenario})
 
 
-@contextmanager
-def _folder(runs: Path | None) -> Iterator[Path]:
-    """Give the folder of the runs, or one that is gone afterwards."""
-    if runs is not None:
-        yield runs
-        return
-    with TemporaryDirectory(prefix="delay_loss.") as temporary:
-        yield Path(temporary) / "runs"
-
-
 def _table(frame: pd.DataFrame) -> pd.DataFrame:
     """Make means and standard errors of the measures that are shown, in the units of the maps."""
     shown = frame.assign(
@@ -112,25 +102,20 @@ def _table(frame: pd.DataFrame) -> pd.DataFrame:
     return summarise(shown, [*_AXES, "resource"], list(_PRINTED))
 
 
-def _critical() -> dict[tuple[str, str], float]:
-    """Compute the loss that is survived, for each dynamics and resource of the first draw of the costs."""
+def _critical() -> dict[str, dict[str, float]]:
+    """Compute the loss that is survived, by resource of the first draw of the costs and by dynamics."""
     problem = smart_cameras(0)
     dynamics: tuple[Literal["continuous", "discrete"], ...] = ("continuous", "discrete")
     found = {each: theory.critical_loss(theory.needed_rate(problem), each, hold_off=1.0) for each in dynamics}
     return {
-        (each, name): float(loss)
-        for each, losses in found.items()
-        for name, loss in zip(problem.resource_names, losses, strict=True)
+        name: {each: float(losses[j]) for each, losses in found.items()}
+        for j, name in enumerate(problem.resource_names)
     }
 
 
-def _lines(critical: dict[tuple[str, str], float], resource: str) -> dict[str, float]:
-    return {dynamics: loss for (dynamics, name), loss in critical.items() if name == resource}
-
-
-def _means(table: pd.DataFrame, resource: str) -> pd.DataFrame:
-    rows = table[table["resource"] == resource]
-    return rows.pivot_table("mean", _AXES, "measure").reset_index()
+def _wide(table: pd.DataFrame, labels: list[str]) -> pd.DataFrame:
+    """Give each measure a column of means, with a row for each point."""
+    return table.pivot_table("mean", labels, "measure", observed=True).reset_index()
 
 
 def _shown(table: pd.DataFrame) -> pd.DataFrame:
@@ -138,7 +123,7 @@ def _shown(table: pd.DataFrame) -> pd.DataFrame:
     ends = [sorted(table[axis].unique()) for axis in ("latency", "loss")]
     picked = [{values[0], values[len(values) // 2], values[-1]} for values in ends]
     rows = table[table["latency"].isin(picked[0]) & table["loss"].isin(picked[1])]
-    wide = rows.pivot_table("mean", [*_AXES, "resource"], "measure", observed=True).reset_index()
+    wide = _wide(rows, [*_AXES, "resource"])
     return pd.DataFrame(
         {
             **{name: [str(value) for value in wide[name]] for name in ("dynamics", "resource")},
@@ -194,7 +179,7 @@ def _draw_map(axes: Axes, rows: pd.DataFrame, shown: _Map, norm: Normalize, loss
 
 
 def _findings(table: pd.DataFrame) -> list[str]:
-    wide = table.pivot_table("mean", [*_AXES, "resource", "theory"], "measure", observed=True).reset_index()
+    wide = _wide(table, [*_AXES, "resource", "theory"])
     held = wide["loss"] < wide["theory"]
     away = wide["signals"] > _RUN_AWAY
     clear = (wide["loss"] - wide["theory"]).abs() > 0.05  # half a step of the losses
