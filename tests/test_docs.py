@@ -175,7 +175,7 @@ def test_the_index_names_every_scenario_once() -> None:
     assert sorted(named) == list(SCENARIOS)
 
 
-@pytest.mark.parametrize("name", ["delay", "paper"])  # a module, a folder with a page of its own
+@pytest.mark.parametrize("name", ["delay", "paper", "theory_table"])  # a module, a page, a folder
 def test_scripts_and_notebooks_to_download_run_the_study(name: str) -> None:
     gallery = extension("scenario_gallery")
     text, code = SCENARIOS[name]

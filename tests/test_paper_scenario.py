@@ -14,8 +14,7 @@ from aimd_des import InputError, load_scenario, run_synchronous, solve_optimum
 from aimd_des.utils.folders import check_folder
 from models.smart_cameras import smart_cameras
 from scenarios import paper
-from scenarios.paper.table import CAPACITY_EVENTS, table
-from scenarios.paper.text import markdown, sentences
+from scenarios.paper import CAPACITY_EVENTS, markdown, sentences, table
 from tests.conftest import ROOT, picture_size
 
 STORED = Path(__file__).parent / "data" / "paper_quick.csv"
@@ -160,7 +159,7 @@ def test_own_results_are_replaced_only_when_asked(
 ) -> None:
     out = tmp_path / "paper"
     with monkeypatch.context() as without:
-        without.setattr(paper.study, "figures", lambda study: dict.fromkeys(paper.study._FIGURES, Figure()))
+        without.setattr(paper, "figures", lambda study: dict.fromkeys(paper._FIGURES, Figure()))
         paper.write(quick, check_folder(out, overwrite=False, mark=paper.MARK))
     stale = out / "stale.txt"
     stale.touch()
@@ -177,7 +176,7 @@ def test_nothing_is_left_of_a_run_that_fails(
     def fail(study: paper.PaperStudy) -> str:
         raise OSError("disk full")
 
-    monkeypatch.setattr(paper.study, "markdown", fail)
+    monkeypatch.setattr(paper, "markdown", fail)
     with pytest.raises(OSError, match="disk full"):
         paper.write(quick, check_folder(tmp_path / "paper", overwrite=False, mark=paper.MARK))
     assert list(tmp_path.iterdir()) == []
