@@ -1,6 +1,6 @@
 """A broadcast is one bit to all agents; the channel decides when, and whether, each copy arrives."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -26,6 +26,7 @@ from aimd_des.channel.transmit_kernel import (
     transmit,
 )
 from aimd_des.utils import returned_values, validation
+from aimd_des.utils.direct_calls import direct
 from aimd_des.utils.locked_arrays import carry_over
 from aimd_des.utils.rng import Key, Purpose
 from aimd_des.utils.shown import brief
@@ -186,14 +187,20 @@ class CompiledLink(DrawnLink):
     def __init__(self, table: ChannelTable) -> None:
         self.table = table
         self.latest = table.latest if table.fifo else None
+        self._spare = np.empty(len(table.duplication))  # where seconds would be, where there are none
+        self._transmit: Callable[..., int] | None = None
 
     def draw(self, broadcast: Broadcast, departure: float) -> Copies:
         """Draw loss, latency and duplication of every copy."""
-        arrival, second = np.empty((2, len(self.table.duplication)))
-        code = transmit(self.table, broadcast.resource, broadcast.number, departure, arrival, second)
+        arrival, doubled = np.empty(len(self._spare)), self.table.duplicates
+        second = np.empty(len(self._spare)) if doubled else self._spare
+        given = (self.table, broadcast.resource, broadcast.number, departure, arrival, second)
+        if self._transmit is None:
+            self._transmit = direct(transmit, *given)
+        code = self._transmit(*given)
         if code:
             raise refuse(self.table, code, broadcast.resource, departure)
-        return Copies(arrival, second if self.table.duplicates else None)
+        return Copies(arrival, second if doubled else None)
 
     def state(self) -> dict[str, Any]:
         """Return what it remembers."""

@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from collections.abc import Callable
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from aimd_des.engine.environment import OrderedEnvironment
 from aimd_des.problem.lookup import agent_index, resource_index
 from aimd_des.problem.problem import Problem
 from aimd_des.utils.deprecation import renamed
+from aimd_des.utils.direct_calls import direct
 from aimd_des.utils.docstrings import described_like
 from aimd_des.utils.validation import FloatArray
 
@@ -62,6 +64,9 @@ class Readings:
         self.rows = State(*([memoryview(row) for row in array] for array in state))  # type: ignore[arg-type]
         # Kept, since looks are many.
         self._now, self._values = np.empty(1), piece(problem.n_resources)
+        self._lines = list(zip(state.demand, parameters.increase, state.anchor, strict=True))
+        self._total_of: Callable[..., float] | None = None
+        self._observe_totals: Callable[..., None] | None = None
 
     @property
     def law(self) -> AgentParameters:
@@ -121,11 +126,12 @@ class Readings:
         InputError
             If there is no such resource.
         """
-        j, state = resource_index(self.problem, resource), self.state
+        j = resource_index(self.problem, resource)
         self.settle()
-        return total_of(
-            state.demand[j], self.parameters.increase[j], state.anchor[j], self.moments(), self.tick_weight
-        )
+        given = (*self._lines[j], self.moments(), self.tick_weight)
+        if self._total_of is None:
+            self._total_of = direct(total_of, *given)
+        return self._total_of(*given)
 
     def totals(self) -> FloatArray:
         """Sum the demand of all agents for every resource as it is now.
@@ -149,8 +155,11 @@ class Readings:
             Receive the sums, in units of the resources.
         """
         self.settle()
-        sums = demand, average
-        observe_totals(self.state, self.parameters, self.moments(), self.tick_weight, self._values, *sums)
+        whole = (self.state, self.parameters, self.moments(), self.tick_weight)
+        given = (*whole, self._values, demand, average)
+        if self._observe_totals is None:
+            self._observe_totals = direct(observe_totals, *given)
+        self._observe_totals(*given)
 
     def allocations(self) -> tuple[FloatArray, FloatArray]:
         """Read demand and average of every agent as they are now.

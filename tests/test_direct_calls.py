@@ -1,0 +1,46 @@
+"""Kernels that are called without asking for the types of their arguments."""
+
+import numpy as np
+import pytest
+
+from aimd_des.dynamics.demand import CONTINUOUS
+from aimd_des.dynamics.totals import total_of
+from aimd_des.utils.direct_calls import direct
+from aimd_des.utils.validation import FloatArray
+
+DEMAND, INCREASE, ANCHOR = np.random.default_rng(0).uniform(0.0, 1.0, (3, 60))
+NOW = np.array([2.0])
+
+
+def locked(array: FloatArray) -> FloatArray:
+    """The same numbers, which cannot be written."""
+    copy = array.copy()
+    copy.setflags(write=False)
+    return copy
+
+
+def spread(array: FloatArray) -> FloatArray:
+    """The same numbers, with others in between."""
+    return np.stack([array, array + 100.0], axis=1)[:, 0]
+
+
+@pytest.mark.parametrize("laid_out", [np.copy, locked, spread])
+def test_each_layout_of_an_array_has_machine_code_of_its_own(laid_out: object) -> None:
+    """Code for numbers that lie side by side would read those in between as well."""
+    assert callable(laid_out)
+    given = (DEMAND, laid_out(INCREASE), ANCHOR, NOW, CONTINUOUS)
+    # One after the other, in the order of agents.
+    expected = np.cumsum(DEMAND + INCREASE * (2.0 - ANCHOR))[-1]
+    code = direct(total_of, *given)
+    assert code(*given) == total_of(*given) == expected
+    # Found again for other arrays of the same layout, which have other numbers.
+    others = (ANCHOR, laid_out(DEMAND), INCREASE, NOW, CONTINUOUS)
+    assert direct(total_of, *others) is code
+    assert code(*others) == np.cumsum(ANCHOR + DEMAND * (2.0 - INCREASE))[-1]
+
+
+def test_whole_numbers_and_fractions_have_machine_code_of_their_own() -> None:
+    lines = (DEMAND, INCREASE, ANCHOR, NOW)
+    codes = [direct(total_of, *lines, weight) for weight in (1, 1.0)]
+    assert codes[0] is not codes[1]
+    assert codes[0](*lines, 1) == codes[1](*lines, 1.0) == total_of(*lines, 1.0)
