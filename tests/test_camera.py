@@ -136,6 +136,21 @@ def test_averages_are_taken_before_any_answer() -> None:
     assert asked == [([2.0, 2.0], 0), ([2.0, 2.0], 1)]
 
 
+def test_an_answer_of_ones_own_is_asked_for_in_continuous_time() -> None:
+    """A signal that is answered when it arrives goes to the method of the derived class, too."""
+    answered: list[tuple[list[int], float]] = []
+
+    class Noting(AgentProcess):
+        def answer(self, signals: Any, moment: float) -> None:
+            answered.append(([signal.resource for signal in signals], moment))
+            super().answer(signals, moment)
+
+    parts: dict[str, Any] = {"dynamics": "continuous", "processes": [send_at(3.0, 0), send_at(4.5, 1)]}
+    own = simulate(two_resources(), 6.0, agents=Noting, **parts)
+    assert answered == [([0], 3.0), ([1], 4.5)]
+    assert own.digest == simulate(two_resources(), 6.0, **parts).digest
+
+
 @pytest.mark.parametrize(
     ("options", "times"),
     [

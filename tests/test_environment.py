@@ -270,3 +270,14 @@ def test_a_watcher_hears_every_few_thousand_events_and_the_end(env: OrderedEnvir
     assert heard[-1] == (9_999.5, 10_000)
     assert [handled for _, handled in heard[:-1]] == [4096, 8192]
     assert [now for now, _ in heard[:-1]] == [4095.0, 8191.0]
+
+
+def test_the_clock_is_set_by_nobody_and_read_by_simpy(env: OrderedEnvironment) -> None:
+    with pytest.raises(AttributeError, match="now"):
+        env.now = 1.0  # type: ignore[misc]
+    log: Log = []
+    call_at(env, 2.0, EventKind.SENSE, lambda _: log.append(env.timeout(0.5)))
+    env.run_to(2.25)
+    # One of SimPy's own events counts from where the clock stood when it was made.
+    assert [(env.now, env.peek())] == [(2.25, 2.5)]
+    assert log[0].callbacks == []

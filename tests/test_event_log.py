@@ -20,6 +20,7 @@ from aimd_des import (
     latency,
 )
 from aimd_des.channel import BroadcastChannel
+from aimd_des.engine.system import System
 from aimd_des.interventions import CapacityStep
 from aimd_des.lowlevel import EventKind
 from tests.conftest import quietly, random_problem
@@ -152,3 +153,24 @@ def test_a_run_without_a_log_says_so() -> None:
     simulation = Simulation(random_problem(3, 5, 2), processes=[read], seed=2)
     with pytest.raises(InputError, match=r"^events: the run keeps no log"):
         simulation.run(2.0)
+
+
+@pytest.mark.parametrize("control_unit", [Crossing(1.0), Sampled(1.0)])
+def test_a_log_costs_no_second_sum_of_the_total(control_unit: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The look that has found the total hands it to the entry of the signal."""
+    sums: list[str] = []
+    for name in ("total", "totals"):
+        whole = getattr(System, name)
+
+        def noted(self: System, *resource: Any, whole: Any = whole, name: str = name) -> Any:
+            sums.append(name)
+            return whole(self, *resource)
+
+        monkeypatch.setattr(System, name, noted)
+    counts = []
+    for recording in (Recording(), LOGGED):
+        sums.clear()
+        parts: dict[str, Any] = {"dynamics": "continuous", "control_unit": control_unit}
+        result = quietly(Simulation(random_problem(3, 4, 2), recording=recording, seed=5, **parts).run, 40.0)
+        counts.append(len(sums))
+    assert counts[0] == counts[1] > len(result.signals_sent.time) / 2 > 5

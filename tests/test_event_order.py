@@ -351,7 +351,7 @@ def test_rule_2_interventions_take_place_in_the_order_of_the_list(listed: tuple[
     def own(system: System) -> ProcessGenerator:
         yield system.env.at(5.0, EventKind.INTERVENE)
         assert system.log is not None
-        system.log.add((5.0, Entry.CHANGE, 0, 0, -1, 0.0))
+        system.log.add(5.0, Entry.CHANGE, 0, 0, -1, 0.0)
 
     last = {"step": 11.0, "ramp": 12.0, "profile": 13.0}
     events = run(6.0, own, interventions=[changes[name] for name in listed]).events

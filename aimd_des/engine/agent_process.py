@@ -35,6 +35,9 @@ from aimd_des.problem.costs import Costs, marginal_cost
 from aimd_des.results.event_log import Entry
 from aimd_des.utils.validation import FloatArray
 
+# An enumeration is asked by way of its class, which takes as long as half an answer.
+_RESPOND, _HOLD = float(Entry.RESPOND), float(Entry.HOLD)
+
 # Views of the rows of demand, accumulated, anchor and origin for one resource; alpha, beta and Gamma.
 _Row = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float, float, float]
 
@@ -70,6 +73,9 @@ class AgentProcess:
         self.separable = system.problem.costs.separable
         system.conditions.on_costs.append(self._reprice)
         self._discrete = system.clocks is not None
+        # Whether a signal is answered when it arrives, by itself and as here, not as a derived class has it.
+        own = type(self).answer is AgentProcess.answer
+        self._at_once = own and self.separable and not self._discrete
         self._mailbox = Mailbox(system.env)
         # The first signal for each resource since the last tick, and those that came after it: one bit cannot
         # be set twice, but an agent that estimates losses reads their numbers.
@@ -104,7 +110,9 @@ class AgentProcess:
 
     def receive(self, signal: Signal) -> None:
         """Take note of a capacity signal that arrives now; a continuous agent answers it at once."""
-        if not self._discrete:
+        if self._at_once:
+            self._answer(signal, self._env.instant)
+        elif not self._discrete:
             self.answer((signal,), self._env.now)
         elif signal.resource in self._latch:
             self._late.append(signal)
@@ -166,44 +174,48 @@ class AgentProcess:
         """
         if not self.separable:
             self._take_averages(moment)
-        i, tick_weight, averages, papers = self.agent, self._tick_weight, self._averages, self._papers
         for signal in signals:
-            j = signal[0]
-            demand, accumulated, anchor, origin, increase, decrease, normalization = self._rows[j]
-            held, since = demand[i], moment - anchor[i]
-            # Formulas that kernels compile, too: rearranging one changes the bits of both.  Those of the
-            # paper's average and rule are written out, which spares most runs five calls for every answer.
-            if self._cumulative:
-                folded = accumulated[i] + (since * held + increase * (0.5 * since * (since - tick_weight)))
-                age = (moment - origin[i]) + tick_weight
-                averages[j] = average = folded / age if age > 0.0 else 0.0
-            else:
-                folded, average = self._fold(j, moment)
-                averages[j] = average
-            slope, present = self.marginal_cost(averages, j), held + increase * (since - tick_weight)
-            if papers:
-                probability = normalization * slope / average if average > 0.0 else 0.0
-            else:
-                probability = self._probability(j, slope, average, present, moment)
+            self._answer(signal, moment)
+
+    def _answer(self, signal: Signal, moment: float) -> None:
+        """Answer one signal, all averages that its cost reads being known but its own."""
+        i, j, weight = self.agent, signal[0], self._tick_weight
+        demand, accumulated, anchor, origin, increase, factor, normalization = self._rows[j]
+        held, since = demand[i], moment - anchor[i]
+        # Formulas that kernels compile, too: rearranging one changes the bits of both.  Those of the
+        # paper's average and rule are written out, which spares most runs five calls for every answer.
+        if self._cumulative:
+            folded = accumulated[i] + (since * held + increase * (0.5 * since * (since - weight)))
+            age = (moment - origin[i]) + weight
+            average = folded / age if age > 0.0 else 0.0
+        else:
+            folded, average = self._fold(j, moment)
+        self._averages[j] = average
+        slope = self.marginal_cost(self._averages, j)
+        if self._papers:
+            probability = normalization * slope / average if average > 0.0 else 0.0
             if self._compensates:
                 probability *= self._factor(signal, moment)
-            uniform = self.system.response_draws(signal)[i]
-            factor = decrease if papers else self._cut(j, probability, uniform, present)
-            if uniform < probability if papers else factor < 1.0:
-                self._begin_line(signal, moment, folded, present, present * factor, probability)
-                continue
-            # A tick that holds is a tick without growth; a continuous agent just grows on.
-            if self._discrete:
-                self._break_line(j, present, folded, moment)
-            if self._log is not None:
-                now = self._env.now if self._discrete else moment
-                self._log.add((now, Entry.HOLD, j, i, signal.number, 0.0))
+            responds = self.system.response_draws(signal)[i] < probability
+        else:
+            present = held + increase * (since - weight)
+            probability, factor = self._drawn(signal, slope, average, present, moment)
+            responds = factor < 1.0
+        if responds:
+            self._respond(signal, moment, folded, held + increase * (since - weight), factor, probability)
+            return
+        # A tick that holds is a tick without growth; a continuous agent just grows on.
+        if self._discrete:
+            self._break_line(j, held + increase * (since - weight), folded, moment)
+        if self._log is not None:
+            now = self._env.now if self._discrete else moment
+            self._log.add(now, _HOLD, j, i, signal.number, 0.0)
 
-    def _begin_line(
-        self, signal: Signal, moment: float, folded: float, present: float, kept: float, probability: float
+    def _respond(
+        self, signal: Signal, moment: float, folded: float, present: float, factor: float, probability: float
     ) -> None:
-        """Respond: go on from what is kept, and let others know."""
-        i, j = self.agent, signal.resource
+        """Respond: go on from a share of what is held, and let others know."""
+        i, j, kept = self.agent, signal[0], present * factor
         now = self._env.now if self._discrete else moment
         self._break_line(j, kept, folded, moment)
         self._responses[j][i] += 1
@@ -214,7 +226,18 @@ class AgentProcess:
         for tell in self._on_response:
             tell(now, j, kept - present)
         if self._log is not None:
-            self._log.add((now, Entry.RESPOND, j, i, signal.number, present - kept))
+            self._log.add(now, _RESPOND, j, i, signal.number, present - kept)
+
+    def _drawn(
+        self, signal: Signal, slope: float, average: float, present: float, moment: float
+    ) -> tuple[float, float]:
+        """Return lambda, and what demand is multiplied by, for any response to signals."""
+        j = signal.resource
+        probability = self._probability(j, slope, average, present, moment)
+        if self._compensates:
+            probability *= self._factor(signal, moment)
+        uniform = self.system.response_draws(signal)[self.agent]
+        return probability, self._cut(j, probability, uniform, present)
 
     def _probability(
         self, resource: int, slope: float, average: float, demand: float, moment: float

@@ -5,11 +5,13 @@ from collections.abc import Callable, Generator, Mapping
 from itertools import repeat
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
 import simpy
 
 from aimd_des.engine.environment import EventKind, OrderedEnvironment
 from aimd_des.results.event_log import Entry, EventLog
 from aimd_des.utils import rng
+from aimd_des.utils.direct_calls import direct
 from aimd_des.utils.rng import Key
 from aimd_des.utils.validation import BoolArray, FloatArray
 
@@ -83,29 +85,39 @@ class ResponseDraws(dict[Signal, list[float]]):
         super().__init__()
         self.key = key
         self.n_agents = n_agents
+        self._fill: Callable[..., None] | None = None
 
     def __missing__(self, signal: Signal) -> list[float]:
         # Copies of one broadcast ask for the same row, mostly soon after each other; the oldest goes.
         if len(self) == _ROWS_KEPT:
             del self[next(iter(self))]
         # Agent i takes the i-th of the row, with any other agents and any representation.
-        row = rng.uniforms(self.key, signal.resource, signal.number, self.n_agents, signal.copy)
+        row = np.empty(self.n_agents)
+        given = (self.key, *signal, row)
+        if self._fill is None:
+            self._fill = direct(rng.uniforms_row, *given)
+        self._fill(*given)
         draws: list[float] = row.tolist()  # indexed one at a time, where a list is several times as fast
         self[signal] = draws
         return draws
 
 
-# When a copy lands, its order number, its receiver, and the signal.
+# When a copy lands, the order number of the first copy of its broadcast, its receiver, and the signal: the
+# receiver added to the number is its own.
 _Due = tuple[float, int, int, Signal]
+
+# An enumeration is asked by way of its class, which takes as long as all else that a copy needs here.
+_DELIVERY = EventKind.DELIVER
+_LOST, _DELIVERED = float(Entry.LOST), float(Entry.DELIVER)
 
 # So many times as many copies in flight as in a broadcast are not sorted with it: about where the two ways
 # take the same time.
 _FEW = 64
 
 
-def _latest_first(due: _Due) -> tuple[float, int]:
+def _latest_first(due: _Due) -> tuple[float, int, int]:
     """Return the key by which copies on their way ascend; no two have the same order number."""
-    return -due[0], -due[1]
+    return -due[0], -due[1], -due[2]
 
 
 class Carrier:
@@ -138,11 +150,11 @@ class Carrier:
         # all others, so they form a stack with the earliest on top.
         self._scheduled: list[int] = []
 
-    def send(self, signal: Signal, times: list[float], receivers: list[int], orders: list[int]) -> None:
+    def send(self, signal: Signal, times: list[float], receivers: list[int], first_order: int) -> None:
         """Put copies of one broadcast on their way, sorted by time and then by receiver; at least one."""
         due = self._due
         earliest = due[-1] if due else None
-        copies = zip(times, orders, receivers, repeat(signal), strict=False)
+        copies = zip(times, repeat(first_order), receivers, repeat(signal), strict=False)
         if _FEW * len(times) < len(due):
             # Among many copies in flight a search for each place is faster than a pass over all of them.
             for copy in copies:
@@ -153,22 +165,23 @@ class Carrier:
             due.sort(reverse=True)
         # Behind an earlier copy it needs no event: `_land` comes to it.
         if due[-1] is not earliest:
-            self._schedule(times[0], orders[0])
+            self._schedule(times[0], first_order + receivers[0])
 
     def _schedule(self, time: float, order: int) -> None:
         self._scheduled.append(order)
-        self.env.at(time, EventKind.DELIVER, order).callbacks.append(self._land)
+        self.env.at(time, _DELIVERY, order).callbacks.append(self._land)
 
     def _land(self, event: simpy.Event) -> None:
         """Hand copies to their receivers one by one, for as long as nothing else comes in between."""
-        due, scheduled, agents, away, log, advance = (
+        env, due, scheduled, agents, away, log = (
+            self.env,
             self._due,
             self._scheduled,
             self.agents,
             self.away,
             self.log,
-            self.env.advance,
         )
+        heap, tracking = env.heap, env.tracking
         # The event that happens is that of the top of the stack: all others are later.
         scheduled.pop()
         while True:
@@ -177,19 +190,24 @@ class Carrier:
             # Asked when it lands: an agent that was present only when it was sent does not receive it.
             gone = away[agent]
             if log is not None:
-                entry = (signal.resource, agent, signal.number, float(signal.copy))
-                log.add((time, Entry.LOST if gone else Entry.DELIVER, *entry))
+                log.add(time, _LOST if gone else _DELIVERED, signal[0], agent, signal[1], signal[2])
             if gone:
                 self.missed(signal, agent)
             else:
                 agents[agent].receive(signal)
             if not due:
                 return
-            time, order, _, _ = due[-1]
+            time = due[-1][0]
+            # Most copies land before anything else is due, and are spared the rest.
+            if not tracking and heap and time < heap[0][0]:
+                env.instant = time
+                continue
+            _, first_order, agent, _ = due[-1]
+            order = first_order + agent
             # It has an event already, from before a copy that was sent later came in ahead of it.
             if scheduled and scheduled[-1] == order:
                 return
             # Something else comes first: back to SimPy, at the price of one event.
-            if not advance(time, EventKind.DELIVER, order):
+            if not env.advance(time, _DELIVERY, order):
                 self._schedule(time, order)
                 return

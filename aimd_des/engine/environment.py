@@ -50,12 +50,18 @@ class EventKind(IntEnum):
     ACT = 6
 
 
+# An enumeration is asked by way of its class, which takes as long as all the rest of a comparison.
+_INTERVENE, _ACT = EventKind.INTERVENE, EventKind.ACT
+
+
 class _Due(simpy.Event):
     """An event of a known time; events that are given the same order keep their turn."""
 
     def __init__(self, env: simpy.Environment, order: int, turn: int) -> None:
-        super().__init__(env)
-        # Triggered already, as SimPy's own timeouts are: `env.at` puts it into the queue.
+        # Not by SimPy's constructor, as its own timeouts are not: every signal makes some of them.
+        self.env = env
+        self.callbacks = []
+        # Triggered already, as those timeouts are: `env.at` puts it into the queue.
         self._ok = True
         self._value = None
         self.order = order
@@ -95,11 +101,16 @@ class OrderedEnvironment(simpy.Environment):
     ----------
     tracking : bool
         Whether `reached` is kept up to date; set before the run by the part that needs it.
+    instant : float
+        Now.  A part that lets several things happen within one event moves it on, as `advance` does.
+    heap : list of tuple
+        What is due, as (time, kind, order, event), of which the first is next; to be read.
     """
 
     def __init__(self) -> None:
         super().__init__()
-        self._now: float = 0.0
+        self.instant = 0.0
+        self.heap = self._queue
         # SimPy numbers its own events from here, too: there is one sequence of order numbers.
         self._eid = count(FIRST_ORDER)
         # Several events may be given the same order: those keep the turn in which they were scheduled.
@@ -116,8 +127,9 @@ class OrderedEnvironment(simpy.Environment):
         #: How far the run goes for now, and whether it stops after one event: compiled code does likewise.
         self.horizon, self.one = math.inf, False
 
-    # As SimPy's, and no call of Python: agents ask at every signal.
-    now = property(attrgetter("_now"))
+    # As SimPy's, which keeps it under a private name, and no call of Python: agents ask at every signal.
+    now = property(attrgetter("instant"))
+    _now = property(attrgetter("instant"), lambda self, time: setattr(self, "instant", time))
 
     @property
     def reached(self) -> tuple[float, int, int]:
@@ -162,12 +174,12 @@ class OrderedEnvironment(simpy.Environment):
         """
         # Turns of agents are their indices: once one has acted, the turns of all before it are over.  Those
         # of all agents are, for certain, only once an ACT that was given no order has happened.
-        return self._acted_at == self._now and (FIRST_ORDER if agent is None else agent) <= self._acted
+        return self._acted_at == self.instant and (FIRST_ORDER if agent is None else agent) <= self._acted
 
     def _note_act(self, event: simpy.Event) -> None:
         assert isinstance(event, _Due)  # noqa: S101 - `at` makes no others
         # The first callback of the event, so that the code that acts on it reads its own turn as over.
-        self._acted_at, self._acted = self._now, event.order
+        self._acted_at, self._acted = self.instant, event.order
 
     def reserve(self, how_many: int) -> int:
         """Set aside consecutive order numbers, to be used by events scheduled later.
@@ -286,7 +298,7 @@ class OrderedEnvironment(simpy.Environment):
         order, turn = next(self._eid), next(self._turns)
         self._eid, self._turns = count(order), count(turn)
         return {
-            "now": self._now,
+            "now": self.instant,
             "beginning": self.beginning,
             "order": order,
             "turn": turn,
@@ -308,7 +320,7 @@ class OrderedEnvironment(simpy.Environment):
         """
         known, self._begun, self._places = self._begun, {}, {}
         self._queue.clear()
-        self._now, (self._acted_at, self._acted) = state["now"], state["acted"]
+        self.instant, (self._acted_at, self._acted) = state["now"], state["acted"]
         self._reached = tuple(state["reached"])
         for place in state["idle"]:
             self.put_back(Place(*place))
@@ -355,16 +367,16 @@ class OrderedEnvironment(simpy.Environment):
         InputError
             If the time is in the past or no number.
         """
-        if not self._now <= time < math.inf:
-            raise InputError.of("time", time, f"finite and not before the present, {self._now!r}")
+        if not self.instant <= time < math.inf:
+            raise InputError.of("time", time, f"finite and not before the present, {self.instant!r}")
         if self._kept is not None:
             place, self._kept = self._kept, None
             return self.put_back(place)
         # A list of interventions is an order that its author can see; when each has scheduled what, is not.
-        if kind is EventKind.INTERVENE and order is None:
+        if kind is _INTERVENE and order is None:
             order = self._places.get(self.active_process)
         event = _Due(self, next(self._eid) if order is None else order, next(self._turns))
-        if kind is EventKind.ACT:
+        if kind is _ACT:
             event.callbacks.append(self._note_act)
         heappush(self._queue, (time, kind, event.order, event))  # type: ignore[misc]  # SimPy has two kinds
         return event
@@ -390,7 +402,7 @@ class OrderedEnvironment(simpy.Environment):
         queue = self._queue
         if queue and queue[0][0] <= time and queue[0] < (time, kind, order):
             return False
-        self._now = time
+        self.instant = time
         # Not always later: copies without latency land after the look that has sent them, and their kind is
         # before its.  What counts as reached never falls within one instant.
         if self.tracking:
@@ -436,7 +448,7 @@ class OrderedEnvironment(simpy.Environment):
             present = heappop(queue)
             if tracking:
                 self._reached = max(self._reached, present)
-            self._now, _, _, event = present
+            self.instant, _, _, event = present
             # None instead of a list is how SimPy knows an event that has been handled.
             callbacks, event.callbacks = event.callbacks, None  # type: ignore[assignment]
             for callback in callbacks:
@@ -449,8 +461,8 @@ class OrderedEnvironment(simpy.Environment):
             handled += 1
             if watch is not None and handled % _WATCH_EVERY == 0:
                 self._handled = handled
-                watch(self._now, handled)
-        self._now = until
+                watch(self.instant, handled)
+        self.instant = until
         # Before every kind at the end: what is due at `until` itself does not happen, also in compiled code.
         self._reached = max(self._reached, (until, -1, 0))
         if watch is not None:

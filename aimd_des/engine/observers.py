@@ -264,7 +264,8 @@ class LinearPieces:
     def changed(self, time: float, resource: int, change: float) -> None:
         """Take note of a change of the total."""
         # Answers of compiled agents that come before this change are folded in before it.
-        self.system.settle()
+        if self.system.collective is not None:
+            self.system.settle()
         times = self.times[resource]
         times.append(time)
         self.changes[resource].append(change)
@@ -392,10 +393,10 @@ class Observer:
         """Keep the totals; the last look is left to `finish`."""
         # Read when the process begins, which is when the run does.
         times = self.times[:-1].tolist() if self.watching else []
-        while self.row[0] < len(times):
-            yield self.system.env.at(times[self.row[0]], EventKind.OBSERVE)
-            self._keep_totals(int(self.row[0]))
-            self.row[0] += 1
+        for row in range(int(self.row[0]), len(times)):
+            yield self.system.env.at(times[row], EventKind.OBSERVE)
+            self._keep_totals(row)
+            self.row[0] = row + 1
 
     def _watch_allocations(self, again: bool) -> ProcessGenerator:
         """Keep demand and average of every agent; the last look is left to `finish`."""

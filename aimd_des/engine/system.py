@@ -1,5 +1,6 @@
 """One run in progress: what the control unit, the channel, the agents and observers share."""
 
+import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -270,7 +271,7 @@ class System(Readings):
         before = self.demand(i, j)
         self.break_line(i, j, demand)
         if self.log is not None:
-            self.log.add((self.env.now, Entry.CHANGE, j, i, -1, demand - before))
+            self.log.add(self.env.now, Entry.CHANGE, j, i, -1, demand - before)
         for tell in self.on_intervention:
             tell(self.env.now, j, demand - before)
         # A lower demand can only delay a crossing, and a look that comes too early finds nothing.
@@ -315,7 +316,7 @@ class System(Readings):
             tell(self.env.now, j, kept - before)
         if self.log is not None:
             number = -1 if signal is None else signal.number
-            self.log.add((self.env.now, Entry.RESPOND, j, i, number, before - kept))
+            self.log.add(self.env.now, Entry.RESPOND, j, i, number, before - kept)
 
     def _here(self, agent: str | int) -> int:
         """Return the index of an agent, which must not be away."""
@@ -426,4 +427,6 @@ class System(Readings):
         delay = validation.number("delay", delay, low=0.0)
         # What is due before now is answered first: once something is sent, nothing is settled in this event.
         self.settle()
-        self.transmitter.send(j, self.env.now, delay, self.total)
+        # The log alone tells it; a control unit that has just read it sends by the transmitter itself.
+        total = math.nan if self.log is None else self.total(j)
+        self.transmitter.send(j, self.env.now, delay, total)

@@ -144,8 +144,8 @@ class Transmitter:
         flying -= self.lost
         return flying
 
-    def send(self, resource: int, time: float, delay: float, total: Callable[[int], float]) -> None:
-        """Broadcast a capacity signal."""
+    def send(self, resource: int, time: float, delay: float, total: float) -> None:
+        """Broadcast a capacity signal, at a look that has found this total."""
         # Numbered for each resource, also where copies are lost: the number is the address of draws.
         signal = Broadcast(resource, int(self.numbers[resource]), time)
         self.numbers[resource] += 1
@@ -154,14 +154,16 @@ class Transmitter:
         # Drawn at the look even if the signal leaves later: so a channel is asked in the order of broadcasts.
         link = self.link
         copies = self._drawn(link, signal, departure)
-        # Turns are taken at the look: what lands at one instant lands in the order of the looks.
-        turn, *orders = (self.env.reserve(many) for many in (1, self.n_agents, self.n_agents))
+        # Turns are taken at the look: what lands at one instant lands in the order of the looks.  One for the
+        # signal if it leaves later, then those of its copies, then those of their duplicates.
+        turn = self.env.reserve(1 + 2 * self.n_agents)
+        orders = [turn + 1, turn + 1 + self.n_agents]
         # A delay may be too short to make a difference; then the signal leaves in this very look.
         late = departure > time
         if not late:
             copies = _without(self.conditions.cut, copies)
         if self.log is not None:
-            self.log.add((time, Entry.SIGNAL, resource, -1, signal.number, total(resource)))
+            self.log.add(time, Entry.SIGNAL, resource, -1, signal.number, total)
         # What the channel loses is lost at the look, before the departure, which may come after the end.
         self._lose(signal, copies.arrival == math.inf)
         if not late:
@@ -286,10 +288,9 @@ class Transmitter:
         # Stable: copies that land at one instant land in the order of agents.  What never arrives is last.
         receivers = arrival.argsort(kind="stable")[: np.count_nonzero(arrives)]
         if len(receivers):
-            times = arrival[receivers].tolist()
             # By receiver, lost copies included: at one instant copies land in the order of broadcasts, then
             # of agents, and compiled code comes to the same numbers.
-            self.carrier.send(signal, times, receivers.tolist(), (first_order + receivers).tolist())
+            self.carrier.send(signal, arrival[receivers].tolist(), receivers.tolist(), first_order)
 
 
 def _earlier(latest: FloatArray | None) -> DrawnLink:
@@ -301,7 +302,7 @@ def _earlier(latest: FloatArray | None) -> DrawnLink:
 
 def _without(cut: npt.NDArray[np.bool_], copies: Copies) -> Copies:
     """Take out the copies that do not get through."""
-    if not cut.any():
+    if not np.count_nonzero(cut):  # `any` takes four times as long
         return copies
     first, second = (None if times is None else np.where(cut, math.inf, times) for times in copies)
     assert first is not None  # noqa: S101 - there is always a first copy

@@ -26,7 +26,7 @@ class BeginsAt(Planned):
 def note(system: System, entry: Entry, resource: int = -1, agent: int = -1, value: float = 0.0) -> None:
     """Enter a change in the log."""
     if system.log is not None:
-        system.log.add((system.env.now, entry, resource, agent, -1, value))
+        system.log.add(system.env.now, entry, resource, agent, -1, value)
 
 
 def end_piece(system: System) -> None:

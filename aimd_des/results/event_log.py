@@ -3,6 +3,7 @@
 from array import array
 from collections.abc import Callable, Iterable, Mapping
 from enum import IntEnum
+from struct import Struct
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,8 +14,8 @@ from aimd_des.utils.validation import FloatArray, IntArray
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Time, kind (`Entry`), resource, agent, number of the broadcast, value.
-LogEntry = tuple[float, int, int, int, int, float]
+#: Takes time, kind (`Entry`), resource, agent, number of the broadcast and value.
+Add = Callable[[float, float, int, int, int, float], None]
 
 
 class Entry(IntEnum):
@@ -62,8 +63,9 @@ class Entry(IntEnum):
     """Signals go over another channel from now on; 0."""
 
 
-# Numbers of an entry.
+# Numbers of an entry, and their bytes: an array takes in bytes three times as fast as numbers.
 _FIELDS = 6
+_BYTES = Struct(f"{_FIELDS}d").pack
 
 
 class EventLog:
@@ -75,7 +77,8 @@ class EventLog:
         self._numbers = array("d", numbers)
         # Entries before these, shape (q, 6), of a run that has been forked: shared with what came of it.
         self._earlier: tuple[FloatArray, ...] = ()
-        self.add: Callable[[LogEntry], None] = self._numbers.extend
+        take_in = self._numbers.frombytes
+        self.add: Add = lambda *entry: take_in(_BYTES(*entry))
         self._before: Callable[[], None] = lambda: None
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -108,10 +111,11 @@ class EventLog:
 
     def lead(self, before: Callable[[], None]) -> None:
         """Have something done before an entry is added, and before entries are read."""
+        add_now = self.add
 
-        def add(entry: LogEntry) -> None:
+        def add(*entry: Any) -> None:
             before()
-            self._numbers.extend(entry)
+            add_now(*entry)
 
         self.add, self._before = add, before
 

@@ -163,7 +163,10 @@ class Crossing:
 
     def _sense(self, system: System, resource: int, unanswered: Unanswered) -> ProcessGenerator:
         """Go from one possible crossing to the next: responses only lower the total, growth bounds it."""
-        env, limit, growth = system.env, system.parameters.limit, system.conditions.growth
+        env, failed = system.env, system.conditions.failed
+        # The same memory, of which numbers are read one at a time.
+        limit = memoryview(system.parameters.limit)  # type: ignore[arg-type]
+        growth = memoryview(system.conditions.growth)  # type: ignore[arg-type]
         alarm = _Alarm(system, resource, *self.bounds)
         at_this_instant, instant = 0, NEVER
         level, since = unanswered.level, unanswered.since
@@ -171,8 +174,8 @@ class Crossing:
         yield alarm.at(env.now, sooner_if_raised=False)
         while True:
             now, total = env.now, system.total(resource)
-            soonest = soonest_crossing(now, float(limit[resource]), total, float(growth[resource]))
-            if soonest > now or system.conditions.failed[0]:
+            soonest = soonest_crossing(now, limit[resource], total, growth[resource])
+            if soonest > now or failed[0]:
                 alarm.holding = False
                 # A unit that is down waits for no time at all: `_recovered` wakes the one that takes over.
                 yield alarm.at(math.inf if soonest <= now else soonest, sooner_if_raised=True)
@@ -188,7 +191,7 @@ class Crossing:
             # Before the broadcast, which may be answered within it: what follows counts from this total.
             instant, alarm.holding = now, True
             level[resource], since[resource] = total, now
-            system.broadcast(resource, self.sensing_delay)
+            system.transmitter.send(resource, now, self.sensing_delay, total)
             # The hold-off ends when it ends, however tight things become: its end is a look in any case.
             yield alarm.at(now + alarm.hold_off, sooner_if_raised=False)
 
@@ -216,7 +219,7 @@ class _Alarm:
         self.shortest = self.hold_off = shortest
         self.longest = longest
         self.mailbox = Mailbox(system.env)
-        self.latest = 0
+        self.setting: simpy.Event | None = None
         self.watchful = self.holding = False
         system.conditions.on_tightening.append(self._tightened)
         system.conditions.on_recovery.append(self._recovered)
@@ -224,18 +227,16 @@ class _Alarm:
 
     def at(self, time: float, *, sooner_if_raised: bool) -> Mailbox:
         """Set the alarm, for no time at all if it is infinite; an earlier setting no longer counts."""
-        self.watchful = sooner_if_raised
-        self.latest += 1
-        setting = self.latest
-
-        def ring(_: simpy.Event) -> None:
-            # SimPy cannot take an event back, so those of earlier settings still ring.
-            if setting == self.latest:
-                self.mailbox.hand(None)
-
+        self.watchful, self.setting = sooner_if_raised, None
         if time < math.inf:
-            self.env.at(time, EventKind.SENSE, self.resource).callbacks.append(ring)
+            self.setting = self.env.at(time, EventKind.SENSE, self.resource)
+            self.setting.callbacks.append(self._ring)
         return self.mailbox
+
+    def _ring(self, event: simpy.Event) -> None:
+        # SimPy cannot take an event back, so those of earlier settings still ring.
+        if event is self.setting:
+            self.mailbox.hand(None)
 
     def _tightened(self, time: float, resource: int) -> None:
         if self.watchful and resource == self.resource:

@@ -97,8 +97,8 @@ class Looks:
             self.look = look + 1
             if not system.conditions.failed[0]:
                 # All resources are decided on before anything is sent, which could be answered at once.
-                for resource in list(_due(system, table, look, self.field)):
-                    system.broadcast(resource, table.sensing_delay)
+                for resource, total in list(_due(system, table, look, self.field)):
+                    system.transmitter.send(resource, system.env.now, table.sensing_delay, total)
 
     def state(self) -> dict[str, Any]:
         """Return which look is next."""
@@ -109,8 +109,8 @@ class Looks:
         self.look = state["look"]
 
 
-def _due(system: System, table: SampledTable, look: int, field: str) -> Iterator[int]:
-    """Yield the resources for which a look signals."""
+def _due(system: System, table: SampledTable, look: int, field: str) -> Iterator[tuple[int, float]]:
+    """Yield the resources for which a look signals, with their totals."""
     key = system.keys[Purpose.SENSING]
     totals, limits = system.totals().tolist(), system.parameters.limit.tolist()
     for resource, (total, limit) in enumerate(zip(totals, limits, strict=True)):
@@ -119,7 +119,7 @@ def _due(system: System, table: SampledTable, look: int, field: str) -> Iterator
         else:
             chance = asked(table, field, total, limit, system.env.now, look, resource)
         if signals(chance, key, resource, look):
-            yield resource
+            yield resource, total
 
 
 def asked(

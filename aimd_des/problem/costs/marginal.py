@@ -32,12 +32,12 @@ def polynomial_marginal(rows: FloatArray) -> Marginal:
     """Evaluate polynomials, (m, D), lowest power first."""
     slopes = [_without_leading_zeros(row) for row in rows]
     # Horner's scheme written out: it is most runs' way.
-    tops = [row[-1] for row in slopes]
-    rests = [row[-2::-1] for row in slopes]
+    polynomials = [(row[-1], row[-2::-1]) for row in slopes]
 
     def marginal(averages: Sequence[float], resource: int) -> float:
-        average, total = averages[resource], tops[resource]
-        for coefficient in rests[resource]:
+        average = averages[resource]
+        total, rest = polynomials[resource]
+        for coefficient in rest:
             total = total * average + coefficient
         return total
 
