@@ -73,6 +73,7 @@ exec(compile(code, "<string>", "exec"))
 _COMMANDS = """
 import aimd_des.scenario, aimd_des.study, pandas, pyarrow, rich.table, scipy.integrate, scipy.optimize
 import aimd_des.cli.emulate, aimd_des.cli.run_tables, aimd_des.emulate, aimd_des.scenario.run_folder
+import aimd_des.utils.compiling
 """
 
 #: Runs a file.
@@ -196,7 +197,7 @@ def forks() -> ForkServer:
 
 @functools.cache
 def compilers() -> ForkServer:
-    """Give a server that has compiled something, and has imported nothing of the project."""
+    """Give a server that has compiled something, and imported no more of the project than Numba asks for."""
     return ForkServer().prepare("import numba, simpy\nnumba.njit(lambda x: x + 1.0)(1.0)")
 
 

@@ -381,11 +381,11 @@ def test_what_a_compiled_latency_gives_is_checked_at_every_broadcast(monkeypatch
 
 
 def test_all_channels_are_of_one_compiled_type() -> None:
-    before = set(transmit.signatures)  # type: ignore[attr-defined]
+    before = set(transmit.dispatcher.signatures)  # type: ignore[attr-defined]
     for late in LATENCIES.values():
         for lossy in LOSSES.values():
             opened(latency=late, loss=lossy, fifo=True).transmit(Broadcast(0, 0, 0.0), 0.0)
-    after = set(transmit.signatures)  # type: ignore[attr-defined]
+    after = set(transmit.dispatcher.signatures)  # type: ignore[attr-defined]
     assert len(before | after) == 1
 
 

@@ -9,7 +9,7 @@ import pytest
 from numba.core.compiler import Flags
 from numba.core.errors import TypingError
 
-from aimd_des.utils import jit, numba_internals
+from aimd_des.utils import compiling, jit, numba_internals
 from aimd_des.utils.numba_internals import are_as_expected
 from tests.conftest import ROOT
 from tests.forks import FILE, compilers
@@ -17,7 +17,8 @@ from tests.forks import FILE, compilers
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 
 SOURCE = """
-from aimd_des.utils.jit import PARTS, deferred, formula, kernel, routine
+from aimd_des.utils.compiling import PARTS
+from aimd_des.utils.jit import deferred, formula, kernel, routine
 
 @formula
 def line(x, y):
@@ -84,7 +85,7 @@ def test_without_parts_the_bits_are_the_same(change: str, tmp_path: Path) -> Non
     # Of parts, only what Python calls is on the disk; of what is deferred, only what is called.
     assert words[0] == str(change == "as it is")
     without = ["far", "halved", "rare", "step", "walk"]
-    as_it_is = ["far", "halved", "walk"] if jit.DEFERS else ["far", "walk"]
+    as_it_is = ["far", "halved", "walk"] if compiling.DEFERS else ["far", "walk"]
     assert kept == (as_it_is if change == "as it is" else without)
 
 
@@ -96,7 +97,7 @@ def test_the_bounds_of_numba_and_the_version_that_was_tested_make_parts() -> Non
     (tested,) = re.findall(r"^numba==([\d.]+)$", (ROOT / "constraints.txt").read_text("utf-8"), re.MULTILINE)
     assert are_as_expected(f"{oldest}.0")
     assert are_as_expected(tested)
-    assert are_as_expected(numba.__version__) == jit.PARTS
+    assert are_as_expected(numba.__version__) == compiling.PARTS
 
 
 @pytest.mark.parametrize("version", ["0.59.1", "0.69.0", "1.0.0", "unknown"])
@@ -109,50 +110,54 @@ def test_a_name_that_is_missing_makes_no_parts(monkeypatch: pytest.MonkeyPatch) 
     assert not are_as_expected("0.60.0")
 
 
-@pytest.mark.skipif(not jit.PARTS, reason="this Numba makes no parts")
+@jit.kernel
+def _part(x: float) -> float:
+    return 2.0 * x
+
+
+@jit.kernel
+def _whole(x: float) -> float:
+    return _part(x) + 1.0
+
+
+@pytest.mark.skipif(not compiling.PARTS, reason="this Numba makes no parts")
 def test_a_part_has_no_machine_code_and_cannot_be_called() -> None:
-    @jit.kernel
-    def part(x: float) -> float:
-        return 2.0 * x
-
-    @jit.kernel
-    def whole(x: float) -> float:
-        return part(x) + 1.0
-
-    assert whole(1.5) == 4.0
-    ((signature, compiled),) = part.get_overload.__self__.overloads.items()  # type: ignore[attr-defined]
+    assert _whole(1.5) == 4.0
+    ((signature, compiled),) = _part.dispatcher.get_overload.__self__.overloads.items()  # type: ignore[attr-defined]
     assert signature == (numba.float64,)
     assert compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name) == 0
     with pytest.raises(KeyError):
         compiled.entry_point()
-    assert part(1.5) == 3.0  # machine code of its own, when Python asks
+    assert _part(1.5) == 3.0  # machine code of its own, when Python asks
 
 
-@pytest.mark.skipif(not jit.PARTS, reason="this Numba makes no parts")
+@jit.kernel
+def _talks(x: float) -> float:
+    print("x is", x)  # noqa: T201 - it calls Python
+    return x
+
+
+@jit.kernel
+def _listens(x: float) -> float:
+    return _talks(x)
+
+
+@pytest.mark.skipif(not compiling.PARTS, reason="this Numba makes no parts")
 def test_a_part_that_calls_python_is_refused() -> None:
-    @jit.kernel
-    def part(x: float) -> float:
-        print("x is", x)  # noqa: T201 - it calls Python
-        return x
-
-    @jit.kernel
-    def whole(x: float) -> float:
-        return part(x)
-
-    with pytest.raises(NotImplementedError, match="part calls Python"):
-        whole(1.0)
+    with pytest.raises(NotImplementedError, match="_talks calls Python"):
+        _listens(1.0)
 
 
 DEFERRED = """
 from compiled_here import far, halved, rare
 kernels = halved, rare
-print(far(1.0, 3.0).hex(), *(len(kernel.overloads) for kernel in kernels), end=" ")
-print(far(1.0, 300.0), *(len(kernel.overloads) for kernel in kernels), end=" ")
-print(*(sum(kernel.stats.cache_misses.values()) for kernel in (far, *kernels)))
+print(far(1.0, 3.0).hex(), *(len(kernel.dispatcher.overloads) for kernel in kernels), end=" ")
+print(far(1.0, 300.0), *(len(kernel.dispatcher.overloads) for kernel in kernels), end=" ")
+print(*(sum(kernel.dispatcher.stats.cache_misses.values()) for kernel in (far, *kernels)))
 """
 
 
-@pytest.mark.skipif(not jit.DEFERS, reason="this Numba defers nothing")
+@pytest.mark.skipif(not compiling.DEFERS, reason="this Numba defers nothing")
 def test_what_is_deferred_is_compiled_when_it_is_first_called_and_then_comes_from_the_disk(
     tmp_path: Path,
 ) -> None:
@@ -185,7 +190,7 @@ def _ask(x: float) -> float:
     return _wrong(x) if x > 0.0 else _broken(x)
 
 
-@pytest.mark.skipif(not jit.DEFERS, reason="this Numba defers nothing")
+@pytest.mark.skipif(not compiling.DEFERS, reason="this Numba defers nothing")
 @pytest.mark.parametrize(
     ("x", "error", "why"), [(1.0, TypeError, "returns float64"), (-1.0, TypingError, "attribute 'missing'")]
 )
@@ -196,25 +201,26 @@ def test_what_cannot_be_compiled_is_refused_where_it_is_called(
         _ask(x)
 
 
-@pytest.mark.skipif(not jit.DEFERS, reason="this Numba defers nothing")
+@pytest.mark.skipif(not compiling.DEFERS, reason="this Numba defers nothing")
 def test_compiling_can_be_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(signature: object) -> None:
         raise KeyboardInterrupt
 
-    @jit.kernel
-    def ask(x: float) -> float:
-        return _interrupted(x)
-
-    monkeypatch.setattr(_interrupted, "compile", interrupt)
+    monkeypatch.setattr(_interrupted.dispatcher, "compile", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        ask(1.0)
+        _ask_again(1.0)
     monkeypatch.undo()
-    assert ask(1.0) == 3.0
+    assert _ask_again(1.0) == 3.0
 
 
 @jit.deferred
 def _interrupted(x: float) -> float:
     return 3.0 * x
+
+
+@jit.kernel
+def _ask_again(x: float) -> float:
+    return _interrupted(x)
 
 
 def test_options_that_are_compared_quickly_are_equal_where_those_of_numba_are() -> None:

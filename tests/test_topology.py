@@ -300,7 +300,7 @@ def test_users_own_models_draw_what_built_in_ones_draw(make: Any) -> None:
 def test_networks_are_of_the_compiled_type_of_all_channels() -> None:
     BroadcastChannel().open(2, KEYS).transmit(Broadcast(0, 0, 0.0), 0.0)
     arrivals(topology.flood(meshed(), latency=latency.Exponential))
-    assert len(transmit.signatures) == 1  # type: ignore[attr-defined]
+    assert len(transmit.dispatcher.signatures) == 1  # type: ignore[attr-defined]
 
 
 # -- statistics --------------------------------------------------------------------------------------------

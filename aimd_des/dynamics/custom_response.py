@@ -7,9 +7,7 @@ from functools import cache
 from itertools import product
 from typing import Any, Literal, get_args
 
-import numba
 import numpy as np
-from numba.core.dispatcher import Dispatcher
 
 from aimd_des.dynamics.responses import (
     ASKED,
@@ -22,7 +20,7 @@ from aimd_des.dynamics.responses import (
     response_parameters,
 )
 from aimd_des.utils import returned_values, validation
-from aimd_des.utils.compiled_call import options_of
+from aimd_des.utils.compiled_call import is_compiled, options_of
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
 
@@ -114,7 +112,7 @@ def _check(response: CustomResponse) -> None:
     parameters = response.parameters(0.0)
     compiled = called_plainly(response, parameters)
     plain = compiled
-    if isinstance(response.probability, Dispatcher):
+    if is_compiled(response.probability):
         plain = called_plainly(response, parameters, _plain(response.probability))
     for slope, average, demand, age in product((0.3, 2.0), (0.5, 4.0), (0.6, 5.0), (1.0, 1000.0)):
         values = (0.1, slope, average, demand, 0.01, 0.7, age, 0.0, 0.0)
@@ -154,7 +152,7 @@ def with_address(
     if parameters.divisor != OWN:
         return parameters
     own: Any = response
-    if not isinstance(own.probability, Dispatcher):
+    if not is_compiled(own.probability):
         raise InputError.of(
             f"{type(response).__name__}.probability",
             own.probability,
@@ -179,6 +177,8 @@ def _said(response: object) -> str:
 # The cache keeps the callback alive, without which its address would mean nothing.
 @cache
 def _callback(function: Any, count: int, columns: int) -> Any:
+    import numba
+
     # As for gradients of costs: kernels get the address alone.  The options are the function's own, since it
     # must give processes, which call it one by one, the same bits.
     own = numba.njit(**{**options_of(function), "forceinline": True})(function.py_func)

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple, Protocol, get_args, runtime_checkable
 
 import numpy as np
-from numba import types
 
 from aimd_des.dynamics.averaging import FORGETTING, POLYNOMIAL, WINDOW, AveragingParameters
 from aimd_des.utils import validation
@@ -60,7 +59,7 @@ OWN_COLUMNS = 1
 
 #: Of a function of the user's: how many agents answer, how many can at once, and addresses of inputs, memory
 #: (of the first of them), probabilities and of the last one that is none.
-OF_ANSWERS = types.void(types.int64, types.int64, *[NUMBERS] * 4)
+OF_ANSWERS = f"void(int64, int64, {', '.join([NUMBERS] * 4)})"
 call_own = caller(OF_ANSWERS)
 
 #: Where a function of the user's shall put a probability.

@@ -29,6 +29,7 @@ from aimd_des.emulate.records import RowKind, read_rows
 from aimd_des.emulate.served import Emulation
 from aimd_des.emulate.wire import LOOPBACK, find_group, new_token
 from aimd_des.utils.errors import InputError, SimulationError
+from aimd_des.utils.jit import teach_numba
 from aimd_des.utils.validation import FloatArray
 
 # Seconds: until all are ready at the latest, from the start being said to the start, and how often the run is
@@ -249,6 +250,7 @@ def _rest(member: Member) -> None:
 
 def fork(main: Callable[[Any], Any], given: Any, foreign: Sequence[socket.socket]) -> Any:
     """Start a process that has all that this one has, at once."""
+    teach_numba()  # which takes half a second to import: a process would be late with what it calls first
     context = multiprocessing.get_context("fork")
     process = context.Process(target=forked, args=(main, given, foreign), daemon=True)
     with warnings.catch_warnings():

@@ -5,7 +5,6 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -324,6 +323,8 @@ def _address(callback: Any) -> int:
 
 @lru_cache(maxsize=16)
 def _callback(gradient: Callable[..., Any], m: int) -> Any:
+    import numba
+
     # Compiled code is given the address alone: kernels need not be compiled again for each function.
     @numba.cfunc(OF_AN_AGENT)  # type: ignore[untyped-decorator]
     def call(agent: int, average: Any, out: Any) -> None:

@@ -3,16 +3,13 @@
 from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
-from numba import types
-from numba.core.dispatcher import Dispatcher
 
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, SampledTable, table_of
-from aimd_des.utils.compiled_call import caller
+from aimd_des.utils.compiled_call import caller, is_compiled
 
 # Of total, limit, time, number of the look and resource.
-_PROBABILITY = types.float64(types.float64, types.float64, types.float64, types.int64, types.int64)
+_PROBABILITY = "float64(float64, float64, float64, int64, int64)"
 call_probability = caller(_PROBABILITY)
 
 
@@ -20,7 +17,7 @@ def compiled_table(control_unit: ControlUnit) -> SampledTable | CrossingTable | 
     """Return the table by which compiled code serves a control unit; None where its process has to run."""
     table = table_of(control_unit) if _speaks(type(control_unit)) else None
     own = table.probability if isinstance(table, SampledTable) else None
-    return table if own is None or isinstance(own, Dispatcher) else None
+    return table if own is None or is_compiled(own) else None
 
 
 def _speaks(kind: type) -> bool:
@@ -34,6 +31,7 @@ def _speaks(kind: type) -> bool:
 
 def compiled_probability(function: Callable[..., float]) -> Any:
     """Return a function of the user's own as compiled code can call it, by its address."""
+    import numba
 
     @numba.cfunc(_PROBABILITY)  # type: ignore[untyped-decorator]
     def call(total: float, limit: float, time: float, look: int, resource: int) -> float:

@@ -22,45 +22,25 @@ read in passes.
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
 
 from aimd_des.fleet.in_flight import BLOCK, DUE, CopiesInFlight
-from aimd_des.utils.jit import built, formula, instruction
+from aimd_des.utils.jit import formula, instruction
 
 
-def _length(word: int) -> int:
+@instruction
+def _highest_bit(word: int) -> int:
+    """Return the index of the highest bit that is set, -1 of 0."""
     return int(word).bit_length() - 1
 
 
-@instruction(_length)
-def _highest_bit(typingctx: Any, word: Any) -> Any:  # noqa: ARG001 - numba's calling convention
-    """Return the index of the highest bit that is set, -1 of 0."""
-    signature = types.int64(types.int64)
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ARG001
-        zeros = builder.ctlz(args[0], ir.Constant(ir.IntType(1), 0))
-        return builder.sub(ir.Constant(ir.IntType(64), 63), zeros)
-
-    return signature, codegen
-
-
-def _build_bits(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-    return builder.bitcast(builder.fadd(args[0], ir.Constant(args[0].type, 0.0)), ir.IntType(64))
-
-
-def _build_time(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-    return builder.bitcast(args[0], ir.DoubleType())
-
-
-@built(types.int64(types.float64), _build_bits)
+@instruction
 def bits_of(time: float) -> Any:
     """Return the bits of a time, as an integer that is in the order of times."""
     # Adding 0.0 makes +0.0 of -0.0, whose bits would be a negative number; all other times are at least 0.
     return np.float64(time + 0.0).view(np.int64)
 
 
-@built(types.float64(types.int64), _build_time)
+@instruction
 def time_of(key: int) -> Any:
     """Return the time that bits stand for."""
     return np.int64(key).view(np.float64)

@@ -26,6 +26,9 @@ _ONE_THREAD = dict.fromkeys(
     "1",
 )
 
+# What runs need and this process may never: it imports Numba.
+_COMPILES = "aimd_des.utils.compiling"
+
 
 class Pool(Protocol):
     """What makes executors; more than once, because a killed worker breaks one."""
@@ -54,7 +57,7 @@ class Processes:
         method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
         self._context: Any = get_context(method)
         if method == "forkserver":
-            self._context.set_forkserver_preload([worker_task.__name__])
+            self._context.set_forkserver_preload([worker_task.__name__, _COMPILES])
             with _deaf():
                 forkserver.ensure_running()
         # Nothing is ever sent: workers see when this end of it is gone.

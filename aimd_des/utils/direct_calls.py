@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
 
 # Machine code by the kernel and what its types follow from.
@@ -23,12 +22,12 @@ def direct(kernel: Callable[..., Any], *arguments: object) -> Callable[..., Any]
     A kernel asks at each call for the types of all that it is given, which takes longer for a record than
     most kernels run.  Where nothing is compiled it is the kernel itself.
     """
-    if numba.config.DISABLE_JIT:
-        return kernel
     key = (kernel, *map(_likeness, arguments))
     entry = _FOUND.get(key)
     if entry is None:
-        dispatcher: Any = kernel
+        dispatcher: Any = kernel.dispatcher  # type: ignore[attr-defined]  # all kernels are a `Kernel`
+        if not hasattr(dispatcher, "overloads"):
+            return kernel
         kinds = tuple(map(dispatcher.typeof_pyval, arguments))
         if kinds not in dispatcher.overloads:
             dispatcher.compile(kinds)

@@ -2,264 +2,117 @@
 
 A *formula* is a small function of numbers.  Agent processes call it as plain Python; kernels
 compile the same source.  No fast-math and no contraction to fused operations, so both give the
-same bits.  Compiled code counts no references, so nothing can be allocated in it: what tries is
-refused when it is compiled.  A kernel that Python calls is machine code, cached on disk, and compiled by one
-process while others wait; the kernels that it calls are parts of it, or deferred: compiled when they are
-first called (`numba_internals`).  Numba keys that
-cache by the file a kernel stands in; a kernel here may use formulas of other files, so the key is the source
-of all of the package that a kernel can depend on.  Where nothing can be written, kernels are compiled anew in
-each process.
+same bits.  A *kernel* is a function over arrays, which Python and other kernels call in machine code.
+
+Numba takes as long to import as all else that a command needs to check a file, so it is imported when a
+kernel is first called.  Until then formulas and records are noted, and no more.  Numba is taught what is
+noted before it compiles anything: a kernel of ours, or a function of a user's that calls a formula, since it
+calls what the entry point ``numba_extensions`` of this package names.  Where the package is not installed
+Numba finds no entry point: it is imported, and taught, at once.
 
 With ``NUMBA_DISABLE_JIT=1`` nothing is compiled: kernels are the functions of Python they are written as,
 a hundred times as slow, and give the same bits.
 """
 
-import gc
-import logging
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
-from functools import lru_cache, wraps
-from hashlib import sha256
+import time
+from collections.abc import Callable
+from functools import partial, update_wrapper
 from pathlib import Path
+from threading import RLock
 from typing import Any, TypeVar, cast
-
-import numba
-import numpy as np
-from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
-from numba.core.compiler_lock import global_compiler_lock
-from numba.core.types.misc import unliteral
-from numba.extending import intrinsic, lower_builtin, register_jitable, type_callable
-
-try:
-    from aimd_des.utils import numba_internals
-except ImportError:  # another Numba, which keeps in other places what is private to it
-    numba_internals = None  # type: ignore[assignment]
-
-if sys.platform != "win32":  # where processes compile side by side
-    import fcntl
-
-# Warnings are seen without setting up logging, which can silence them.
-_LOGGER = logging.getLogger("aimd_des")
-
-_FORMULAS = "formulas (some seconds)"
-
-# What users of this process have been told of.
-_TOLD: set[str] = set()
-
-#: Whether what only compiled code calls is compiled as a part of its callers alone.
-PARTS = numba_internals is not None and numba_internals.are_as_expected()
-#: And whether some kernels are compiled apart, at their first call.
-DEFERS = PARTS and numba_internals.can_defer()
-
-# Divisions as arrays have them, and nothing that is allocated.
-_SEMANTICS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
-
-# No way in from Python: kernels call parts, and processes the source of formulas.
-_PART: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-_KERNEL: dict[str, Any] = {"no_cfunc_wrapper": True}
-if PARTS:
-    _KERNEL["pipeline_class"] = numba_internals.KernelCompiler
-    _PART["pipeline_class"] = numba_internals.PartCompiler
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
+# When the first source was imported that kernels are made of.
+_IMPORTED = time.time()
 
-#: What is built on the simulation: no kernel is here, and none uses what is.
-ABOVE_KERNELS = frozenset(
-    {
-        "__init__",
-        "__main__",
-        "_deprecated",
-        "_version",
-        "averaging",
-        "cli",
-        "compensation",
-        "emulate",
-        "latency",
-        "live",
-        "loss",
-        "lowlevel",
-        "plots",
-        "report",
-        "scenario",
-        "study",
-        "theory",
-        "topology",
-        "watch",
-    }
-)
+# One thread at a time teaches Numba, or makes what compiles a kernel.
+_LOCK = RLock()
+
+# What Numba will be taught; None when it has been, and is taught all else as it comes.
+_noted: list[Callable[[], object]] | None = []
 
 
-@lru_cache
-def _package_stamp() -> str:
-    digest = sha256()
-    root = Path(__file__).parents[1]
-    for path in sorted(root.rglob("*.py")):
-        if Path(path.relative_to(root).parts[0]).stem not in ABOVE_KERNELS:
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
+def note(teach: Callable[[], object]) -> None:
+    """Call a function before Numba compiles anything; at once, if it may have."""
+    with _LOCK:
+        if _noted is None:
+            teach()
+        else:
+            _noted.append(teach)
 
 
-class _PackageCache(FunctionCache):  # type: ignore[misc]  # numba has no type information
-    """A cache on disk that is out of date as soon as a file changes that a kernel may depend on."""
-
-    def __init__(self, py_func: Callable[..., Any], announced: str = "") -> None:
-        super().__init__(py_func)
-        self._announced = announced
-        self._cache_file = IndexDataCacheFile(
-            cache_path=self._cache_path,
-            filename_base=self._impl.filename_base,
-            source_stamp=_package_stamp(),
-        )
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Load what an earlier run compiled, if it is there and whole."""
-        try:
-            found = super().load_overload(sig, target_context)
-        except Exception:  # noqa: BLE001 - unpickling what is damaged can raise anything
-            found = None
-            with suppress(OSError):
-                self.flush()  # keeping what is compiled now would read it again
-        if found is None:
-            _announce(self._announced)
-        return found
-
-    @contextmanager
-    def alone(self) -> Iterator[None]:
-        """Let no other process compile this kernel: it waits, and then finds the code on the disk.
-
-        The system gives the lock up with the process.  A kernel is locked before those it calls, and none
-        calls itself, so no processes wait for each other.
-        """
-        with ExitStack() as held:
-            with suppress(OSError):  # what can be read need be neither written nor locked
-                path = Path(self.cache_path, f"{self._impl.filename_base}.lock")
-                lock = held.enter_context(path.open("w"))
-                if sys.platform != "win32":
-                    fcntl.flock(lock, fcntl.LOCK_EX)
-            yield
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled; if the disk refuses it is used all the same."""
-        try:
-            super().save_overload(sig, data)
-        except OSError as error:
-            _say_that_nothing_is_kept(error.strerror)
+def teach_numba() -> None:
+    """Teach Numba what has been noted: Numba calls this before it first compiles, for anyone."""
+    global _noted
+    with _LOCK:
+        noted, _noted = _noted or [], None
+        for teach in noted:
+            teach()
 
 
-class _NoCache(NullCache):  # type: ignore[misc]  # numba has no type information
-    """In place of a cache where no place for one can be written."""
+class Kernel:
+    """A function that is compiled when it is first called; Numba is not imported before."""
 
-    def __init__(self, announced: str) -> None:
-        self._announced = announced
+    # What a call runs is looked up here by the interpreter itself: no function of Python stands between a
+    # caller and machine code.
+    __slots__ = ("__call__", "__dict__", "_dispatcher", "_options", "py_func")
+    __call__: Callable[..., Any]
 
-    def alone(self) -> AbstractContextManager[None]:
-        """Do not wait for other processes, which can leave nothing here."""
-        return nullcontext()
+    def __init__(self, function: Callable[..., Any], **options: Any) -> None:
+        self.py_func, self._options, self._dispatcher = function, options, None
+        self.__call__ = self._first_call
+        update_wrapper(self, function)
 
-    def load_overload(self, sig: Any, target_context: Any) -> None:
-        """Say that compiling takes its time, and that it will next time."""
-        _say_that_nothing_is_kept("no folder for it can be written")
-        _announce(self._announced, once="")
+    def _first_call(self, *args: Any, **named: Any) -> Any:
+        return self.dispatcher(*args, **named)
 
+    @property
+    def dispatcher(self) -> Any:
+        """What Numba has made of the function, and calls from now on go to."""
+        with _LOCK:
+            if self._dispatcher is None:
+                from aimd_des.utils.compiling import compiled
 
-def _announce(announced: str, once: str = ", which is done once on a machine") -> None:
-    """Say what is compiled: the first of many kernels speaks for all except those that take long."""
-    what = announced or ("" if _TOLD else _FORMULAS)
-    if what and what not in _TOLD:
-        _TOLD.add(what)
-        _LOGGER.warning("compiling %s%s; please wait", what, once)
+                teach_numba()
+                self._dispatcher = self.__call__ = compiled(self.py_func, _IMPORTED, **self._options)
+        return self._dispatcher
 
+    @property
+    def _numba_type_(self) -> Any:
+        """The type of what compiled code calls: Numba asks for it by this name."""
+        from numba import typeof
 
-@lru_cache(maxsize=1)
-def _say_that_nothing_is_kept(reason: str | None) -> None:
-    remedy = "set NUMBA_CACHE_DIR to a folder that can be written, and code is compiled only once"
-    _LOGGER.warning("compiled code is not kept (%s) and will be compiled anew next time; %s", reason, remedy)
+        return typeof(self.dispatcher)
 
-
-def _cache_for(function: Callable[..., Any], announced: str) -> Any:
-    try:
-        return _PackageCache(function, announced)
-    except (RuntimeError, OSError):  # numba finds no place, or loses it meanwhile
-        return _NoCache(announced)
+    def __reduce__(self) -> str:
+        """Pickle as functions are: by name."""
+        return self.py_func.__qualname__
 
 
 def formula(function: _Function) -> _Function:
     """Mark a function of numbers that kernels compile and processes call unchanged."""
-    return cast(_Function, register_jitable(**_SEMANTICS, **_PART, forceinline=True)(function))
+
+    def teach() -> None:
+        from aimd_des.utils.compiling import enter_formula
+
+        enter_formula(function)
+
+    note(teach)
+    return function
 
 
-@contextmanager
-def _without_collector() -> Iterator[None]:
-    """Keep the garbage collector from searching what is being compiled, which takes an eighth of the time."""
-    runs = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if runs:
-            gc.enable()
+def instruction(function: _Function) -> _Function:
+    """Mark a function for which kernels have an instruction: what `instructions` builds under its name."""
 
+    def teach() -> None:
+        from aimd_des.utils.instructions import enter_instruction
 
-def _compiled(function: _Function, announced: str = "", *, apart: bool = False, **options: bool) -> _Function:
-    """Compile to machine code for Python; kernels that call it take in a part of it, or call it apart."""
-    if numba.config.DISABLE_JIT:
-        return _interpreted(function)
-    dispatcher = numba.njit(nogil=True, **_KERNEL, **_SEMANTICS, **options)(function)
-    cache = dispatcher._cache = _cache_for(function, announced)
-    compile_now = dispatcher.compile
+        enter_instruction(function)
 
-    def compile_alone(signature: Any) -> Any:
-        """Compile what no other process is compiling; threads of this one wait for each other first."""
-        with global_compiler_lock, cache.alone(), _without_collector():
-            return compile_now(signature)
-
-    dispatcher.compile = compile_alone
-    if DEFERS and apart:
-        numba_internals.defer(dispatcher)
-    elif PARTS:
-        numba_internals.take_in(dispatcher, numba.njit(**_SEMANTICS, **_PART, **options)(function))
-    typed = dispatcher.get_call_template
-
-    def get_call_template(args: Any, kws: Any) -> Any:
-        """Compile once for all integers, not once more for each that is written out where it is called."""
-        return typed([*map(unliteral, args)], {name: unliteral(kws[name]) for name in kws})
-
-    dispatcher.get_call_template = get_call_template
-    return cast(_Function, dispatcher)
-
-
-def _interpreted(function: _Function) -> _Function:
-    """Run a kernel uncompiled, with machine arithmetic: divisions by zero and overflows are no errors."""
-
-    @wraps(function)
-    def run(*args: Any, **named: Any) -> Any:
-        with np.errstate(all="ignore"):
-            return function(*args, **named)
-
-    cast(Any, run).py_func = function
-    return cast(_Function, run)
-
-
-def instruction(plain: _Function) -> Callable[[Callable[..., Any]], _Function]:
-    """Make an instruction of the machine callable from kernels."""
-    return lambda function: cast(_Function, plain if numba.config.DISABLE_JIT else intrinsic(function))
-
-
-def built(signature: Any, build: Callable[..., Any]) -> Callable[[_Function], _Function]:
-    """Let kernels call what is built in place of a function of one number; elsewhere it is unchanged.
-
-    For what compiled code can do in fewer instructions than Numba makes of the function, or in instructions
-    that LLVM makes vectors of.
-    """
-
-    def register(function: _Function) -> _Function:
-        type_callable(function)(lambda _context: lambda _: signature)
-        lower_builtin(function, *signature.args)(build)
-        return function
-
-    return register
+    note(teach)
+    return function
 
 
 def kernel(function: _Function) -> _Function:
@@ -267,7 +120,7 @@ def kernel(function: _Function) -> _Function:
 
     Kernels that call it hold a copy of its code at each call.
     """
-    return _compiled(function, forceinline=True)
+    return cast(_Function, Kernel(function, forceinline=True))
 
 
 def routine(function: _Function) -> _Function:
@@ -275,7 +128,7 @@ def routine(function: _Function) -> _Function:
 
     For what is large or used in many places, where a copy at each would take long to compile.
     """
-    return _compiled(function)
+    return cast(_Function, Kernel(function))
 
 
 def deferred(function: _Function) -> _Function:
@@ -284,9 +137,23 @@ def deferred(function: _Function) -> _Function:
     For what not every run needs, and for what several kernels call once for many agents.  Its result has the
     type that its annotation says.
     """
-    return _compiled(function, apart=True)
+    return cast(_Function, Kernel(function, apart=True))
 
 
 def announced(what: str) -> Callable[[_Function], _Function]:
     """Make a routine that takes so long to compile that users are told."""
-    return lambda function: _compiled(function, announced=what)
+    return cast(Callable[[_Function], _Function], partial(Kernel, announced=what))
+
+
+def _is_found_by_numba() -> bool:
+    """Look for the entry point of this package: `importlib.metadata` takes ten times as long to import."""
+    wanted = f"{teach_numba.__module__}:{teach_numba.__name__}"
+    return any(
+        wanted in path.read_text(encoding="utf-8")
+        for folder in sys.path
+        for path in Path(folder).glob("aimd_des-*info/entry_points.txt")
+    )
+
+
+if not _is_found_by_numba():
+    teach_numba()

@@ -190,7 +190,7 @@ def _find_address(wanted: int, size: int, kept: int) -> None:
     # No exception can pass through the code that asks: it raises one of its own.
     try:
         module, name, kinds, result = pickle.loads(string_at(wanted, size))  # noqa: S301 - our own code has it
-        dispatcher = getattr(sys.modules[module], name)
+        dispatcher = getattr(sys.modules[module], name).dispatcher
         dispatcher.compile(kinds)
         compiled = dispatcher.overloads[kinds]
         if types.unliteral(compiled.signature.return_type) != result:

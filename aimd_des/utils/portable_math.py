@@ -13,14 +13,11 @@ W. J. Cody and W. Waite, "Software Manual for the Elementary Functions", 1980; M
 """
 
 import math
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from llvmlite import ir
-from numba import types
 
-from aimd_des.utils.jit import built, formula, kernel
+from aimd_des.utils.jit import formula, instruction, kernel
 from aimd_des.utils.validation import FloatArray
 
 # log 2 in two parts. The first has 20 bits to spare, so that its product with an exponent is exact.
@@ -28,15 +25,12 @@ _LOG2_HIGH, _LOG2_LOW = float.fromhex("0x1.62e42fee00000p-1"), float.fromhex("0x
 _PER_LOG2 = 1.4426950408889634
 _ROOT_HALF = 0.7071067811865476
 
-# How many bits a fraction has.  The bits of its exponent are a whole number, 1022 for numbers from 1/2 to 1.
-_BITS, _BIAS = 52, 1022
+# How many bits a fraction has.
+_BITS = 52
 _SCALE = float(1 << _BITS)
 
 # Numbers below it have fewer bits.
 _SMALLEST = float.fromhex("0x1p-1022")
-
-# A number whose lowest bits are those of whole numbers that are added to it; less than half of it is lost.
-_WHOLE = float(3 << 51)
 
 # Beyond these, exp is inf or 0 in double precision.
 _EXP_HIGHEST, _EXP_LOWEST = 709.782712893384, -745.1332191019412
@@ -45,44 +39,19 @@ _EXP_HIGHEST, _EXP_LOWEST = 709.782712893384, -745.1332191019412
 _HALF_CELL = 2.0**-54
 
 
-_REAL, _WORD = ir.DoubleType(), ir.IntType(64)
-
-
-# In bits alone, of which there are vectors; of conversions between words and numbers there are none.
-def _build_split(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-    bits = builder.bitcast(args[0], _WORD)
-    fraction = builder.and_(bits, ir.Constant(_WORD, (1 << _BITS) - 1))
-    fraction = builder.or_(fraction, ir.Constant(_WORD, _BIAS << _BITS))
-    # As the fraction of a number from 2**52 on, a whole number is added to it.
-    exponent = builder.lshr(bits, ir.Constant(_WORD, _BITS))
-    exponent = builder.or_(exponent, ir.Constant(_WORD, (1023 + _BITS) << _BITS))
-    exponent = builder.fsub(builder.bitcast(exponent, _REAL), ir.Constant(_REAL, _SCALE + _BIAS))
-    split = [builder.bitcast(fraction, _REAL), exponent]
-    return context.make_tuple(builder, signature.return_type, split)
-
-
-def _build_floor(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-    return builder.call(builder.module.declare_intrinsic("llvm.floor", [_REAL]), args)
-
-
-def _build_power(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-    lowest = builder.bitcast(builder.fadd(args[0], ir.Constant(_REAL, _WHOLE + 1023.0)), _WORD)
-    return builder.bitcast(builder.shl(lowest, ir.Constant(_WORD, _BITS)), _REAL)
-
-
-@built(types.UniTuple(types.float64, 2)(types.float64), _build_split)
+@instruction
 def _split_normal(x: float) -> tuple[float, float]:
     """Return the fraction, from 1/2 to 1, and the exponent of a number of at least 2**-1022."""
     return math.frexp(x)
 
 
-@built(types.float64(types.float64), _build_floor)
+@instruction
 def _floor(x: float) -> float:
     """Return the largest whole number that is not above a number."""
     return float(math.floor(x))
 
 
-@built(types.float64(types.float64), _build_power)
+@instruction
 def _power_of_two(exponent: float) -> float:
     """Return 2**k for a whole number k from -1022 to 1023."""
     return math.ldexp(1.0, int(exponent))

@@ -13,8 +13,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from llvmlite import ir
-from numba import types
 
 from aimd_des.utils import validation
 from aimd_des.utils.jit import deferred, formula, instruction, kernel, routine
@@ -96,23 +94,11 @@ def generator(seed: int, purpose: Purpose) -> np.random.Generator:
     return np.random.Generator(np.random.Philox(key=np.array(key(seed, purpose), dtype=np.uint64)))
 
 
-def _product(a: np.uint64, b: np.uint64) -> tuple[np.uint64, np.uint64]:
+@instruction
+def _multiply_wide(a: np.uint64, b: np.uint64) -> tuple[np.uint64, np.uint64]:
+    """Multiply two 64-bit words to the high and low word of their 128-bit product."""
     product = int(a) * int(b)
     return np.uint64(product >> 64), np.uint64(product & 0xFFFFFFFFFFFFFFFF)
-
-
-@instruction(_product)
-def _multiply_wide(typingctx: Any, a: Any, b: Any) -> Any:  # noqa: ARG001 - numba's calling convention
-    """Multiply two 64-bit words to the high and low word of their 128-bit product."""
-    signature = types.UniTuple(types.uint64, 2)(types.uint64, types.uint64)
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        word, wide = ir.IntType(64), ir.IntType(128)
-        product = builder.mul(builder.zext(args[0], wide), builder.zext(args[1], wide))
-        high = builder.trunc(builder.lshr(product, ir.Constant(wide, 64)), word)
-        return context.make_tuple(builder, signature.return_type, [high, builder.trunc(product, word)])
-
-    return signature, codegen
 
 
 @kernel

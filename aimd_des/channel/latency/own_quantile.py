@@ -4,26 +4,28 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-import numba
 import numpy as np
-from numba import types
 
 from aimd_des.channel.parameters import MOST_PARAMETERS, form_of
 from aimd_des.utils.compiled_call import IN_ROWS, NUMBERS, caller, compiled_for_rows
 
 # Of a number of links, their uniform numbers, which become latencies, and their parameters.
-_OF_LINKS = types.void(types.int64, *[NUMBERS] * (1 + MOST_PARAMETERS))
+_OF_LINKS = f"void(int64, {', '.join([NUMBERS] * (1 + MOST_PARAMETERS))})"
 call_quantile = caller(_OF_LINKS)
 
 
 def address_of(quantile: Callable[..., Any], n_parameters: int) -> int:
     """Compile a quantile function for rows; 0 where numba is told to compile nothing."""
+    import numba
+
     return 0 if numba.config.DISABLE_JIT else int(_callback(quantile, n_parameters).address)
 
 
 # The cache keeps the callback alive, without which its address would mean nothing.
 @cache
 def _callback(quantile: Any, n_parameters: int) -> Any:
+    import numba
+
     def make(own: Any) -> Any:
         @numba.njit(**IN_ROWS)  # type: ignore[untyped-decorator]  # numba has no type information
         def one(u: float, first: float, second: float, third: float) -> Any:

@@ -4,9 +4,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-import numba
 import numpy as np
-from numba import types
 
 from aimd_des.channel.parameters import MOST_PARAMETERS, form_of
 from aimd_des.utils.compiled_call import IN_ROWS, NUMBERS, caller, compiled_for_rows
@@ -14,20 +12,22 @@ from aimd_des.utils.errors import InputError
 
 # Of a number of links and a time: their uniform numbers, their parameters, what is kept for them, and whether
 # each loses its copy, to which it is added.
-_OF_LINKS = types.void(
-    types.int64, types.float64, *[NUMBERS] * (2 + MOST_PARAMETERS), types.CPointer(types.uint8)
-)
+_OF_LINKS = f"void(int64, float64, {', '.join([NUMBERS] * (2 + MOST_PARAMETERS))}, CPointer(uint8))"
 call_lost = caller(_OF_LINKS)
 
 
 def address_of(lost: Callable[..., Any], n_parameters: int, columns: int) -> int:
     """Compile a loss for rows; 0 where numba is told to compile nothing."""
+    import numba
+
     return 0 if numba.config.DISABLE_JIT else int(_callback(lost, n_parameters, columns).address)
 
 
 # The cache keeps the callback alive, without which its address would mean nothing.
 @cache
 def _callback(lost: Any, n_parameters: int, columns: int) -> Any:
+    import numba
+
     told = 2 + n_parameters
 
     def make(own: Any) -> Any:
@@ -49,7 +49,7 @@ def _callback(lost: Any, n_parameters: int, columns: int) -> Any:
                 uniform[0] = np.nan
 
         returned = next(iter(one.overloads.values())).signature.return_type
-        if returned != types.boolean:
+        if returned != numba.types.boolean:
             raise InputError.of(f"what {lost.__name__}({form}) returns", str(returned), "a bool")
         return call
 

@@ -1,14 +1,15 @@
 """Costs from the user's own functions, one agent at a time."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba.core.dispatcher import Dispatcher
 
 from aimd_des.problem.costs.checks import straddle
 from aimd_des.problem.costs.marginal import Marginal
 from aimd_des.utils import validation
+from aimd_des.utils.compiled_call import is_compiled
 from aimd_des.utils.docstrings import described_like
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.validation import FloatArray
@@ -136,15 +137,15 @@ class CustomCosts:
         own = self.agent_gradient
         return lambda averages, resource: float(np.asarray(own(agent, np.array(averages)))[resource])
 
-    def compiled_gradient(self) -> Dispatcher | None:
+    def compiled_gradient(self) -> Callable[..., Any] | None:
         """Return the gradient function as a fleet calls it.
 
         Returns
         -------
-        Dispatcher or None
+        callable or None
             Compiled if it was decorated with `numba.njit`; None otherwise.
         """
-        return self.agent_gradient if isinstance(self.agent_gradient, Dispatcher) else None
+        return self.agent_gradient if is_compiled(self.agent_gradient) else None
 
 
 def _of_all(

@@ -6,15 +6,14 @@ Nothing here asks of which family costs are.
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
-import numba
 import numpy as np
 import numpy.typing as npt
-from numba.core.dispatcher import Dispatcher
 
 from aimd_des.problem.costs.base import Costs, family
 from aimd_des.problem.costs.marginal import Marginal, table_marginal
 from aimd_des.problem.costs.table import CostTable, no_table
 from aimd_des.utils import validation
+from aimd_des.utils.compiled_call import is_compiled
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.returned_values import calling, said_by
 from aimd_des.utils.validation import FloatArray, IntArray
@@ -39,10 +38,10 @@ def cost_table(costs: Costs) -> CostTable:
     return table  # type: ignore[no-any-return]  # it is one
 
 
-def compiled_gradient(costs: Costs) -> Dispatcher | None:
+def compiled_gradient(costs: Costs) -> Callable[..., Any] | None:
     """Return the gradient of one agent as compiled code can call it, if the family has one."""
-    gradient = _own(costs, "compiled_gradient")
-    if gradient is not None and not isinstance(gradient, Dispatcher):
+    gradient: Callable[..., Any] | None = _own(costs, "compiled_gradient")
+    if gradient is not None and not is_compiled(gradient):
         allowed = "a function decorated with numba.njit, or None"
         raise InputError.of(said_by(costs, "compiled_gradient"), gradient, allowed)
     return gradient
@@ -172,10 +171,11 @@ class _Scaled(_Derived):
         factor, own = float(self.factors[agent]), marginal_cost(self.inner, agent)
         return lambda averages, resource: factor * own(averages, resource)
 
-    def compiled_gradient(self) -> Dispatcher | None:
+    def compiled_gradient(self) -> Callable[..., Any] | None:
         own, factors, m = compiled_gradient(self.inner), self.factors, self.n_resources
         if own is None:
             return None
+        import numba
 
         @numba.njit  # type: ignore[untyped-decorator]  # numba has no type information
         def gradient(agent: int, averages: FloatArray) -> FloatArray:
@@ -184,7 +184,7 @@ class _Scaled(_Derived):
                 scaled[j] = factors[agent] * values[j]
             return scaled
 
-        return cast(Dispatcher, gradient)
+        return cast(Callable[..., Any], gradient)
 
 
 class _Selected(_Derived):

@@ -2,14 +2,13 @@
 
 from collections.abc import Callable, Sequence
 
-import numba
 import numpy as np
 import numpy.typing as npt
-from numba.core.dispatcher import Dispatcher
 
 from aimd_des.problem.costs.custom import CustomCosts
 from aimd_des.problem.costs.terms import TermCosts, common_price, each_agent, prices
 from aimd_des.utils import validation
+from aimd_des.utils.compiled_call import is_compiled
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.parts import built_in
 from aimd_des.utils.validation import FloatArray
@@ -137,17 +136,22 @@ class UtilityCosts(TermCosts):
             if not callable(function):
                 raise InputError.of(name, function, "a function of (agent, allocation)")
 
-        def slopes(agent: int, allocation: FloatArray) -> FloatArray:
+        def plain(agent: int, allocation: FloatArray) -> FloatArray:
             own, left = gradient(agent, allocation), np.empty(m)
             for j in range(m):
                 left[j] = each[j] - own[j]  # type: ignore[index]  # an array, a list or a tuple
             return left
 
+        slopes = plain
+        if is_compiled(gradient):
+            import numba
+
+            slopes = numba.njit(plain)
         return CustomCosts(
             n_agents,
             m,
             lambda agent, x: float(each @ x - utility(agent, x)),
-            numba.njit(slopes) if isinstance(gradient, Dispatcher) else slopes,
+            slopes,
             None if hessian is None else lambda agent, x: -np.asarray(hessian(agent, x)),
             separable=separable,
         )
