@@ -175,8 +175,8 @@ def test_a_model_that_returns_something_else_is_refused() -> None:
 def test_the_decorator_is_known_by_all_its_names(imported: str, mark: str) -> None:
     marks = frozenset({"aimd_des.model", "aimd_des.registry.model", "aimd_des.scenario.models.model"})
     source = f"{imported}\nif True:\n    @{mark}\n    def mine():\n        ...\n"
-    assert decorated(source, marks) == ["mine"]
-    assert decorated(source.replace("aimd_des", "other"), marks) == []
+    assert decorated(source, marks) == ("mine",)
+    assert decorated(source.replace("aimd_des", "other"), marks) == ()
 
 
 def test_models_of_the_project_are_found_by_reading() -> None:

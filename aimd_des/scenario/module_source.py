@@ -3,6 +3,7 @@
 import ast
 import sys
 from collections.abc import Iterator
+from functools import lru_cache
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
 from pathlib import Path
@@ -61,11 +62,13 @@ def modules_in(package: str = "") -> list[str]:
     return sorted(info.name for info in iter_modules(places, f"{package}." if package else ""))
 
 
-def decorated(source: str, decorators: frozenset[str]) -> list[str]:
+# Each group of parts is asked for by itself, and all look through the same modules.
+@lru_cache(maxsize=256)
+def decorated(source: str, decorators: frozenset[str]) -> tuple[str, ...]:
     """Name the functions and classes at the top level of a module that have one of some decorators."""
     tree = ast.parse(source)
     meant = dict(_imported(tree, decorators))
-    return list(
+    return tuple(
         dict.fromkeys(
             definition.name
             for definition in _definitions(tree)

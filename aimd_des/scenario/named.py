@@ -82,7 +82,7 @@ class Names:
             return self._registered(module)
         try:
             source = source_of(module)
-            return None if source is None else decorated(source, self.decorators)
+            return None if source is None else list(decorated(source, self.decorators))
         except (ImportError, SyntaxError, ValueError, RecursionError, MemoryError) as error:  # no Python
             raise self._not_imported(module, error) from error
 
