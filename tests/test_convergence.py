@@ -513,7 +513,6 @@ class TestTheInterface:
         [
             ({"lag": 1, "latency": 1.0}, "lag"),
             ({"lag": 1, "dynamics": "continuous"}, "lag"),
-            ({"exact": True, "dynamics": "continuous", "period": 1.0}, "exact"),
             ({"exact": True, "response": WHOLE}, "exact"),
             ({"response": "paper"}, "response"),
             ({"response": responses.CustomResponse(one_third)}, "theory cannot look into"),

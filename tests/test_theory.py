@@ -18,13 +18,16 @@ from aimd_des import (
     Crossing,
     InputError,
     Problem,
+    Resource,
     Sampled,
     Simulation,
     SimulationError,
+    normalization_factors,
     run_synchronous,
     solve_optimum,
     theory,
 )
+from aimd_des.costs import UtilityCosts
 from aimd_des.problem.costs import CoupledCosts, CustomCosts, PolynomialCosts, weighted_costs
 from aimd_des.theory import prediction
 from aimd_des.theory.moments import averages_between, moments_at_signals
@@ -527,6 +530,28 @@ def test_prediction_refuses_what_it_cannot_tell(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(prediction, "_MAX_ROUNDS", 2)
     with pytest.raises(SimulationError, match="does not settle"):
         theory.predict(problem, "continuous")
+
+
+def test_a_hold_off_of_no_length_is_none() -> None:
+    """One follows the total as a walk, and the other does not; 2e-4 is what a walk is exact to."""
+    for number in (0, 1):
+        crossing = theory.predict(smart_cameras(number), "continuous")
+        held_off = theory.predict(smart_cameras(number), "continuous", hold_off=0.0)
+        for found, wanted in zip(held_off.__dict__.values(), crossing.__dict__.values(), strict=True):
+            assert found == pytest.approx(wanted, rel=2e-4)
+
+
+def test_marginal_costs_that_hardly_rise_settle_with_a_hold_off() -> None:
+    urgency = np.random.default_rng(0).uniform(0.5, 2.0, (20, 1))
+    costs = UtilityCosts(weights=urgency, shifts=1.0)
+    gamma = 0.25 * normalization_factors(costs, upper=[11.0], lower=0.5)[0]
+    chargers = Problem([Resource("feeder", 66.0, 0.03, decrease=0.8, normalization=gamma)], costs)
+    expected = theory.predict(chargers, "continuous", hold_off=0.5)
+    assert expected.probability.max() < 0.2
+    # Five runs of 10**6 units each, with averages that forget in 10**4: .99667 and 1.16059, exact to 1e-5.
+    # The walk is exact to 5e-4, and follows no agent by itself.
+    assert expected.utilisation == pytest.approx(0.9967, abs=0.002)
+    assert expected.signals == pytest.approx(1.1606, abs=0.001)
 
 
 # ---- loss

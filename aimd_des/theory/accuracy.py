@@ -380,9 +380,8 @@ def convergence(
     response : Response, optional
         How agents answer signals; default: `responses.Randomised`, the paper's rule.
     exact : bool, optional
-        Whether averages come from the exact moments of what signals find, which there are for crossings and
-        for the clock.  By default they are used with up to 200 agents; else the order 1 / n is
-        neglected.
+        Whether averages come from the exact moments of what signals find. By default they are used with up to
+        200 agents; else the order 1 / n is neglected.
 
     Returns
     -------
@@ -414,7 +413,7 @@ def convergence(
         problem, dynamics, latency=latency, period=period, loss=loss, hold_off=hold_off, response=response
     )
     if exact and not setting.has_moments:
-        known = "exact moments are known on the clock, for crossings, and up to 200 agents; not for full cuts"
+        known = "exact moments are known for up to 200 agents, and not for full cuts"
         raise InputError.of("exact", exact, "left out here", known)
     setting = setting._replace(exact=setting.has_moments and exact is not False)
     setting, steady = _on_the_clock(setting) if setting.discrete else (setting, steady_state(setting))

@@ -10,9 +10,9 @@ used.  `predict` iterates the two.  In the balance of growth and cuts
   sawtooths of mean height D with the variance V = sum_i (1 - beta_i)^2 q_i (1 - q_i) E y_i^2, q_i = (1 - p_i)
   lambda_i.
 
-For exact crossings and few agents the last is replaced by exact moments (`aimd_des.theory.moments`).  Where
-the control unit samples, or holds off, the total alone is followed (`aimd_des.theory.totals`), for
-what signals find in all and for its mean over time.
+For few agents the last is replaced by exact moments (`aimd_des.theory.moments`).  Where the control unit
+samples, or holds off, the total alone is followed (`aimd_des.theory.totals`), for what signals find in all
+and for its mean over time, and moments are those of exact crossings at these signals.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,8 @@ from aimd_des.utils.old_keywords import keywords
 from aimd_des.utils.validation import FloatArray
 
 _TOLERANCE = 1e-9
-_MAX_ROUNDS = 500
+# Agents whose marginal cost hardly rises move slowly: some systems take 1,500 rounds.
+_MAX_ROUNDS = 5_000
 # Rounds from one look at the exact moments to the next.
 _BETWEEN = 6
 # The total alone is followed anew until its mean has settled to this share of the capacity, or so often.
@@ -265,17 +266,30 @@ def _balance(setting: Setting, part: FloatArray) -> Steady:
     if setting.sway is not None:
         columns = problem.increase, keep, hit, found, square + setting.sway, signals, setting.loss
         return Steady(signals, averages_on_the_clock(*columns), square, found, part, keep, hit)
-    spread = np.array([law.variation for law in cuts(found, keep, hit)])
-    tooth = 0.5 / signals * (1.0 + spread**2)
-    if setting.discrete:  # it stays where it is in the step of a signal
-        tooth = 0.5 * (1.0 / signals - 1.0) * (1.0 + spread**2 * (1.0 - signals))
-    average = found - problem.increase * tooth
-    if setting.mean is not None:
-        # Signals come late: the total sways besides, all agents by as much as they grow (theory.md, Delay).
-        sway = problem.increase.sum(axis=0) * (tooth - setting.found + setting.mean)
-        share = problem.increase**2 / found
-        average += sway * share / share.sum(axis=0)
+    tooth = half_height(setting, signals, found, keep, hit)
+    average = found - problem.increase * tooth + swayed(setting, tooth, found)
     return Steady(signals, average, square, found, part, keep, hit)
+
+
+def half_height(
+    setting: Setting, signals: FloatArray, found: FloatArray, keep: FloatArray, hit: FloatArray
+) -> FloatArray:
+    """Compute half the height of the sawtooth in units of growth, (m,), were it the same for all agents."""
+    spread = np.array([law.variation for law in cuts(found, keep, hit)])
+    if setting.discrete:  # it stays where it is in the step of a signal
+        return np.asarray(0.5 * (1.0 / signals - 1.0) * (1.0 + spread**2 * (1.0 - signals)))
+    return np.asarray(0.5 / signals * (1.0 + spread**2))
+
+
+def swayed(setting: Setting, tooth: FloatArray, found: FloatArray) -> FloatArray | float:
+    """Compute what is added to averages, (n, m), where the total sways: signals come late or are held off."""
+    if setting.mean is None:
+        return 0.0
+    # All agents sway by as much as they grow (theory.md, Delay).
+    increase = setting.problem.increase
+    share = increase**2 / found
+    sway = increase.sum(axis=0) * (tooth - setting.found + setting.mean)
+    return np.asarray(sway * share / share.sum(axis=0))
 
 
 def lost_steps(setting: Setting, kappa: FloatArray, found: FloatArray) -> FloatArray:
@@ -300,4 +314,6 @@ def _exact(setting: Setting, balance: Steady) -> Steady:
         else:
             met = square[:, j] + setting.sway[:, j]
             average[:, j] = averages_on_the_clock(*column, met, signals[j], setting.loss[:, 0])
+    if setting.sway is None:
+        average += swayed(setting, half_height(setting, signals, found, keep, hit), found)
     return balance._replace(average=average, square=square)

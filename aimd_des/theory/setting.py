@@ -56,9 +56,7 @@ class Setting(NamedTuple):
     def has_moments(self) -> bool:
         """Whether exact moments are known, and do not take long."""
         # Full cuts at regular numbers of signals are not drawn anew at each of them, as the moments have it.
-        return (
-            (self.discrete or self.crossing) and self.problem.n_agents <= _FEW and self.response.cut != FULL
-        )
+        return self.problem.n_agents <= _FEW and self.response.cut != FULL
 
 
 def check_setting(
@@ -94,9 +92,10 @@ def check_setting(
     setting = Setting(
         problem, discrete, delay, look, np.asarray(column), hold_off, start, start, how, exact=False
     )
-    if not setting.crossing:
+    if discrete:
         return setting
-    return setting._replace(mean=None, exact=setting.has_moments)
+    exact = setting._replace(exact=setting.has_moments)
+    return exact._replace(mean=None) if setting.crossing else exact
 
 
 def _offset(discrete: bool, latency: float, period: float) -> float:
