@@ -72,6 +72,29 @@ def without_rows() -> Iterator[None]:
         yield
 
 
+@pytest.mark.parametrize("unit", [Crossing(hold_off=0.3), Sampled(0.7)])
+@pytest.mark.parametrize("n", [256, 700])
+def test_totals_that_wait_are_those_of_heaps(n: int, unit: Any) -> None:
+    # Several pieces of agents, several broadcasts of which copies are left, and up to ten looks and more of
+    # observers between two of the control unit.
+    def run() -> Result:
+        return Simulation(
+            smart_cameras(seed=0, n_cameras=n),
+            dynamics="continuous",
+            control_unit=unit,
+            channel=BroadcastChannel(latency=latency.Exponential(1.0), loss=0.1),
+            agents=Fleet,
+            seed=3,
+            recording=Recording(demand=0.05),
+        ).run(40.0)
+
+    rows = run()
+    with without_rows():
+        heaps = run()
+    assert len(rows.signals) > 20
+    assert_same(rows, heaps)
+
+
 @settings(max_examples=30)
 @given(ROWED)
 def test_rows_and_heaps_do_the_same(configuration: Configuration) -> None:

@@ -72,7 +72,7 @@ def bytes_per_agent() -> dict[str, float]:
         # 12 coefficients, and 3 derivatives of degree 7.
         ("simulation", 8 * (12 + 3 * 8)),
         # Much of it is space for copies on their way, which takes memory only where it is written to.
-        ("run", 1762),
+        ("run", 1783),
         # Of the simulation, and: demand and average, six counts for each resource, and whether it is here.
         ("result", 8 * (12 + 3 * 8) + 8 * 3 * (2 + 6) + 1),
     ],

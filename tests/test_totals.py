@@ -35,12 +35,12 @@ def test_totals_are_sums_in_the_order_of_agents(n: int, m: int, rule: Any) -> No
         assert (demand[j], average[j]) == (held, used)
 
 
-def answers_at(times: Any, ranks: Any) -> Answers:
+def answers_at(times: Any, ranks: Any, room: int = 0) -> Answers:
     count = len(times)
-    keys = np.array(times, dtype=np.float64).view(np.int64)
-    agent, resource, interval = np.zeros((3, count), dtype=np.int64)
-    rank, held = np.array(ranks, dtype=np.int64), np.array([count])
-    return Answers(keys, rank, agent, resource, np.zeros(count), held, interval)
+    # With room behind them, as in runs.
+    keys, rank, agent, resource, interval = np.zeros((5, count + room), dtype=np.int64)
+    keys[:count], rank[:count] = np.array(times, dtype=np.float64).view(np.int64), ranks
+    return Answers(keys, rank, agent, resource, np.zeros(count + room), np.array([count]), interval)
 
 
 times = st.one_of(
@@ -51,14 +51,14 @@ times = st.one_of(
 )
 
 
-@given(times, st.randoms(use_true_random=False))
-def test_answers_are_sorted_by_time_and_order_number(times: list[float], random: Any) -> None:
+@given(times, st.randoms(use_true_random=False), st.sampled_from([0, 32]))
+def test_answers_are_sorted_by_time_and_order_number(times: list[float], random: Any, room: int) -> None:
     ranks = list(range(len(times)))
     random.shuffle(ranks)
-    answers = answers_at(times, ranks)
+    answers, count = answers_at(times, ranks, room), len(times)
     order, spare = np.zeros((2, len(times)), dtype=np.int64)
     _sort(answers, order, spare)
-    assert np.array_equal(order, np.lexsort((answers.rank, answers.key)))
+    assert np.array_equal(order, np.lexsort((answers.rank[:count], answers.key[:count])))
 
 
 @pytest.mark.parametrize("count", [65, 1000, 5000])

@@ -7,7 +7,8 @@ import numpy.typing as npt
 
 from aimd_des.dynamics.state import AgentParameters, State
 from aimd_des.fleet.broadcast_rows import BroadcastRows
-from aimd_des.fleet.in_flight import BLOCK, CopiesInFlight
+from aimd_des.fleet.in_flight import PIECE, CopiesInFlight
+from aimd_des.fleet.pending_totals import PendingTotals
 from aimd_des.problem.costs import CostTable
 from aimd_des.utils.jit import formula
 from aimd_des.utils.records import record
@@ -19,10 +20,6 @@ LAST = (1 << 63) - 1
 
 #: Which answers are kept for observers: none, those of agents that respond, or of those that hold as well.
 NO_ANSWERS, RESPONSES, ALL_ANSWERS = 0, 1, 2
-
-#: Agents that answer a row together, at least as many as a block has copies: few enough that what is computed
-#: for them stays in the cache.
-PIECE = max(256, BLOCK)
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
@@ -152,3 +149,4 @@ class FleetAgents(NamedTuple):
     answers: Answers  # kept where an observer asks for them
     reported: int  # which are asked for: `RESPONSES`, `ALL_ANSWERS`
     buffers: ResponseBuffers  # working memory
+    pending: PendingTotals  # totals that are taken while agents answer

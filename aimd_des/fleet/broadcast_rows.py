@@ -15,7 +15,7 @@ from aimd_des.channel import CompiledLink
 from aimd_des.dynamics.averaging import CUMULATIVE
 from aimd_des.dynamics.loss_compensation import NOTHING
 from aimd_des.engine.system import System
-from aimd_des.fleet.in_flight import IndexArray, IntArray
+from aimd_des.fleet.in_flight import PIECE, IndexArray, IntArray
 from aimd_des.utils.records import record
 from aimd_des.utils.spare_arrays import spare
 from aimd_des.utils.validation import FloatArray
@@ -49,6 +49,8 @@ class BroadcastRows(NamedTuple):
     due_arrival: FloatArray
     due_uniform: FloatArray
     due_rank: IntArray
+    due_order: IndexArray  # (s,): their places, one piece of agents after the other
+    due_end: IntArray  # (p,): where those of each piece end there
 
 
 def serves(system: System) -> bool:
@@ -83,6 +85,8 @@ def broadcast_rows(enabled: bool, n_resources: int, n_agents: int) -> BroadcastR
         due_arrival=np.empty(space),
         due_uniform=np.empty(space),
         due_rank=np.empty(space, dtype=np.int64),
+        due_order=np.empty(space, dtype=np.uint32),
+        due_end=np.empty(-(-n_agents // PIECE), dtype=np.int64),
     )
 
 

@@ -19,7 +19,6 @@ from aimd_des.fleet.accept_kernel import accept
 from aimd_des.fleet.arrays import (
     ALL_ANSWERS,
     NO_ANSWERS,
-    PIECE,
     RESPONSES,
     Answers,
     ClockArrays,
@@ -30,8 +29,9 @@ from aimd_des.fleet.arrays import (
 )
 from aimd_des.fleet.broadcast_rows import broadcast_rows, copies_in_rows, resume_rows, rows_state, serves
 from aimd_des.fleet.event_entries import EventEntries, turn_limit
-from aimd_des.fleet.in_flight import copies_state, empty_copies, enlarge, resumed_copies, room
+from aimd_des.fleet.in_flight import PIECE, copies_state, empty_copies, enlarge, resumed_copies, room
 from aimd_des.fleet.observer_kernels import FleetOvershoot
+from aimd_des.fleet.pending_totals import pending_totals
 from aimd_des.fleet.response_kernels import settle
 from aimd_des.fleet.row_kernels import spill
 from aimd_des.problem.costs import Costs, compiled_gradient, cost_table
@@ -109,6 +109,7 @@ class CompiledAgents:
             answers=_answers(0),
             reported=NO_ANSWERS,
             buffers=response_buffers(m, n),
+            pending=pending_totals(PIECE),
         )
         self.overshoot = overshoot
         self.integrals = self._integrals(overshoot)

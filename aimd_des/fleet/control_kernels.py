@@ -26,7 +26,7 @@ from aimd_des.fleet.control_state import (
 )
 from aimd_des.fleet.control_table import call_probability
 from aimd_des.fleet.observer_kernels import FleetOvershoot, ObservedTotals
-from aimd_des.fleet.response_kernels import settle
+from aimd_des.fleet.response_kernels import settle, settle_and_take
 from aimd_des.results.metrics import fold_overshoot
 from aimd_des.utils.jit import announced, formula
 from aimd_des.utils.validation import FloatArray
@@ -113,6 +113,7 @@ def _next_row(observed: ObservedTotals) -> float:
 def _keep(agents: FleetAgents, control: FleetControl, observed: ObservedTotals) -> None:
     """Keep the totals of demand and of averages."""
     row = observed.row[0]
+    observed.taken[:] = row + 1
     observe_totals(
         agents.state,
         agents.parameters,
@@ -124,6 +125,23 @@ def _keep(agents: FleetAgents, control: FleetControl, observed: ObservedTotals) 
     )
     observed.row[0] += 1
     control.turns[ROW] = UNSCHEDULED
+
+
+@formula
+def _let_wait(control: FleetControl, observed: ObservedTotals) -> None:
+    """Leave the totals of an instant to the next pass over the agents, which may be later."""
+    observed.row[0] += 1
+    control.turns[ROW] = UNSCHEDULED
+
+
+@formula
+def _take_all(agents: FleetAgents, integrals: FleetOvershoot, observed: ObservedTotals) -> None:
+    """Take the totals that wait: an event may change what they are of."""
+    row = observed.row[0]
+    for j in range(observed.taken.shape[0]):
+        # Not of others, which may have been settled up to later.
+        if observed.taken[j] < row:
+            settle_and_take(agents, integrals, observed, j, j + 1, observed.times[row - 1], LAST)
 
 
 @formula
@@ -168,8 +186,8 @@ def _signal(
     return REACHED
 
 
-@announced("the fleet (some ten seconds)")
-def sample(
+@formula
+def _sample(
     agents: FleetAgents,
     control: FleetControl,
     channel: FleetChannel,
@@ -193,12 +211,15 @@ def sample(
             return REACHED
         if looking and _crowded(agents, control, channel):
             return NO_ROOM
+        if not looking and keeping and agents.rows.enabled:
+            _let_wait(control, observed)
+            continue
         if now != reached:
             control.now[0] = reached = now
             # At one instant copies land before a look and ticks come after it: of continuous agents all that
             # is due now has been answered, of discrete ones nothing.
             limit = 0 if agents.tick_weight > 0.0 else LAST
-            settle(agents, integrals, 0, agents.copies.base.shape[0], now, limit)
+            settle_and_take(agents, integrals, observed, 0, agents.copies.base.shape[0], now, limit)
             _find_moments(agents, control)
         if not looking and keeping:
             _keep(agents, control, observed)
@@ -219,6 +240,22 @@ def sample(
         # Continuous agents answer signals without latency before observers look at the same instant.
         if agents.tick_weight == 0.0:
             reached = summed = NEVER
+
+
+@announced("the fleet (some ten seconds)")
+def sample(
+    agents: FleetAgents,
+    control: FleetControl,
+    channel: FleetChannel,
+    integrals: FleetOvershoot,
+    observed: ObservedTotals,
+    limits: Limits,
+) -> int:
+    """Look at phase + q * period, and let observers look, until something else is due."""
+    observed.taken[:] = observed.row[0]
+    status = _sample(agents, control, channel, integrals, observed, limits)
+    _take_all(agents, integrals, observed)
+    return status
 
 
 @formula
@@ -244,8 +281,8 @@ def _hold_off(control: FleetControl, resource: int, now: float, total: float) ->
     control.look_time[j] = now + control.hold_off[j]
 
 
-@announced("the fleet (some ten seconds)")
-def sense(
+@formula
+def _sense(
     agents: FleetAgents,
     control: FleetControl,
     channel: FleetChannel,
@@ -263,6 +300,9 @@ def sense(
         if row < now:
             if not _within(row, _OBSERVE, control.turns[ROW], limits):
                 return REACHED
+            if agents.rows.enabled:
+                _let_wait(control, observed)
+                continue
             control.now[0] = row
             settle(agents, integrals, 0, agents.copies.base.shape[0], row, LAST)
             _find_moments(agents, control)
@@ -276,7 +316,10 @@ def sense(
         # Others' copies stay where they are: this look reads the total of one resource, and no answer for
         # another one changes it.
         queue = 0 if agents.coupled else j
-        settle(agents, integrals, queue, queue + 1, now, LAST)
+        if observed.taken[queue] < observed.row[0]:
+            settle_and_take(agents, integrals, observed, queue, queue + 1, now, LAST)
+        else:
+            settle(agents, integrals, queue, queue + 1, now, LAST)
         _find_moments(agents, control)
         total = _total(agents, control, j)
         # No alarm misses a crossing: responses only lower the total, and `growth` is what all grow by.  What
@@ -299,3 +342,19 @@ def sense(
             return BROADCAST
         if not broadcast(agents, channel, j, now, control.delay, limits.acted_at, limits.acted):
             return REFUSED
+
+
+@announced("the fleet (some ten seconds)")
+def sense(
+    agents: FleetAgents,
+    control: FleetControl,
+    channel: FleetChannel,
+    integrals: FleetOvershoot,
+    observed: ObservedTotals,
+    limits: Limits,
+) -> int:
+    """Go from one possible crossing to the next, and let observers look, until something else is due."""
+    observed.taken[:] = observed.row[0]
+    status = _sense(agents, control, channel, integrals, observed, limits)
+    _take_all(agents, integrals, observed)
+    return status

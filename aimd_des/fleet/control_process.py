@@ -141,6 +141,7 @@ class ControlProcess:
             self.observer.total_demand,
             self.observer.total_average,
             self.observer.row,
+            np.zeros(self.system.problem.n_resources, dtype=np.int64),
             piece(self.system.problem.n_resources),
         )
 

@@ -15,6 +15,10 @@ IndexArray = npt.NDArray[np.uint32]
 #: Copies in a block: few, since each chain may waste most of one; enough to compute answers side by side.
 BLOCK = 64
 
+#: Agents that answer a row together, at least as many as a block has copies: few enough that what is computed
+#: for them stays in the cache.
+PIECE = max(256, BLOCK)
+
 # Level 0 is the time of the last look itself; the highest bit of a positive number is bit 62.
 _LEVELS = 64
 

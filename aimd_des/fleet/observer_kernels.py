@@ -6,13 +6,19 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.engine.observers import fold_change, keep_line, line_of
-from aimd_des.fleet.arrays import Answers
+from aimd_des.fleet.arrays import LAST, Answers
 from aimd_des.fleet.radix_heap import time_of
 from aimd_des.utils.jit import deferred, formula, kernel
 from aimd_des.utils.records import record
 from aimd_des.utils.validation import FloatArray
 
 IntArray = npt.NDArray[np.int64]
+
+# So few answers are sorted by counting, for each, those before it: all against all, without a branch.
+_COUNTED = 64
+
+# Comparisons that are made side by side, of which there must be no remainder: it would take as long.
+_BLOCK = 32
 
 # Runs of this length are sorted by insertion before they are merged, which is faster for so few.
 _SHORT = 16
@@ -52,7 +58,8 @@ class ObservedTotals(NamedTuple):
     # (q, m): receive the sums.
     demand: FloatArray
     average: FloatArray
-    row: IntArray  # (1,): index of the next
+    row: IntArray  # (1,): index of the next; those before are kept, or waiting
+    taken: IntArray  # (m,): index of the next of each resource, of those that wait
     values: FloatArray  # working memory of `observe_totals`
 
 
@@ -106,6 +113,27 @@ def _insert(answers: Answers, order: IntArray, low: int, high: int, moves: int) 
 
 
 @formula
+def _count(answers: Answers, order: IntArray) -> bool:
+    """Sort few answers, if there is room behind them and no two are of one instant; tell whether it is so."""
+    count, key = answers.held[0], answers.key
+    end = -(-count // _BLOCK) * _BLOCK
+    if end > key.shape[0]:
+        return False
+    for row in range(count, end):
+        key[row] = LAST
+    for place in range(count):
+        order[place] = -1
+    for row in range(count):
+        own, place = key[row], 0
+        for other in range(end):
+            place += key[other] < own
+        if order[place] >= 0:
+            return False
+        order[place] = row
+    return True
+
+
+@formula
 def _merge(answers: Answers, source: IntArray, low: int, middle: int, high: int, target: IntArray) -> None:
     """Merge two sorted runs."""
     one, other = low, middle
@@ -123,6 +151,8 @@ def _sort(answers: Answers, order: IntArray, spare: IntArray) -> None:
     """Put answers in the order of events, into `order`."""
     # Not NumPy's sort: it would allocate, which compiled code here cannot do.
     count = answers.held[0]
+    if 1 < count <= _COUNTED and _count(answers, order):
+        return
     for row in range(count):
         order[row] = row
     if count > _SHORT:

@@ -37,9 +37,10 @@ from aimd_des.fleet.absent_agents import miss, subject
 from aimd_des.fleet.arrays import ALL_ANSWERS, LAST, NO_ANSWERS, FleetAgents, report
 from aimd_des.fleet.in_flight import BLOCK, DUE, FORGOTTEN, LATER
 from aimd_des.fleet.marginal_cost import marginal_cost_at
-from aimd_des.fleet.observer_kernels import FleetOvershoot, fold_answers
+from aimd_des.fleet.observer_kernels import FleetOvershoot, ObservedTotals, fold_answers
+from aimd_des.fleet.pending_totals import INSTANTS
 from aimd_des.fleet.radix_heap import move, places, raise_due, release, time_of
-from aimd_des.fleet.row_kernels import settle_rows
+from aimd_des.fleet.row_kernels import must_leave, settle_rows, spill
 from aimd_des.problem.costs.kernels import add_terms, horner_step
 from aimd_des.utils.jit import deferred, formula
 
@@ -347,7 +348,10 @@ def settle(
     # added up afterwards.
     for queue in range(first, last):
         if agents.rows.serving[queue]:
-            settle_rows(agents, queue, time, limit)
+            if must_leave(agents.rows, queue, time):
+                spill(agents.copies, agents.rows, queue)
+            else:
+                settle_rows(agents, queue, time, limit)
         # Asked again: rows that have no space for what is left go there.
         if agents.copies.in_flight[0] > 0 and not agents.rows.serving[queue]:
             _settle_queue(agents, queue, time, limit)
@@ -355,3 +359,53 @@ def settle(
         # each resource, so answers for others may be folded in at another time.
         if integrals.lines and agents.answers.held[0] > 0:
             fold_answers(agents.answers, integrals)
+
+
+@formula
+def _settle_to_next(
+    agents: FleetAgents,
+    integrals: FleetOvershoot,
+    observed: ObservedTotals,
+    resource: int,
+    time: float,
+    limit: int,
+) -> bool:
+    """Settle as far as totals of a resource that wait can be taken in one pass; tell whether none is left."""
+    j, pending, begin = resource, agents.pending, observed.taken[resource]
+    waiting = observed.row[0] - begin
+    count = min(INSTANTS, waiting)
+    if count < waiting:
+        time, limit = observed.times[begin + count - 1], LAST
+    # A heap is settled at each instant.
+    in_rows = agents.rows.serving[j] and not must_leave(agents.rows, j, time)
+    if count > 0 and not in_rows:
+        count, time, limit = 1, observed.times[begin], LAST
+    for instant in range(count):
+        pending.times[instant] = observed.times[begin + instant]
+    pending.waiting[0] = count if in_rows else 0
+    settle(agents, integrals, j, j + 1, time, limit)
+    if count > 0 and not in_rows:
+        pending.waiting[0] = count
+        settle_rows(agents, j, time, limit)
+    pending.waiting[0] = 0
+    for instant in range(count):
+        observed.demand[begin + instant, j] = pending.demand[instant]
+        observed.average[begin + instant, j] = pending.average[instant]
+    observed.taken[j] = begin + count
+    return bool(count == 0 or (in_rows and count == waiting))
+
+
+@deferred
+def settle_and_take(
+    agents: FleetAgents,
+    integrals: FleetOvershoot,
+    observed: ObservedTotals,
+    first: int,
+    last: int,
+    time: float,
+    limit: int,
+) -> None:
+    """Do what `settle` does, and take the totals that wait for it, none of them later."""
+    for queue in range(first, last):
+        while not _settle_to_next(agents, integrals, observed, queue, time, limit):
+            pass

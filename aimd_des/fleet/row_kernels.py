@@ -12,9 +12,10 @@ from aimd_des.dynamics.averaging import accumulated_at, age_at, time_average
 from aimd_des.dynamics.demand import CONTINUOUS, demand_at
 from aimd_des.dynamics.responses import AVERAGE, DRAWN, is_saturated, response_probability
 from aimd_des.fleet.absent_agents import miss
-from aimd_des.fleet.arrays import ALL_ANSWERS, LAST, NO_ANSWERS, PIECE, FleetAgents, report
+from aimd_des.fleet.arrays import ALL_ANSWERS, LAST, NO_ANSWERS, FleetAgents, report
 from aimd_des.fleet.broadcast_rows import BroadcastRows
-from aimd_des.fleet.in_flight import CopiesInFlight, IntArray
+from aimd_des.fleet.in_flight import PIECE, CopiesInFlight, IntArray
+from aimd_des.fleet.pending_totals import begin_piece, break_line, break_lines, end_piece
 from aimd_des.fleet.radix_heap import bits_of, is_empty, put, time_of
 from aimd_des.fleet.row_response_kernels import (
     cut_otherwise,
@@ -158,8 +159,36 @@ def open_row(agents: FleetAgents, resource: int, number: int, arrival: FloatArra
 
 
 @formula
-def _take_due(rows: BroadcastRows, resource: int, time: float, limit: int) -> Any:
-    """Take the listed copies that are due out of the list, and count them."""
+def _sort_by_pieces(rows: BroadcastRows, count: int) -> None:
+    """Find the order in which the agents of a piece have their listed copies that are due side by side."""
+    ends, order = rows.due_end, rows.due_order
+    # Without a sign: compiled code need not ask whether an index counts from the end.
+    length, previous = np.uint64(PIECE), np.uint64(0)
+    ascending: Any = True
+    for piece in range(ends.shape[0]):
+        ends[piece] = 0
+    for place in range(count):
+        agent = np.uint64(rows.due_agent[place])
+        ends[agent // length] += 1
+        ascending &= previous <= agent
+        previous = agent
+        order[place] = place
+    begin = 0
+    for piece in range(ends.shape[0]):
+        held = ends[piece]
+        # Copies of one broadcast, as they mostly are, are in the order of agents.
+        ends[piece] = begin + held if ascending else begin
+        begin += held
+    if not ascending:
+        for place in range(count):
+            own = np.uint64(rows.due_agent[place]) // length
+            order[ends[own]] = place
+            ends[own] += 1
+
+
+@formula
+def _take_due(rows: BroadcastRows, resource: int, time: float, limit: int, by_pieces: bool) -> None:
+    """Take the listed copies that are due out of the list; if asked, sort them by the pieces of agents."""
     # Both keep their order: agents that are answered one after the other are near each other in memory then.
     j = resource
     agents, arrivals = rows.listed_agent[j], rows.listed_arrival[j]
@@ -176,12 +205,17 @@ def _take_due(rows: BroadcastRows, resource: int, time: float, limit: int) -> An
         kept += np.uint64(not is_due)
         soonest = min(soonest, LAST if is_due else bits_of(arrival))
     rows.listed[j], rows.first_listed[j] = kept, time_of(soonest)
-    return np.int64(due)
+    if by_pieces and rows.due_end.shape[0] > 1:
+        _sort_by_pieces(rows, int(due))
+        return
+    for place in range(due):
+        rows.due_order[place] = place
+    rows.due_end[0] = due
 
 
 @formula
-def _answer_listed(agents: FleetAgents, row: ResourceRows, resource: int, place: int) -> None:
-    """Let one agent answer a listed copy: Algorithm 2, the branch S = 1."""
+def _answer_listed(agents: FleetAgents, row: ResourceRows, resource: int, place: int, first: int) -> None:
+    """Let one agent of a piece answer a listed copy: Algorithm 2, the branch S = 1."""
     j, rows, response = resource, agents.rows, agents.parameters.response
     i: Any = np.uint64(rows.due_agent[place])
     agent: Any = np.int64(i)
@@ -213,6 +247,8 @@ def _answer_listed(agents: FleetAgents, row: ResourceRows, resource: int, place:
     row.responses[i] += responds
     if is_saturated(response, probability, row.decrease[i]):
         row.saturated[i] += responds
+    if agents.pending.waiting[0] > 0 and responds:
+        break_line(agents.pending, agents.state, agents.parameters, j, agent, first)
     if agents.reported != NO_ANSWERS:
         change = kept - present if responds else np.nan
         report(agents.answers, bits_of(moment), rows.due_rank[place], agent, j, change)
@@ -239,31 +275,34 @@ def _comes_after_row(rows: BroadcastRows, resource: int, place: int) -> bool:
 
 
 @formula
-def _answer_in_turn(agents: FleetAgents, resource: int, count: int, row_waits: bool) -> int:
-    """Answer listed copies that are due; tell how many have to wait for the row."""
+def _answer_in_turn(
+    agents: FleetAgents, resource: int, first: int, begin: int, end: int, row_waits: bool
+) -> int:
+    """Answer listed copies of a piece that are due; tell where those end that have to wait for the row."""
     # A round answers one copy of each agent at most, its earliest; hardly any agent has two.
     rows, earliest, row = agents.rows, agents.buffers.first_key, _resource_rows(agents, resource)
-    while count > 0:
-        for place in range(count):
-            i = rows.due_agent[place]
-            if earliest[i] == LAST or _comes_before(rows, place, earliest[i]):
-                earliest[i] = place
-        waiting = 0
-        for place in range(count):
-            i = rows.due_agent[place]
-            if earliest[i] == place:
-                earliest[i] = LAST
+    order = rows.due_order
+    while begin < end:
+        for turn in range(begin, end):
+            place = order[turn]
+            k = rows.due_agent[place] - np.uint64(first)
+            if earliest[k] == LAST or _comes_before(rows, place, earliest[k]):
+                earliest[k] = place
+        waiting = begin
+        for turn in range(begin, end):
+            place = order[turn]
+            k = rows.due_agent[place] - np.uint64(first)
+            if earliest[k] == place:
+                earliest[k] = LAST
                 if not (row_waits and _comes_after_row(rows, resource, place)):
-                    _answer_listed(agents, row, resource, place)
+                    _answer_listed(agents, row, resource, place, first)
                     continue
-            rows.due_agent[waiting], rows.due_arrival[waiting] = i, rows.due_arrival[place]
-            rows.due_uniform[waiting] = rows.due_uniform[place]
-            rows.due_rank[waiting] = rows.due_rank[place]
+            order[waiting] = place
             waiting += 1
-        if waiting == count:
+        if waiting == end:
             break
-        count = waiting
-    return count
+        end = waiting
+    return end
 
 
 @formula
@@ -381,38 +420,66 @@ def _miss_absent(agents: FleetAgents, resource: int, time: float, limit: int) ->
 
 
 @formula
-def _answer_row(agents: FleetAgents, resource: int, time: float, limit: int) -> None:
-    """Answer what is due of the row, list the rest, and set the row free."""
-    rows, n = agents.rows, agents.members.shape[0]
-    _miss_absent(agents, resource, time, limit)
+def _answer_row(agents: FleetAgents, resource: int, piece: int, end: int, time: float, limit: int) -> None:
+    """Answer what is due of a piece of the row, and list the rest."""
+    rows, pending = agents.rows, agents.pending
     # At this very time the copies of the first agents are due, whose order numbers are below the limit.
-    split, first = min(max(limit - rows.rank[resource], 0), n), 0
-    while first < n:
-        last = min(first + PIECE, split if first < split else n)
+    split, first = limit - rows.rank[resource], piece
+    while first < end:
+        last = min(first + PIECE, min(end, split) if first < split else end)
         bound = time if first < split else np.nextafter(time, -np.inf)
         _weigh_piece(agents, resource, first, last, bound)
         _answer_piece(agents, resource, first, last, bound)
+        if pending.waiting[0] > 0:
+            parameters, responds = agents.parameters, agents.buffers.resource
+            break_lines(pending, agents.state, parameters, resource, first, last, first - piece, responds)
         if agents.reported != NO_ANSWERS:
             _report_piece(agents, resource, first, last, bound)
         _list_row(rows, resource, first, last, bound)
         first = last
-    rows.first[resource] = np.inf
+
+
+@formula
+def must_leave(rows: BroadcastRows, resource: int, time: float) -> bool:
+    """Tell whether the copies about a resource have to go to its heap before those due are answered."""
+    return bool(rows.first[resource] <= time and not _fits(rows, resource))
 
 
 @deferred
 def settle_rows(agents: FleetAgents, resource: int, time: float, limit: int) -> None:
-    """Let all agents answer the copies about a resource that are due, unless they have to go to its heap."""
-    rows, j = agents.rows, resource
-    answering, waiting = rows.first[j] <= time, 0
-    if answering and not _fits(rows, j):
-        spill(agents.copies, rows, j)
+    """Let all agents answer the copies about a resource that are due, and take the totals that are pending.
+
+    No copies may have to leave.
+    """
+    rows, pending, j, n = agents.rows, agents.pending, resource, agents.members.shape[0]
+    row_waits, listed = rows.first[j] <= time, rows.first_listed[j] <= time
+    if listed:
+        _take_due(rows, j, time, limit, pending.waiting[0] > 0)
+    if row_waits:
+        _miss_absent(agents, j, time, limit)
+    elif not listed and pending.waiting[0] == 0:
         return
-    if rows.first_listed[j] <= time:
-        waiting = _take_due(rows, j, time, limit)
-    # Before the row and after it, by one call: compiled code holds a copy of what is called for each.
-    while True:
-        waiting = _answer_in_turn(agents, j, waiting, answering)
-        if not answering:
-            break
-        _answer_row(agents, j, time, limit)
-        answering = False
+    away, begin = agents.account.away, 0
+    for instant in range(pending.waiting[0]):
+        pending.demand[instant] = pending.average[instant] = 0.0
+    # Where totals are taken, agents go through all of it piece by piece; else copies need not be sorted.
+    length = PIECE if pending.waiting[0] > 0 else n
+    for piece in range(-(-n // length)):
+        first = piece * length
+        last = min(first + length, n)
+        if pending.waiting[0] > 0:
+            begin_piece(pending, agents.state, agents.parameters, away, j, first, last)
+        end = rows.due_end[piece] if listed else 0
+        waits, waiting = row_waits, end
+        # Before the row and after it, by one call: compiled code holds a copy of what is called for each.
+        while True:
+            waiting = _answer_in_turn(agents, j, first, begin, waiting, waits)
+            if not waits:
+                break
+            _answer_row(agents, j, first, last, time, limit)
+            waits = False
+        if pending.waiting[0] > 0:
+            end_piece(pending, agents.state, away, j, first, last)
+        begin = end
+    if row_waits:
+        rows.first[j] = np.inf

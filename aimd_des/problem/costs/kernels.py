@@ -15,21 +15,33 @@ def horner_row(coefficients: FloatArray, agent: int, argument: FloatArray, out: 
     """Evaluate a polynomial each of consecutive agents; passes run along agents, so that they vectorise."""
     n, top = out.shape[0], coefficients.shape[0] - 1
     row = coefficients[top][agent:]
-    for i in range(n):
-        out[i] = row[i]
-    # Four powers to a pass: a quarter of the loads and stores.  That rows go downwards from pass to pass is
-    # kept from LLVM, which has vectors ready for what goes upwards only.
+    # Four powers to a pass: a quarter of the loads and stores; the first takes what is left over.  That rows
+    # go downwards from pass to pass is kept from LLVM, which has vectors ready for what goes upwards only.
+    rest = top % 4
+    if rest == 0:
+        for i in range(n):
+            out[i] = row[i]
+    elif rest == 1:
+        second = coefficients[opaque(top) - 1][agent:]
+        for i in range(n):
+            out[i] = row[i] * argument[i] + second[i]
+    elif rest == 2:
+        second, third = coefficients[opaque(top) - 1][agent:], coefficients[opaque(top) - 2][agent:]
+        for i in range(n):
+            out[i] = (row[i] * argument[i] + second[i]) * argument[i] + third[i]
+    else:
+        second, third = coefficients[opaque(top) - 1][agent:], coefficients[opaque(top) - 2][agent:]
+        fourth = coefficients[opaque(top) - 3][agent:]
+        for i in range(n):
+            x = argument[i]
+            out[i] = ((row[i] * x + second[i]) * x + third[i]) * x + fourth[i]
     for four in range(top // 4):
-        d = opaque(top - 4 * four)
+        d = opaque(top - rest - 4 * four)
         first, second = coefficients[d - 1][agent:], coefficients[d - 2][agent:]
         third, fourth = coefficients[d - 3][agent:], coefficients[d - 4][agent:]
         for i in range(n):
             x = argument[i]
             out[i] = (((out[i] * x + first[i]) * x + second[i]) * x + third[i]) * x + fourth[i]
-    for d in range(top % 4, 0, -1):
-        row = coefficients[opaque(d) - 1][agent:]
-        for i in range(n):
-            out[i] = out[i] * argument[i] + row[i]
 
 
 @deferred
