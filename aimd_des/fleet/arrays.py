@@ -55,7 +55,7 @@ class Answers(NamedTuple):
 def report(answers: Answers, key: int, rank: int, agent: int, resource: int, change: float) -> None:
     """Note an answer for its listeners."""
     # There is always a row.  Only what is sent adds to answers and copies in flight together; it waits where
-    # copies have no room (`room`) or answers are more than `TOLD_AT_ONCE`, and there are rows for both.
+    # copies have no room (`room`) or answers are more than `told_at_once`, and there are rows for both.
     row = answers.held[0]
     answers.key[row], answers.rank[row], answers.agent[row] = key, rank, agent
     answers.resource[row], answers.change[row] = resource, change

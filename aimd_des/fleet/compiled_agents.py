@@ -48,8 +48,14 @@ BoolArray = npt.NDArray[np.bool_]
 # Broadcasts in flight for which there is space at first; it grows where there are more.
 _BROADCASTS = 4
 
-#: Answers that are reported to observers together.
-TOLD_AT_ONCE = 1 << 16
+# Answers that are reported to observers together: at least, for each agent and resource, and at most.
+_TOLD = (1 << 12, 1 << 8, 1 << 16)
+
+
+def told_at_once(system: System) -> int:
+    """Say how many answers are reported to observers together: a run of few agents takes little memory."""
+    least, each, most = _TOLD
+    return min(max(each * system.state.demand.size, least), most)
 
 
 class CompiledAgents:
@@ -200,7 +206,7 @@ class CompiledAgents:
     def _make_room_for_answers(self) -> None:
         if self.agents.reported != NO_ANSWERS:
             # All copies in flight may be answered at one look, on top of the answers not told of yet.
-            space = self.agents.room + copies_in_rows(self.agents.rows) + TOLD_AT_ONCE
+            space = self.agents.room + copies_in_rows(self.agents.rows) + told_at_once(self.system)
             answers = _answers(space)
             for new, old in zip(answers, self.agents.answers, strict=True):
                 new[: len(old)] = old

@@ -22,7 +22,7 @@ from aimd_des.engine.observers import ConstantPieces, Observer
 from aimd_des.engine.system import System
 from aimd_des.fleet.arrays import NO_ANSWERS
 from aimd_des.fleet.broadcast_kernel import FleetChannel
-from aimd_des.fleet.compiled_agents import TOLD_AT_ONCE, CompiledAgents
+from aimd_des.fleet.compiled_agents import CompiledAgents, told_at_once
 from aimd_des.fleet.control_kernels import sample, sense
 from aimd_des.fleet.control_state import (
     IMPROPER,
@@ -50,7 +50,7 @@ _REPORTS = 200
 _BRIEF = 0.01
 
 # Signals that are handed over in one go.
-_SIGNALS = 1 << 14
+_SIGNALS = 1 << 12
 
 
 class ControlProcess:
@@ -180,7 +180,7 @@ class ControlProcess:
             now=np.zeros(1),
             moment=np.zeros(1 if common else system.problem.n_agents),
             turns=np.full(3, UNSCHEDULED),
-            answers=TOLD_AT_ONCE,
+            answers=told_at_once(system),
         )
 
     def _channel(self) -> FleetChannel:
