@@ -258,7 +258,7 @@ def test_a_run_that_is_not_whole_is_missing_and_run_again(
 def test_many_damaged_runs_are_not_all_told(
     whole: StudyResults, copy: Path, said: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("aimd_des.study.run._MOST_TOLD", 2)
+    monkeypatch.setattr("aimd_des.study.runs_left._MOST_TOLD", 2)
     one_by_one(copy)
     for path in (copy / "runs").iterdir():
         path.write_bytes(b"")

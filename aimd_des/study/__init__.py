@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from aimd_des.study.rare_events import RareEvent, rare_event
     from aimd_des.study.replications import jackknife, mean_and_error, replicate
     from aimd_des.study.results import StudyResults, load_study
-    from aimd_des.study.run import Tally, run_study
+    from aimd_des.study.run import run_study
+    from aimd_des.study.runs_left import Tally
     from aimd_des.study.statistics.intervals import Interval, difference, mean_interval, paired_difference
     from aimd_des.study.statistics.steady_state import BatchMeans, batch_means, mser
     from aimd_des.study.statistics.steady_utilisation import steady_utilisation
@@ -27,7 +28,7 @@ _HOME = {
     "RareEvent": "rare_events",
     "Study": "study",
     "StudyResults": "results",
-    "Tally": "run",
+    "Tally": "runs_left",
     "batch_means": "statistics.steady_state",
     "compare": "statistics.summary",
     "difference": "statistics.intervals",
