@@ -4,8 +4,8 @@ These names are promised like those of `aimd_des` itself. Nothing else inside th
 """
 
 from aimd_des.channel import Broadcast, Channel, Copies, DrawnLink, Draws, Link
-from aimd_des.channel.latency.base import quantile_table
-from aimd_des.channel.loss.starting import lost_table
+from aimd_des.channel.latency.own_latency import quantile_table
+from aimd_des.channel.loss.own_loss import lost_table
 from aimd_des.dynamics.responses import response_probability
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, SampledTable, SampledUnit
 from aimd_des.engine.delivery import Agent, ProcessGenerator, Signal

@@ -21,7 +21,7 @@ from aimd_des import (
     topology,
 )
 from aimd_des.channel import Broadcast, CompiledLink, Draws, Link
-from aimd_des.channel.latency import base as latency_base
+from aimd_des.channel.latency import own_latency
 from aimd_des.channel.transmit_kernel import transmit
 from aimd_des.lowlevel import exp, exps, log, logs, lost_table, quantile_table
 from aimd_des.utils import rng
@@ -373,7 +373,7 @@ class Unchecked(Weibull):
 
 
 def test_what_a_compiled_latency_gives_is_checked_at_every_broadcast(monkeypatch: Any) -> None:
-    monkeypatch.setattr(latency_base, "_checked", lambda latency, table, draws: table)
+    monkeypatch.setattr(own_latency, "_checked", lambda latency, table, draws: table)
     link = opened(latency=Unchecked(1.0, 0.5, _seldom))
     # The larger the uniform number, the later: some of 60 broadcasts to seven agents have one above 0.9.
     with pytest.raises(InputError, match=r"resource 0: compiled latency of one's own\[\d\] = nan: must be"):

@@ -8,12 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.channel.latency import Constant, Latency
-from aimd_des.channel.latency.base import compiled_latency, draw_latency
 from aimd_des.channel.latency.kernels import LatencyTable
+from aimd_des.channel.latency.own_latency import compiled_latency, draw_latency
 from aimd_des.channel.loss import Bernoulli, Loss, LossProcess
-from aimd_des.channel.loss.base import draw_loss
 from aimd_des.channel.loss.kernels import LossTable, TabledLoss
-from aimd_des.channel.loss.starting import start_loss
+from aimd_des.channel.loss.own_loss import draw_loss, start_loss
 from aimd_des.channel.memory import memory_of, remember
 from aimd_des.channel.parameters import model_of
 from aimd_des.channel.random_draws import Draws

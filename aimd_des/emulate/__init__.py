@@ -3,7 +3,7 @@
 from aimd_des.emulate.conductor import Collected, Conductor
 from aimd_des.emulate.folder import load_emulation, write_emulation
 from aimd_des.emulate.hosts import Listener, check_token, join
-from aimd_des.emulate.network import lateness_words, network_frames
+from aimd_des.emulate.network_frames import lateness_words, network_frames
 from aimd_des.emulate.outcome import outcome
 from aimd_des.emulate.replay import Replay, replay
 from aimd_des.emulate.replay_figure import replay_figure

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from aimd_des.emulate.conductor import Collected, sound_rows
-from aimd_des.emulate.network import network_frames
+from aimd_des.emulate.network_frames import network_frames
 from aimd_des.emulate.outcome import Rows, outcome
 from aimd_des.emulate.records import ROWS
 from aimd_des.emulate.served import Emulation, check_setting

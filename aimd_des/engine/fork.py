@@ -3,9 +3,9 @@
 from collections.abc import Collection, Iterator
 from typing import Any
 
-from aimd_des.engine.agenda import Agenda, is_planned
 from aimd_des.engine.arguments import Begun
 from aimd_des.engine.observers import ConstantPieces, observer_of
+from aimd_des.engine.planned_changes import Agenda, is_planned
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 

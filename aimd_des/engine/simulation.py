@@ -10,13 +10,13 @@ from aimd_des.dynamics.demand import CONTINUOUS, DISCRETE, Dynamics
 from aimd_des.dynamics.loss_compensation import Compensation
 from aimd_des.dynamics.responses import Response
 from aimd_des.dynamics.state import agent_parameters
-from aimd_des.engine.agenda import Agenda, Planned, is_planned
 from aimd_des.engine.agent_process import AgentProcess
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, Sampled, table_of
 from aimd_des.engine.declared import Intervention, check_absences, check_end, check_hold_offs
 from aimd_des.engine.delivery import Agent, ProcessGenerator
 from aimd_des.engine.environment import Maker as ProcessMaker
 from aimd_des.engine.observers import Observer, observer_of
+from aimd_des.engine.planned_changes import Agenda, Planned, is_planned
 from aimd_des.engine.run_in_progress import Run, completed
 from aimd_des.engine.system import System, keys_of
 from aimd_des.problem.problem import Problem, shared_words

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.channel.transmit_kernel import ChannelTable, put_in_order, transmit
-from aimd_des.fleet.accept_kernel import accept
 from aimd_des.fleet.arrays import FleetAgents
+from aimd_des.fleet.enqueue_kernel import enqueue
 from aimd_des.utils.jit import deferred, formula
 from aimd_des.utils.records import record
 from aimd_des.utils.validation import FloatArray
@@ -84,7 +84,7 @@ def broadcast(
         delivered[i] += channel.arrival[i] < agents.until
     # Order numbers for all agents, lost copies included: so the agent can be told from the number, and
     # whether one copy is lost does not move the turns of others.
-    accept(agents, resource, number, 0, channel.arrival, channel.order[0], acted_at, acted)
+    enqueue(agents, resource, number, 0, channel.arrival, channel.order[0], acted_at, acted)
     channel.order[0] += n
     if channel.table.duplicates:
         duplicated = channel.duplicated[resource]
@@ -94,6 +94,6 @@ def broadcast(
             put_in_order(channel.table.latest, channel.second)
         for i in range(n):
             duplicated[i] += channel.second[i] < agents.until
-        accept(agents, resource, number, 1, channel.second, channel.order[0], acted_at, acted)
+        enqueue(agents, resource, number, 1, channel.second, channel.order[0], acted_at, acted)
         channel.order[0] += n
     return True

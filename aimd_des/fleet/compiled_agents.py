@@ -15,7 +15,6 @@ from aimd_des.engine.environment import EventKind
 from aimd_des.engine.observers import ConstantPieces, LinearPieces
 from aimd_des.engine.system import System
 from aimd_des.fleet.absent_agents import forget
-from aimd_des.fleet.accept_kernel import accept
 from aimd_des.fleet.arrays import (
     ALL_ANSWERS,
     NO_ANSWERS,
@@ -28,6 +27,7 @@ from aimd_des.fleet.arrays import (
     response_buffers,
 )
 from aimd_des.fleet.broadcast_rows import broadcast_rows, copies_in_rows, resume_rows, rows_state, serves
+from aimd_des.fleet.enqueue_kernel import enqueue
 from aimd_des.fleet.event_entries import EventEntries, turn_limit
 from aimd_des.fleet.in_flight import PIECE, copies_state, empty_copies, enlarge, resumed_copies, room
 from aimd_des.fleet.observer_kernels import FleetOvershoot
@@ -219,7 +219,7 @@ class CompiledAgents:
         """Put the members' copies of a broadcast on their way."""
         self.listen()
         self.make_room(1)
-        accept(self.agents, *signal, arrival, first_order, *self.system.env.acted)
+        enqueue(self.agents, *signal, arrival, first_order, *self.system.env.acted)
         if self.system.log is not None:
             # Copies are answered in any order, and some never; their landings are entered apart.
             arrives = self.members & (arrival < self.system.until)

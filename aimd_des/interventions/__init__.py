@@ -4,8 +4,8 @@ Interventions are declared with their times and given to `Simulation`, or made b
 the functions here.
 """
 
-from aimd_des.engine.agenda import Planned
 from aimd_des.engine.declared import Intervention, check_absences, check_end
+from aimd_des.engine.planned_changes import Planned
 from aimd_des.interventions.actions import cut_off, fail, join, leave, reconnect, recover
 from aimd_des.interventions.agents import Absence, Crash, Join, Prices, UnusualActivity
 from aimd_des.interventions.capacity import CapacityProfile, CapacityRamp, CapacityStep

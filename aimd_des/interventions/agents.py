@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import count
 
-from aimd_des.engine.agenda import Change, Memory, Planned
+from aimd_des.engine.planned_changes import Change, Memory, Planned
 from aimd_des.engine.system import System
 from aimd_des.interventions.actions import join, leave
 from aimd_des.interventions.bookkeeping import BeginsAt

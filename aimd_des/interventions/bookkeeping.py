@@ -1,6 +1,6 @@
 """The books that every change keeps: the log, and the problems that are in force one after another."""
 
-from aimd_des.engine.agenda import Planned
+from aimd_des.engine.planned_changes import Planned
 from aimd_des.engine.system import System
 from aimd_des.results.event_log import Entry
 from aimd_des.results.run_data import Piece

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from aimd_des.channel.csv_columns import read_columns
-from aimd_des.engine.agenda import Change, Memory, Planned
+from aimd_des.engine.planned_changes import Change, Memory, Planned
 from aimd_des.engine.system import System
 from aimd_des.interventions.bookkeeping import BeginsAt
 from aimd_des.interventions.parameters import set_capacity

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from aimd_des.channel import Channel
-from aimd_des.engine.agenda import Change, Memory
 from aimd_des.engine.control_unit import Crossing
+from aimd_des.engine.planned_changes import Change, Memory
 from aimd_des.engine.system import System
 from aimd_des.interventions.bookkeeping import BeginsAt, note
 from aimd_des.interventions.parameters import set_threshold

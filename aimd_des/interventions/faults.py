@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from aimd_des.engine.agenda import Change, Memory
+from aimd_des.engine.planned_changes import Change, Memory
 from aimd_des.engine.system import System
 from aimd_des.interventions.actions import cut_off, fail, reconnect, recover
 from aimd_des.interventions.bookkeeping import BeginsAt

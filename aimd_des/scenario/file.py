@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from aimd_des.scenario.dotted_keys import MOST_PARTS, check_depth, with_settings
-from aimd_des.scenario.messages import Place
+from aimd_des.scenario.error_messages import Place
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.scenario import Scenario, validate_scenario
 from aimd_des.utils import validation

@@ -9,8 +9,8 @@ from aimd_des.dynamics.demand import CONTINUOUS, DISCRETE
 from aimd_des.dynamics.responses import Response
 from aimd_des.engine.control_unit import CrossingTable, table_of
 from aimd_des.scenario.build import under
+from aimd_des.scenario.error_messages import InSentences
 from aimd_des.scenario.kind_tables import KindTable, kind_table, one_of
-from aimd_des.scenario.messages import InSentences
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.parameters import as_data, refuse_no_data
 from aimd_des.scenario.prices import RedrawnPrices

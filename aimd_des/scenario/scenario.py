@@ -13,8 +13,8 @@ from aimd_des.problem.problem import Problem
 from aimd_des.results.result import Result
 from aimd_des.scenario.build import built_by, changes_of, under, with_resources
 from aimd_des.scenario.canonical import canonical_form, typed_parameters
+from aimd_des.scenario.error_messages import Place, checked
 from aimd_des.scenario.keys import ScenarioKeys
-from aimd_des.scenario.messages import Place, checked
 from aimd_des.scenario.models import model_parameters, named_model, takes_seed
 from aimd_des.scenario.parameters import as_data, refuse_no_data
 from aimd_des.scenario.representation import shown_scenario

@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import ConfigDict, model_validator
 
 from aimd_des.results.measures import MEASURES
-from aimd_des.scenario.messages import InSentences
+from aimd_des.scenario.error_messages import InSentences
 from aimd_des.scenario.old_keys import axis_with_new_keys
 from aimd_des.scenario.parameters import as_data
 from aimd_des.scenario.strict_table import described

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from aimd_des.scenario.dotted_keys import with_settings
+from aimd_des.scenario.error_messages import Place, checked
 from aimd_des.scenario.file import read_tables
-from aimd_des.scenario.messages import Place, checked
 from aimd_des.study.seal import unsealed
 from aimd_des.study.study import Study
 from aimd_des.utils import validation

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from aimd_des.results.measures import MEASURED, MEASURES, RARE
 from aimd_des.scenario import validate_scenario
 from aimd_des.scenario.dotted_keys import split_key, with_settings
-from aimd_des.scenario.messages import checked
+from aimd_des.scenario.error_messages import checked
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.scenario.parameters import as_data
 from aimd_des.scenario.warm_up import EXCHANGED

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.channel.latency.own_quantile import call_quantile
+from aimd_des.channel.latency.compiled_quantile import call_quantile
 from aimd_des.utils.jit import deferred, formula, kernel, routine
 from aimd_des.utils.locked_arrays import each
 from aimd_des.utils.portable_math import exp, log, log_normal, standard_normal

@@ -3,7 +3,6 @@
 from typing import Protocol, runtime_checkable
 
 from aimd_des.channel.random_draws import Draws
-from aimd_des.utils import returned_values
 from aimd_des.utils.validation import BoolArray
 
 
@@ -27,11 +26,3 @@ class Loss(Protocol):
     def start(self, n_agents: int) -> LossProcess:
         """Begin a run with n agents; refuse parameters that are given for each and do not number n."""
         ...
-
-
-def draw_loss(loss: LossProcess, draws: Draws, of: str = "agent") -> BoolArray:
-    """Ask a model of loss that may be the user's own."""
-    said = returned_values.said_by(loss, "draw")
-    with returned_values.calling(said):
-        lost = loss.draw(draws)
-    return returned_values.flags(said, lost, (draws.n_agents,), of)

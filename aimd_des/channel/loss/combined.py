@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.channel.loss.base import Loss, LossProcess, draw_loss
+from aimd_des.channel.loss.base import Loss, LossProcess
 from aimd_des.channel.loss.independent import Bernoulli
 from aimd_des.channel.loss.kernels import TabledLoss, join
-from aimd_des.channel.loss.starting import start_loss
+from aimd_des.channel.loss.own_loss import draw_loss, start_loss
 from aimd_des.channel.loss.trace import Trace
 from aimd_des.channel.memory import memory_of, remember
 from aimd_des.channel.parameters import model_of, scalar_or_row

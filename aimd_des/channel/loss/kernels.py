@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.channel.loss.own_loss import call_lost
+from aimd_des.channel.loss.compiled_loss import call_lost
 from aimd_des.channel.random_draws import LANES_PER_PART, Draws
 from aimd_des.utils.errors import SimulationError
 from aimd_des.utils.jit import deferred, formula, routine

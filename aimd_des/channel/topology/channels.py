@@ -8,10 +8,9 @@ import numpy as np
 
 from aimd_des.channel.broadcast import Broadcast, CompiledLink, Copies, Link, compiled_models
 from aimd_des.channel.latency import Constant, Latency
-from aimd_des.channel.latency.base import draw_latency
+from aimd_des.channel.latency.own_latency import draw_latency
 from aimd_des.channel.loss import Bernoulli, Combined, CommonMode, Loss, LossProcess, Trace
-from aimd_des.channel.loss.base import draw_loss
-from aimd_des.channel.loss.starting import start_loss
+from aimd_des.channel.loss.own_loss import draw_loss, start_loss
 from aimd_des.channel.memory import memory_of, remember
 from aimd_des.channel.network_kernel import NetworkTable, spread
 from aimd_des.channel.random_draws import Draws

@@ -1,4 +1,4 @@
-"""How the copies of a broadcast become the fleet's: as a row, or one by one in a heap."""
+"""How the copies of a broadcast are put into the queues of a fleet: as a row, or one by one in a heap."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from aimd_des.utils.validation import FloatArray
 
 
 @deferred
-def _accept_one_by_one(
+def _enqueue_one_by_one(
     agents: FleetAgents,
     resource: int,
     number: int,
@@ -59,7 +59,7 @@ def _accept_one_by_one(
 
 
 @routine
-def accept(
+def enqueue(
     agents: FleetAgents,
     resource: int,
     number: int,
@@ -73,4 +73,4 @@ def accept(
     if make_way(agents, resource, copy):
         open_row(agents, resource, number, arrival, first_rank)
     else:
-        _accept_one_by_one(agents, resource, number, copy, arrival, first_rank, acted_at, acted)
+        _enqueue_one_by_one(agents, resource, number, copy, arrival, first_rank, acted_at, acted)
