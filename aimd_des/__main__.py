@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["main"]
 
-# As `aimd_des.cli.refusals` has it, which takes its time to import.
+# As `aimd_des.cli.errors` has it, which takes its time to import.
 _INTERRUPTED = 130
 
 

@@ -20,6 +20,9 @@ MACHINE = re.compile(
 )
 UNFINISHED = re.compile(r"\b(?:[T]ODO|[F]IXME|[X]XX)\b")
 INDEX = re.compile(r"[i]ndex-url|[f]ind-links[ =]|[t]rusted-host[ =]")
+# Files of Python in the pages about the sources; modules, and things in them, in comments of the sources.
+SOURCE = re.compile(r"`([\w./-]+\.py)`")
+PLACE = re.compile(r"(?<!`)`(aimd_des(?:\.\w+)+|[a-z_]+\.[A-Z]\w*)`")
 LINK = re.compile(r"[a-z]+://([^/\s\"'`<>)\]}]+)")
 
 # This machine, a name that a program puts together, and one that a test lets nobody in by.
@@ -92,6 +95,29 @@ def findings(pattern: re.Pattern[str], contents: dict[str, str]) -> list[str]:
 def strange_hosts(contents: dict[str, str]) -> list[str]:
     hosts = [(found, found.split("://")[1]) for found in findings(LINK, contents)]
     return [found for found, host in hosts if host not in HOSTS and not host.startswith(NO_READERS)]
+
+
+def lost_places(contents: dict[str, str]) -> list[str]:
+    """Files that the map or the design names, and places that a comment names, which are not there."""
+    modules: dict[str, set[str]] = {}
+    for name, content in contents.items():
+        if name.startswith("aimd_des/") and name.endswith(".py"):
+            path = name.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+            for known in (path, path.rpartition(".")[2]):
+                modules.setdefault(known, set()).update(re.findall(r"\w+", content))
+    lost = []
+    for name, content in contents.items():
+        if name in ("CONTRIBUTING.md", "docs/design.md"):
+            files = [file for file in SOURCE.findall(content) if "NAME" not in file]
+            lost += [
+                file for file in files if not any(f"/{there}".endswith(f"/{file}") for there in contents)
+            ]
+        elif name.startswith("aimd_des/"):
+            for place in PLACE.findall(content):
+                module, _, inside = place.rpartition(".")
+                if place not in modules and inside not in modules.get(module, set()):
+                    lost.append(f"{name}: {place}")
+    return lost
 
 
 def too_long(source: str, name: str) -> list[str]:
@@ -178,6 +204,10 @@ def test_nothing_is_half_done() -> None:
     assert findings(UNFINISHED, texts()) == []
 
 
+def test_what_the_map_and_comments_refer_to_is_there() -> None:
+    assert lost_places(texts()) == []
+
+
 @pytest.mark.parametrize("top", ["aimd_des", "models", "scenarios"])
 def test_modules_and_functions_are_short(top: str) -> None:
     long = [
@@ -201,6 +231,12 @@ def test_the_checks_see_what_they_look_for() -> None:
         "a:1: https" + "://packages.example"
     ]
     assert strange_hosts({"a": "https://doi.org/10.1"}) == []
+    page, used = (
+        "`a/b.py`, `b.py`, `d.py`, `test_NAME.py`",
+        "# `b.Yes`, `b.No`, `aimd_des.a.b`, `aimd_des.a.d`",
+    )
+    there = {"aimd_des/a/b.py": "class Yes: ...", "aimd_des/c.py": used, "CONTRIBUTING.md": page}
+    assert lost_places(there) == ["aimd_des/c.py: b.No", "aimd_des/c.py: aimd_des.a.d", "d.py"]
     assert too_long("def f():\n" + "    pass\n" * 60, "a") == ["a: f has 61 lines"]
     assert too_long('def f():\n    """A\n' + "\n" * 60 + '    """\n', "a") == []
     assert too_long("\n" * 501, "a") == ["a: 501 lines"]

@@ -48,7 +48,7 @@ class Population(Protocol):
 
 _FUNCTION = cast(type, Callable)  # which annotations know, and `isinstance` does
 
-# What each part may be, and what to do where it is another thing.
+# For each part its class, and what a refusal of another thing says: what is allowed, and a remedy.
 _PARTS: dict[str, tuple[type, str, str]] = {
     "control_unit": (ControlUnit, "a control unit, such as Sampled(1.0) or Crossing(1.0)", ""),
     "channel": (

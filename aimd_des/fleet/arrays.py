@@ -67,7 +67,7 @@ class CopyAccount(NamedTuple):
     """Which agents are here, and what becomes of copies; the arrays are those of the run."""
 
     away: BoolArray  # (n,): agents that are not here at the moment
-    # (m, n): as in `transmission.Transmitter`.
+    # (m, n): as in `transmitter.Transmitter`.
     delivered: IntArray
     lost: IntArray
     duplicated: IntArray
@@ -148,5 +148,5 @@ class FleetAgents(NamedTuple):
     room: int  # how many copies there may be at a time in queues, besides all that may get there from rows
     answers: Answers  # kept where an observer asks for them
     reported: int  # which are asked for: `RESPONSES`, `ALL_ANSWERS`
-    buffers: ResponseBuffers  # working memory
+    buffers: ResponseBuffers
     pending: PendingTotals  # totals that are taken while agents answer

@@ -22,7 +22,7 @@ class FleetChannel(NamedTuple):
     # Whether compiled code may send what leaves before a cut is possible; if not, it stops where a signal is
     # due.
     compiled: bool
-    table: ChannelTable  # the channel in this run
+    table: ChannelTable
     cut: npt.NDArray[np.bool_]  # (n,): agents to which nothing gets through at the moment
     numbers: IntArray  # (m,): how many signals there were for each resource
     # (m, n): copies by what becomes of them; duplicates that arrive are counted apart.

@@ -37,8 +37,8 @@ class FleetOvershoot(NamedTuple):
     # (m,): C, and growth of the total in units of the resource per unit of time.
     capacity: FloatArray
     slope: FloatArray
-    running: FloatArray  # (m, 6): of lines: as in `observing.LinearPieces`
-    # Of steps: as in `observing.ConstantPieces`; (m,) each, `measured` (1,).
+    running: FloatArray  # (m, 6): of lines: as in `observers.LinearPieces`
+    # Of steps: as in `observers.ConstantPieces`; (m,) each, `measured` (1,).
     peak: FloatArray
     above: FloatArray
     excess: FloatArray
@@ -52,7 +52,7 @@ class FleetOvershoot(NamedTuple):
 
 @record
 class ObservedTotals(NamedTuple):
-    """Where totals are kept, as in `observing.Observer`."""
+    """Where totals are kept, as in `observers.Observer`."""
 
     times: FloatArray  # (q,): when; ascending
     # (q, m): receive the sums.
