@@ -1,7 +1,9 @@
 """Numba is imported when a kernel is first called, and knows formulas wherever it compiles."""
 
 import pickle
+import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from threading import Barrier
 from typing import Any
 
@@ -10,7 +12,7 @@ import numpy as np
 import pytest
 
 from aimd_des.fleet import radix_heap
-from aimd_des.utils import instructions, portable_math, rng
+from aimd_des.utils import instructions, jit, portable_math, rng
 from aimd_des.utils.jit import kernel
 from aimd_des.utils.opaque import opaque
 from tests.conftest import python
@@ -51,6 +53,46 @@ def test_a_users_own_function_can_call_a_formula_before_any_kernel_was_called(in
     outcome = python("-c", program)
     assert outcome.returncode == 0, outcome.stderr
     assert outcome.stdout.split() == [str(not installed), "True", "None"]
+
+
+def test_what_an_interrupt_has_kept_from_numba_is_taught_the_next_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Numba takes long enough to import for a user to stop it, who goes on in the same process."""
+    taught: list[str] = []
+
+    def stopped() -> None:
+        taught.append("begun")
+        if len(taught) == 2:
+            raise KeyboardInterrupt
+
+    noted = [lambda: taught.append("first"), stopped, lambda: taught.append("last")]
+    monkeypatch.setattr(jit, "_noted", noted)
+    with pytest.raises(KeyboardInterrupt):
+        jit.teach_numba()
+    for _ in range(2):
+        jit.teach_numba()
+        assert taught == ["first", "begun", "begun", "last"]
+    jit.note(lambda: taught.append("at once"))
+    assert taught[-1] == "at once"
+
+
+@pytest.mark.parametrize("after", [True, False])
+def test_folders_that_may_not_be_entered_are_passed_over(
+    after: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python imports past a folder of its path that is another user's, and the package is found behind it."""
+    entered = Path.glob
+
+    def refusing(self: Path, pattern: str) -> Any:
+        if self.name == "another's":
+            raise PermissionError(13, "Permission denied")
+        return entered(self, pattern)
+
+    monkeypatch.setattr(Path, "glob", refusing)
+    found = jit._is_found_by_numba()
+    monkeypatch.setattr(sys, "path", [*sys.path, "another's"] if after else ["another's", *sys.path])
+    assert jit._is_found_by_numba() == found
 
 
 def test_calls_go_to_machine_code_without_a_function_between() -> None:

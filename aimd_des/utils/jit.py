@@ -17,6 +17,7 @@ a hundred times as slow, and give the same bits.
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial, update_wrapper
 from pathlib import Path
 from threading import RLock
@@ -45,11 +46,15 @@ def note(teach: Callable[[], object]) -> None:
 
 def teach_numba() -> None:
     """Teach Numba what has been noted: Numba calls this before it first compiles, for anyone."""
-    global _noted
+    global _noted  # noqa: PLW0603 - what Numba has been taught is the same for the whole process
     with _LOCK:
         noted, _noted = _noted or [], None
-        for teach in noted:
-            teach()
+        try:
+            while noted:
+                noted[0]()
+                del noted[0]
+        finally:
+            _noted = noted or None  # what an interrupt has kept from being taught is taught the next time
 
 
 class Kernel:
@@ -148,11 +153,12 @@ def announced(what: str) -> Callable[[_Function], _Function]:
 def _is_found_by_numba() -> bool:
     """Look for the entry point of this package: `importlib.metadata` takes ten times as long to import."""
     wanted = f"{teach_numba.__module__}:{teach_numba.__name__}"
-    return any(
-        wanted in path.read_text(encoding="utf-8")
-        for folder in sys.path
-        for path in Path(folder).glob("aimd_des-*info/entry_points.txt")
-    )
+    for folder in sys.path:
+        with suppress(OSError):  # Python passes over folders that the user may not enter
+            found = Path(folder).glob("aimd_des-*info/entry_points.txt")
+            if any(wanted in path.read_text(encoding="utf-8") for path in found):
+                return True
+    return False
 
 
 if not _is_found_by_numba():
