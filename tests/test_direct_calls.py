@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from numba.core.errors import TypingError
 
+from aimd_des import BroadcastChannel
 from aimd_des.dynamics.demand import CONTINUOUS
 from aimd_des.dynamics.totals import total_of
+from aimd_des.lowlevel import Broadcast, Purpose, key
 from aimd_des.utils.direct_calls import direct
 from aimd_des.utils.validation import FloatArray
 
@@ -44,3 +47,19 @@ def test_whole_numbers_and_fractions_have_machine_code_of_their_own() -> None:
     codes = [direct(total_of, *lines, weight) for weight in (1, 1.0)]
     assert codes[0] is not codes[1]
     assert codes[0](*lines, 1) == codes[1](*lines, 1.0) == total_of(*lines, 1.0)
+
+
+def test_another_order_of_bytes_is_another_type() -> None:
+    """Arrays of both kinds have one letter and one layout; Numba has no type for what is not native."""
+    given = (DEMAND.copy(), INCREASE, ANCHOR, NOW, CONTINUOUS)
+    assert direct(total_of, *given)(*given) == total_of(*given)
+    with pytest.raises(TypingError):
+        direct(total_of, DEMAND.astype(DEMAND.dtype.newbyteorder()), *given[1:])
+
+
+def test_a_link_takes_whole_numbers_and_fractions_as_departures() -> None:
+    """A part of one's own may say 0; what leaves half a unit of time later arrives half a unit later."""
+    link = BroadcastChannel(latency=1.0).open(3, {purpose: key(1, purpose) for purpose in Purpose})
+    for number, departure in enumerate([0, 0.5, np.float32(0.25), 1e9 + 0.25]):
+        arrival = link.transmit(Broadcast(0, number, departure), departure).arrival
+        assert arrival.tolist() == [1.0 + float(departure)] * 3

@@ -193,7 +193,8 @@ class CompiledLink(DrawnLink):
         """Draw loss, latency and duplication of every copy."""
         arrival, doubled = np.empty(len(self._spare)), self.table.duplicates
         second = np.empty(len(self._spare)) if doubled else self._spare
-        given = (self.table, broadcast.resource, broadcast.number, departure, arrival, second)
+        # One's own parts may say 0 for 0.0: machine code for whole numbers would round the times that follow.
+        given = (self.table, broadcast.resource, broadcast.number, float(departure), arrival, second)
         if self._transmit is None:
             self._transmit = direct(transmit, *given)
         code = self._transmit(*given)
