@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -99,6 +100,18 @@ def test_between_two_steps_nothing_is_due(agents: Any) -> None:
     assert {0.0, 2.0, 4.0, 6.0, 8.0} <= set(seen)
     assert not run.step()
     assert run.time == 9.0
+
+
+def test_a_run_that_stands_still_shows_nothing_of_what_is_to_come() -> None:
+    """Copies land within one event where nothing else is due, but not those that are later than the pause."""
+    runs = [simulation(agents).start(100.0) for agents in (AgentProcess, Fleet)]
+    for pause in np.arange(0.13, 100.0, 0.29).tolist():
+        looks = []
+        for run in runs:
+            run.advance(pause)
+            assert run.system.state.anchor.max() < run.time == pause
+            looks.append(run.totals())
+        pd.testing.assert_frame_equal(*looks, check_exact=True)
 
 
 def test_what_is_due_at_the_time_itself_has_not_happened() -> None:

@@ -124,7 +124,7 @@ class Carrier:
     """All copies on their way, in one list with the next to land at its end.
 
     The environment knows only the earliest copy.  When that has landed, the next one lands within the
-    same event unless something else is due first.
+    same event unless something else is due first, or the run is to stand still before.
 
     Attributes
     ----------
@@ -181,7 +181,7 @@ class Carrier:
             self.away,
             self.log,
         )
-        heap, tracking = env.heap, env.tracking
+        heap, tracking, horizon = env.heap, env.tracking, env.horizon
         # The event that happens is that of the top of the stack: all others are later.
         scheduled.pop()
         while True:
@@ -199,7 +199,7 @@ class Carrier:
                 return
             time = due[-1][0]
             # Most copies land before anything else is due, and are spared the rest.
-            if not tracking and heap and time < heap[0][0]:
+            if not tracking and heap and time < heap[0][0] and time < horizon:
                 env.instant = time
                 continue
             _, first_order, agent, _ = due[-1]
@@ -207,7 +207,8 @@ class Carrier:
             # It has an event already, from before a copy that was sent later came in ahead of it.
             if scheduled and scheduled[-1] == order:
                 return
-            # Something else comes first: back to SimPy, at the price of one event.
-            if not env.advance(time, _DELIVERY, order):
+            # Something else comes first, or the run goes no further for now: back to SimPy, at the price of
+            # one event.
+            if time >= horizon or not env.advance(time, _DELIVERY, order):
                 self._schedule(time, order)
                 return
