@@ -39,6 +39,8 @@ COMMANDS: dict[str, set[str]] = {
     "show one": CHECKED | {"rich"},
     "sweep study.toml --out many --workers 1": CHECKED | FRAMES | {"rich"},
     "sweep study.toml --out many --dry-run": CHECKED | FRAMES | {"rich"},
+    "report one": CHECKED | FRAMES,
+    "report many": CHECKED | FRAMES | INTERVALS,
     "show many": CHECKED | FRAMES | INTERVALS | {"rich"},
 }
 

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any
 
 import pytest
@@ -136,6 +137,18 @@ def test_a_face_has_all_that_its_package_has(name: str) -> None:
     face, home = import_module(f"aimd_des.{name}"), import_module(f"aimd_des.channel.{name}")
     assert face.__all__ == home.__all__
     assert all(getattr(face, public) is getattr(home, public) for public in home.__all__)
+
+
+@pytest.mark.parametrize("face", ["study", "theory"])
+def test_no_name_of_a_face_that_imports_on_demand_is_that_of_a_module_below_it(face: str) -> None:
+    """Where the module was imported before, Python would give it in place of the name."""
+    module = import_module(f"aimd_des.{face}")
+    below = {found.name for found in iter_modules(module.__path__)}
+    assert below >= {path.partition(".")[0] for path in module._HOME.values()}
+    assert not below & set(module.__all__)
+    assert dir(module) == sorted(module.__all__)
+    with pytest.raises(AttributeError, match=f"module 'aimd_des.{face}' has no attribute 'nothing'"):
+        module.nothing  # noqa: B018 - the attribute is what is tried
 
 
 def test_each_form_of_import_works_in_a_fresh_interpreter() -> None:

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from aimd_des import theory
 from aimd_des.report.study_axes import Along
 from aimd_des.scenario import Scenario
 from aimd_des.study import StudyResults
@@ -151,6 +150,8 @@ def _critical(scenario: Scenario) -> dict[str, float]:
     continuous = spoken["dynamics"] == "continuous"
     if continuous and least is None:
         return {}
+    from aimd_des import theory  # it is slow to import
+
     problem = scenario.problem()
     rate = theory.needed_rate(problem)
     if continuous:

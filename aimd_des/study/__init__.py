@@ -1,7 +1,8 @@
 """Many runs: a study as data, carried out on one machine or many, read back, and its statistics."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from aimd_des.utils.on_demand import on_demand
 
 if TYPE_CHECKING:
     from aimd_des.study.axis import Axis
@@ -76,13 +77,4 @@ __all__ = [
     "summarise",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Import what is asked for only then."""
-    if name in _HOME:
-        return getattr(import_module(f"aimd_des.study.{_HOME[name]}"), name)
-    raise AttributeError(f"module 'aimd_des.study' has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__ = on_demand(__name__, _HOME)
