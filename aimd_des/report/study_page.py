@@ -41,6 +41,7 @@ def report_study(results: StudyResults) -> Page:
     measures = [name for name in dict.fromkeys((*main, *FIRST, *kept)) if name in kept][:_MOST_MEASURES]
     names = [axis.name for axis in study.axes]
     table = summarise(runs, [*names, "resource"], measures) if len(runs) else None
+    counts = {"failed": len(results.failed), "missing": len(results.missing)}
     charts: list[Chart] = []
     controls: list[Slider | Choice] = []
     verdicts: list[Verdict] = []
@@ -50,8 +51,8 @@ def report_study(results: StudyResults) -> Page:
         kind="Study",
         title=study.title or f"Study in {results.folder.name}",
         headline=_headline(results, names, main),
-        more=_unfinished(results),
-        facts=_facts(results),
+        more=_unfinished(results, counts),
+        facts=_facts(results, counts),
         verdicts=verdicts,
         controls=controls,
         charts=charts,
@@ -99,9 +100,8 @@ def _span(values: "pd.Series[float]") -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _unfinished(results: StudyResults) -> str:
-    counts = (("failed", len(results.failed)), ("missing", len(results.missing)))
-    said = ", ".join(f"{word} {count:,}" for word, count in counts if count)
+def _unfinished(results: StudyResults, counts: Mapping[str, int]) -> str:
+    said = ", ".join(f"{word} {count:,}" for word, count in counts.items() if count)
     return f"Of {len(results.plan):,} runs: {said}. What is said here is of the others." if said else ""
 
 
@@ -249,13 +249,10 @@ def _failures(results: StudyResults) -> list[PageTable]:
     return [PageTable(title, heads, rows[:_MOST_FAILURES], labels=len(heads))]
 
 
-def _facts(results: StudyResults) -> list[tuple[str, str]]:
+def _facts(results: StudyResults, counts: Mapping[str, int]) -> list[tuple[str, str]]:
     study = results.study
-    failed, missing = len(results.failed), len(results.missing)
-    runs = f"{len(results.plan) - failed - missing:,} of {len(results.plan):,}"
-    runs += "".join(
-        f", {count:,} {word}" for count, word in ((failed, "failed"), (missing, "missing")) if count
-    )
+    runs = f"{len(results.plan) - sum(counts.values()):,} of {len(results.plan):,}"
+    runs += "".join(f", {count:,} {word}" for word, count in counts.items() if count)
     axes = [
         (f"Axis {axis.name}", ", ".join(short(value) for value, _ in axis.settings())) for axis in study.axes
     ]

@@ -6,6 +6,7 @@ import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -157,11 +158,14 @@ class Store:
 
     def scenario(self, point: str) -> str:
         """Read the scenario of a point, without its seed."""
-        name = _FILES[3]
-        for row in self.table(name, _ANEW).to_pylist():
-            if row["point"] == point:
-                return str(row["scenario"])
-        raise InputError(f"{self.folder / name}: is that of another study; {_ANEW}")
+        if point not in self._scenarios:
+            raise InputError(f"{self.folder / _FILES[3]}: is that of another study; {_ANEW}")
+        return self._scenarios[point]
+
+    @cached_property
+    def _scenarios(self) -> dict[str, str]:
+        """The scenario of each point, read once, since a report asks for those of many."""
+        return {row["point"]: str(row["scenario"]) for row in self.table(_FILES[3], _ANEW).to_pylist()}
 
     @contextmanager
     def taken(self, *, overwrite: bool) -> Iterator[None]:
