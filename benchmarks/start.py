@@ -71,6 +71,7 @@ PLAIN: dict[str, tuple[list[str], dict[str, str]]] = {
     "aimd-des validate": (["-m", "aimd_des", "validate", "scenario.toml"], {}),
     "validate, of a study": (["-m", "aimd_des", "validate", "study.toml"], {}),
     "show, of a study": (["-m", "aimd_des", "show", "study"], {}),
+    "report, of a study": (["-m", "aimd_des", "report", "study", "--overwrite"], {}),
     "sweep, with nothing to do": (_SWEEP, {}),
     "Tab on --set": (
         ["-c", "from aimd_des.cli import main; main(prog_name='aimd-des')"],

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import altair as alt
 import pandas as pd
+from altair.utils.schemapi import debug_mode
 
 from aimd_des.utils.colours import COLOURS
 
@@ -17,14 +18,29 @@ _DASHES = ((1, 0), (7, 3), (2, 2), (9, 3, 2, 3), (12, 4), (4, 2, 1, 2, 1, 2), (5
 _SHAPES = ("circle", "square", "triangle-up", "diamond", "cross", "triangle-down", "triangle-right")
 _DIGITS = 5
 
+#: Around functions that make charts: Altair would check each part when it is made, and again with each whole.
+#: Tests check finished charts instead.
+unchecked = debug_mode(False)
 
-def data(frame: pd.DataFrame) -> alt.InlineData:
-    """Put a frame into a chart."""
-    rows = [
-        {str(name): rounded(value) for name, value in row.items() if not _missing(value)}
-        for row in frame.to_dict("records")
-    ]
-    return alt.InlineData(values=rows)
+
+class Rows:
+    """The rows of one chart, which refers to them by their names.
+
+    Altair copies and checks what a chart holds at every step.  Rows are thus put in when it is finished.
+    """
+
+    def __init__(self, saved: pd.DataFrame) -> None:
+        """Begin with the rows that the chart saves as CSV."""
+        self.datasets: dict[str, list[dict[str, Any]]] = {}
+        self.saved = self.add("rows", saved)
+
+    def add(self, name: str, frame: pd.DataFrame) -> alt.NamedData:
+        """Add what another layer draws."""
+        self.datasets[name] = [
+            {str(key): rounded(value) for key, value in row.items() if not _missing(value)}
+            for row in frame.to_dict("records")
+        ]
+        return alt.NamedData(name=name)
 
 
 def _missing(value: Any) -> bool:
@@ -68,14 +84,14 @@ class Picked(NamedTuple):
     """What the legend selects: a click shows one resource and lets the others fade."""
 
     parameter: alt.Parameter
-    opacity: alt.Opacity
+    opacity: alt.OpacityValue
 
 
 def picked(opacity: float = 1.0) -> Picked:
     """Let the legend of a chart select its resources."""
     parameter = alt.selection_point(name="picked", fields=["resource"], bind="legend")
-    faint = alt.value(min(0.12, opacity))
-    return Picked(parameter, alt.condition(parameter, alt.value(opacity), faint))  # type: ignore[arg-type]
+    shown = {"param": parameter.name, "value": opacity}
+    return Picked(parameter, alt.OpacityValue(min(0.12, opacity), condition=shown))
 
 
 def slid(name: str, start: str) -> alt.Parameter:
@@ -92,9 +108,9 @@ def _bound(name: str, start: str, event: str) -> alt.Parameter:
     return alt.param(name=name, value=start, bind=alt.BindDirect(element=f"#{name}", event=event))
 
 
-def level_rule(at: float) -> alt.Chart:
+def level_rule(rows: Rows, at: float) -> alt.Chart:
     """Draw a level that others are held against."""
-    level = alt.Chart(data(pd.DataFrame({"one": [at]})))
+    level = alt.Chart(rows.add("level", pd.DataFrame({"one": [at]})))
     rule: alt.Chart = level.mark_rule(color=REFERENCE, strokeDash=[5, 4]).encode(alt.Y("one:Q"))
     return rule
 
@@ -109,21 +125,20 @@ class Column(NamedTuple):
 
 def finished(
     chart: alt.Chart | alt.LayerChart | alt.FacetChart,
+    rows: Rows,
     columns: Sequence[Column],
     height: int = _HEIGHT,
-    *,
-    layer: int = 0,
 ) -> dict[str, Any]:
-    """Make a chart as wide as its place, and say which rows it saves: those of one of its layers."""
-    sized = chart.properties(width="container", height=height, background="transparent")
-    spec: dict[str, Any] = sized.to_dict()
-    spec["autosize"] = {"type": "fit-x", "contains": "padding"}
-    source = spec if "data" in spec else spec["layer"][layer]
+    """Make a chart as wide as its place, give it its rows, and say which of them it saves."""
+    # A layered chart copies and combines its layers anew in each of its methods, so that none is called.
+    spec: dict[str, Any] = chart.to_dict(validate=False)
+    spec |= {"width": "container", "height": height, "autosize": {"type": "fit-x", "contains": "padding"}}
+    spec |= {"background": "transparent", "datasets": rows.datasets}
     named = {
         column.key: {"name": column.name, **({"values": list(column.values)} if column.values else {})}
         for column in columns
     }
-    spec["usermeta"] = {"rows": source["data"]["name"], "columns": named}
+    spec["usermeta"] = {"rows": rows.saved["name"], "columns": named}
     spec["config"] = {
         "view": {"stroke": None},
         "axis": {"labelFontSize": 12, "titleFontSize": 12, "titleFontWeight": "normal", "labelOverlap": True},

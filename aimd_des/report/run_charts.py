@@ -9,8 +9,8 @@ import pandas as pd
 from aimd_des.report.charts import (
     REFERENCE,
     Column,
+    Rows,
     chosen,
-    data,
     finished,
     level_rule,
     picked,
@@ -18,6 +18,7 @@ from aimd_des.report.charts import (
     resource_dash,
     resource_shape,
     slid,
+    unchecked,
 )
 from aimd_des.report.html_page import Chart, Choice, Slider
 from aimd_des.results.looks import looks
@@ -85,6 +86,7 @@ def teeth_are_seen(demand: pd.DataFrame, signals: pd.DataFrame, names: list[str]
     return bool(len(times) * len(names) <= _MOST_ROWS and widest * most * _LOOKS_A_TOOTH <= until * _ROUNDED)
 
 
+@unchecked
 def demand_charts(demand: pd.DataFrame, signals: pd.DataFrame, names: list[str], until: float) -> list[Chart]:
     """Show total demand over the capacity, and when signals were sent."""
     part = window_part(demand, signals, names, until)
@@ -106,10 +108,10 @@ _DEMAND_TITLE = "total demand (% of the capacity)"
 def _saw(demand: pd.DataFrame, names: list[str], until: float, part: int) -> Chart:
     """Show the sawtooth."""
     parameters, time, inside = _window(until, part)
-    rows = demand[["time", "resource"]].assign(level=100.0 * demand["total"])
+    rows = Rows(demand[["time", "resource"]].assign(level=100.0 * demand["total"]))
     pick = picked()
     line = (
-        alt.Chart(data(rows))
+        alt.Chart(rows.saved)
         .transform_filter(inside)
         .mark_line(clip=True, strokeWidth=1.5)
         .encode(
@@ -119,15 +121,15 @@ def _saw(demand: pd.DataFrame, names: list[str], until: float, part: int) -> Cha
             resource_dash(names),
             opacity=pick.opacity,
         )
-        .add_params(pick.parameter)
+        .add_params(pick.parameter, *parameters)
     )
-    layers = alt.layer(line, level_rule(100.0)).add_params(*parameters)
+    layers = alt.layer(line, level_rule(rows, 100.0))
     text = (
         "Total demand of all agents over the capacity in force, which is the dashed line. "
         f"{len(demand) // len(names):,} samples are drawn, dense enough to show each period of the sawtooth."
     )
     columns = [Column("time", "time"), Column("resource", "resource"), Column("level", _DEMAND_TITLE)]
-    return Chart("demand", "Demand against capacity", text, finished(layers, columns))
+    return Chart("demand", "Demand against capacity", text, finished(layers, rows, columns))
 
 
 def _envelope(demand: pd.DataFrame, names: list[str], until: float) -> Chart:
@@ -141,9 +143,9 @@ def _envelope(demand: pd.DataFrame, names: list[str], until: float) -> Chart:
     level = (100.0 * demand["total"]).groupby([place, demand["resource"].to_numpy()], sort=False)
     bounds = level.agg(["min", "max", "mean"]).reset_index(names=["piece", "resource"])
     middle = 0.5 * (edges[bounds["piece"]] + edges[bounds["piece"] + 1])
-    rows = bounds.assign(time=middle).drop(columns="piece")
+    rows = Rows(bounds.assign(time=middle).drop(columns="piece"))
     pick, faint = picked(), picked(0.3)
-    base = alt.Chart(data(rows)).transform_filter(inside)
+    base = alt.Chart(rows.saved).transform_filter(inside)
     scale = alt.Scale(zero=False)
     area = base.mark_area(clip=True, interpolate="step").encode(
         time,
@@ -155,7 +157,7 @@ def _envelope(demand: pd.DataFrame, names: list[str], until: float) -> Chart:
     line = base.mark_line(clip=True, interpolate="step").encode(
         time, alt.Y("mean:Q"), resource_colour(names), resource_dash(names), opacity=pick.opacity
     )
-    layers = alt.layer(area, line.add_params(pick.parameter), level_rule(100.0)).add_params(*parameters)
+    layers = alt.layer(area, line.add_params(pick.parameter, *parameters), level_rule(rows, 100.0))
     text = (
         "The least, the mean and the largest total demand over the capacity in force, which is the dashed"
         f" line: {pieces:,} pieces of the run, each of {len(demand) // m // pieces:,} samples or so. Samples"
@@ -167,7 +169,7 @@ def _envelope(demand: pd.DataFrame, names: list[str], until: float) -> Chart:
         Column("resource", "resource"),
         *(Column(of, f"{of} of {_DEMAND_TITLE}") for of in ("min", "mean", "max")),
     ]
-    return Chart("demand", "Demand against capacity", text, finished(layers, columns))
+    return Chart("demand", "Demand against capacity", text, finished(layers, rows, columns))
 
 
 def _signals_chart(signals: pd.DataFrame, names: list[str], until: float, part: int) -> Chart:
@@ -175,22 +177,23 @@ def _signals_chart(signals: pd.DataFrame, names: list[str], until: float, part: 
     parameters, time, inside = _window(until, part)
     if len(signals) <= _MOST_SIGNALS and part > 1:
         y_axis = alt.Y("resource:N", title=None, sort=names, scale=alt.Scale(domain=names))
-        frame = pd.DataFrame({"time": signals["time"], "resource": signals["resource"].astype(str)})
+        rows = Rows(pd.DataFrame({"time": signals["time"], "resource": signals["resource"].astype(str)}))
         marks = (
-            alt.Chart(data(frame)).transform_filter(inside).mark_tick(clip=True, thickness=1.2, opacity=0.7)
+            alt.Chart(rows.saved).transform_filter(inside).mark_tick(clip=True, thickness=1.2, opacity=0.7)
         )
         chart = marks.encode(time, y_axis, resource_colour(names, legend=False)).add_params(*parameters)
         text = f"Each stroke is one of the {len(signals):,} signals: one bit, sent to all agents."
         columns = [Column("time", "time"), Column("resource", "resource")]
-        return Chart("signals", "Signals", text, finished(chart, columns, 40 * len(names)))
+        return Chart("signals", "Signals", text, finished(chart, rows, columns, 40 * len(names)))
     step = until / 100.0
     place = np.minimum((signals["time"] / step).astype(int), 99)
     counts = signals.groupby([place, signals["resource"].astype(str)]).size().rename("signals").reset_index()
     counts["end"] = step * (counts["time"] + 1)
     counts["rate"] = counts["signals"] / step
     counts["time"] = step * counts["time"]
+    rows = Rows(counts)
     line = (
-        alt.Chart(data(counts))
+        alt.Chart(rows.saved)
         .transform_filter(inside)
         .mark_line(clip=True, interpolate="step-after")
         .encode(
@@ -209,9 +212,10 @@ def _signals_chart(signals: pd.DataFrame, names: list[str], until: float, part: 
         Column("signals", "signals"),
         Column("rate", "signals per unit of time"),
     ]
-    return Chart("signals", "Signals", text, finished(line, columns, 160))
+    return Chart("signals", "Signals", text, finished(line, rows, columns, 160))
 
 
+@unchecked
 def share_chart(
     average: np.ndarray[Any, Any],
     best: np.ndarray[Any, Any],
@@ -235,8 +239,9 @@ def share_chart(
         for j, name in enumerate(names)
     )
     top = float(max(frame["best"].max(), frame["held"].max()))
-    diagonal = alt.Chart(data(pd.DataFrame({"best": [0.0, top], "held": [0.0, top]})))
-    line = diagonal.mark_line(color=REFERENCE, strokeDash=[5, 4], strokeWidth=1.5)
+    rows = Rows(frame)
+    diagonal = rows.add("diagonal", pd.DataFrame({"best": [0.0, top], "held": [0.0, top]}))
+    line = alt.Chart(diagonal).mark_line(color=REFERENCE, strokeDash=[5, 4], strokeWidth=1.5)
     what = "optimum for all of the capacity" if for_used is None else "optimum for what is used"
     columns = [
         Column("agent", "agent"),
@@ -247,7 +252,7 @@ def share_chart(
     ]
     pick = picked(0.8)
     points = (
-        alt.Chart(data(frame))
+        alt.Chart(rows.saved)
         .mark_point(size=40, filled=True)
         .encode(
             alt.X("best:Q", title=f"{what} (in equal shares of the capacity)"),
@@ -271,4 +276,4 @@ def share_chart(
         "." if for_used is None else " of what is used; what is not used is the planner's to give besides."
     )
     chart = alt.layer(points, line.encode(alt.X("best:Q"), alt.Y("held:Q")))
-    return Chart("shares", "What each agent holds", text, finished(chart, columns, 320), wide=False)
+    return Chart("shares", "What each agent holds", text, finished(chart, rows, columns, 320), wide=False)

@@ -10,14 +10,15 @@ from aimd_des.report.boundaries import Critical
 from aimd_des.report.charts import (
     REFERENCE,
     Column,
+    Rows,
     chosen,
-    data,
     finished,
     picked,
     resource_colour,
     resource_dash,
     resource_shape,
     slid,
+    unchecked,
 )
 from aimd_des.report.html_page import Chart, Choice, Slider
 from aimd_des.report.study_axes import Along
@@ -85,6 +86,7 @@ def _saved_axes(axes: Sequence[Along]) -> list[Column]:
     return [Column(f"i{number}", axis.name, axis.labels) for number, axis in enumerate(axes)]
 
 
+@unchecked
 def line_chart(
     frame: pd.DataFrame,
     name: str,
@@ -99,9 +101,9 @@ def line_chart(
     where theory has something.
     """
     shown, pick = shown_measure(name), picked()
-    rows = frame.assign(**{of: shown.factor * frame[of] for of in ("mean", "low", "high")})
+    rows = Rows(frame.assign(**{of: shown.factor * frame[of] for of in ("mean", "low", "high")}))
     base = (
-        alt.Chart(data(rows))
+        alt.Chart(rows.saved)
         .transform_filter(_here(axes, ["along"]))
         .transform_calculate(
             x="places[toNumber(along)][datum['i' + along]]",
@@ -127,7 +129,12 @@ def line_chart(
     line = base.mark_line(strokeOpacity=between).encode(
         x_axis, y_axis, strokeDash=resource_dash(resources), **look
     )
-    layers = [points.add_params(pick.parameter), line, bars, *_levels(name, shown.factor)]
+    layers = [
+        points.add_params(pick.parameter, *_parameters(axes, start)),
+        line,
+        bars,
+        *_levels(rows, name, shown.factor),
+    ]
     if "expected" in frame:
         expected = base.transform_calculate(level=f"{shown.factor} * datum.expected")
         layers.append(
@@ -136,12 +143,12 @@ def line_chart(
             )
         )
     if critical is not None:
-        layers.append(_critical_rule(critical, axes, x_axis, look))
+        layers.append(_critical_rule(rows, critical, axes, x_axis, look))
     below = alt.Title(text=alt.ExprRef("names[toNumber(along)]"), orient="bottom", anchor="middle")
-    chart = alt.layer(*layers).add_params(*_parameters(axes, start)).properties(title=below)
+    chart = alt.layer(*layers, title=below)
     columns = [*_saved_axes(axes), Column("resource", "resource")]
     columns += [Column(of, f"{of} of {shown.label}") for of in ("mean", "low", "high")]
-    spec = finished(chart, columns, 260)
+    spec = finished(chart, rows, columns, 260)
     return Chart(
         f"line-{name.replace('_', '-')}", shown.title, _said(name, frame, critical), spec, wide=False
     )
@@ -162,12 +169,12 @@ def _said(name: str, frame: pd.DataFrame, critical: Critical | None) -> str:
     return f"{text} A point leads to its runs."
 
 
-def _levels(name: str, factor: float) -> list[alt.Chart]:
+def _levels(rows: Rows, name: str, factor: float) -> list[alt.Chart]:
     """Draw the capacity, or the limit of what is good."""
     at = 1.0 if name in AROUND_CAPACITY else LIMITS.get(name)
     if at is None:
         return []
-    rule = alt.Chart(data(pd.DataFrame({"level": [factor * at]})))
+    rule = alt.Chart(rows.add("level", pd.DataFrame({"level": [factor * at]})))
     return [rule.mark_rule(color=REFERENCE, strokeDash=[5, 4]).encode(alt.Y("level:Q"))]
 
 
@@ -182,12 +189,12 @@ def _critical_frame(critical: Critical, axes: Sequence[Along], resources: Sequen
 
 
 def _critical_rule(
-    critical: Critical, axes: Sequence[Along], x_axis: alt.X, look: dict[str, Any]
+    rows: Rows, critical: Critical, axes: Sequence[Along], x_axis: alt.X, look: dict[str, Any]
 ) -> alt.Chart:
     """Draw the critical loss of each resource where charts run along the loss."""
-    rows = _critical_frame(critical, axes, list(dict.fromkeys(critical.rows["resource"])))
+    frame = _critical_frame(critical, axes, list(dict.fromkeys(critical.rows["resource"])))
     rule: alt.Chart = (
-        alt.Chart(data(rows))
+        alt.Chart(rows.add("critical", frame))
         .transform_filter(f"toNumber(along) == {critical.axis} && {_here(axes, ['along'])}")
         .mark_rule(strokeDash=[6, 3], strokeWidth=1.5)
         .encode(x_axis, tooltip=[alt.Tooltip("words:N", title="critical loss by theory")], **look)
@@ -195,6 +202,7 @@ def _critical_rule(
     return rule
 
 
+@unchecked
 def map_chart(
     frame: pd.DataFrame,
     measures: Sequence[str],
@@ -209,7 +217,8 @@ def map_chart(
     half-width of its interval h0, h1 and so on.
     """
     edges = [axis.edges for axis in axes]
-    base = _map_base(frame, axes)
+    rows = Rows(frame)
+    base = _map_base(rows.saved, axes)
     flush = alt.Scale(zero=False, nice=False)
     x_axis = alt.X("x:Q", axis=_ticks("along"), scale=flush)
     y_axis = alt.Y("y:Q", axis=_ticks("other"), scale=flush)
@@ -231,12 +240,13 @@ def map_chart(
         .mark_point(shape="circle", size=14, filled=True, color="#000000", stroke="#ffffff", opacity=1.0)
         .encode(alt.X("xc:Q"), alt.Y("yc:Q"))
     )
-    layers = [cells, beyond, *([] if critical is None else _critical_lines(critical, axes, resources))]
+    cells = cells.add_params(*_map_parameters(frame, measures, axes, edges, start))
+    layers = [cells, beyond, *([] if critical is None else _critical_lines(rows, critical, axes, resources))]
     over = "names[toNumber(other)] + ' (up) over ' + names[toNumber(along)]"
     what = "shown[toNumber(measure)] + ' (' + units[toNumber(measure)] + ')'"
     words = f"{what} + ': ' + {over}"
     title = alt.Title(text=alt.ExprRef(words), anchor="start")
-    chart = alt.layer(*layers).add_params(*_map_parameters(frame, measures, axes, edges, start))
+    chart = alt.layer(*layers, title=title)
     columns = [
         *_saved_axes(axes),
         Column("r", "resource", tuple(resources)),
@@ -246,14 +256,14 @@ def map_chart(
             for kind, word in (("m", " (mean)"), ("h", " (half-width of the 95 % interval)"))
         ),
     ]
-    spec = finished(chart.properties(title=title), columns, 340)
+    spec = finished(chart, rows, columns, 340)
     return Chart("map", "Over two axes", _map_text(measures, critical), spec)
 
 
-def _map_base(frame: pd.DataFrame, axes: Sequence[Along]) -> alt.Chart:
+def _map_base(saved: alt.NamedData, axes: Sequence[Along]) -> alt.Chart:
     """Take the rows that the map shows, with their cells, values and words."""
     base: alt.Chart = (
-        alt.Chart(data(frame))
+        alt.Chart(saved)
         .transform_filter(f"datum.r == toNumber(of) && {_here(axes, ['along', 'other'])}")
         .transform_calculate(
             **{
@@ -357,14 +367,16 @@ def _ends(frame: pd.DataFrame, number: int, name: str, factor: float) -> list[li
     return found
 
 
-def _critical_lines(critical: Critical, axes: Sequence[Along], resources: Sequence[str]) -> list[alt.Chart]:
+def _critical_lines(
+    rows: Rows, critical: Critical, axes: Sequence[Along], resources: Sequence[str]
+) -> list[alt.Chart]:
     """Draw the critical loss across the map, for the loss on either axis."""
-    base = alt.Chart(data(_critical_frame(critical, axes, resources)))
+    base = alt.Chart(rows.add("critical", _critical_frame(critical, axes, resources)))
     lines = []
     for loss, across, (one, two) in (("along", "other", ("y", "y2")), ("other", "along", ("x", "x2"))):
         at = "x" if loss == "along" else "y"
         here = f"toNumber({loss}) == {critical.axis} && datum.r == toNumber(of)"
-        rows = base.transform_filter(f"{here} && {_here(axes, ['along', 'other'])}").transform_calculate(
+        placed = base.transform_filter(f"{here} && {_here(axes, ['along', 'other'])}").transform_calculate(
             level="datum.x",
             start=f"lows[toNumber({across})][datum['i' + {across}]]",
             end=f"highs[toNumber({across})][datum['i' + {across}]]",
@@ -372,7 +384,7 @@ def _critical_lines(critical: Critical, axes: Sequence[Along], resources: Sequen
         channel = {"x": alt.X, "y": alt.Y}
         second = {"x2": alt.X2, "y2": alt.Y2}
         lines.append(
-            rows.mark_rule(strokeWidth=2.5, color="#000000").encode(
+            placed.mark_rule(strokeWidth=2.5, color="#000000").encode(
                 channel[at]("level:Q"), channel[one]("start:Q"), second[two]("end:Q")
             )
         )
