@@ -124,7 +124,7 @@ class Carrier:
     """All copies on their way, in one list with the next to land at its end.
 
     The environment knows only the earliest copy.  When that has landed, the next one lands within the
-    same event unless something else is due first, or the run is to stand still before.
+    same event unless something else is due first, or the run is to pause before.
 
     Attributes
     ----------

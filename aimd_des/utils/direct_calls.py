@@ -12,7 +12,7 @@ _FOUND: dict[tuple[Any, ...], Callable[..., Any]] = {}
 def _likeness(value: object) -> Any:
     """Return what the type of an argument follows from; Numba's own type takes twenty times as long."""
     if isinstance(value, np.ndarray):
-        # Not its letter alone, which numbers have whatever the order of their bytes is.
+        # Not its letter alone, which is the same for any order of bytes.
         return value.dtype, value.ndim, value.flags.num
     return (type(value), *map(_likeness, value)) if isinstance(value, tuple) else type(value)
 
