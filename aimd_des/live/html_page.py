@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from aimd_des.live.player import Player
-from aimd_des.live.settings import GROUPS, PageState, scenario_of, shown_of
+from aimd_des.live.settings import GROUPS, ChoiceControl, PageState, scenario_of, shown_of
 from aimd_des.scenario import Scenario
 from aimd_des.utils.colours import COLOURS
 from aimd_des.utils.errors import InputError
@@ -80,7 +80,8 @@ def controls() -> list[dict[str, Any]]:
         {
             "title": group.title,
             "controls": [
-                {"kind": type(control).__name__.lower(), **control._asdict()} for control in group.controls
+                {"kind": "choice" if isinstance(control, ChoiceControl) else "slider", **control._asdict()}
+                for control in group.controls
             ],
         }
         for group in GROUPS
