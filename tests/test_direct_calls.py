@@ -1,5 +1,6 @@
 """Kernels that are called without asking for the types of their arguments."""
 
+import numba
 import numpy as np
 import pytest
 from numba.core.errors import TypingError
@@ -10,6 +11,8 @@ from aimd_des.dynamics.totals import total_of
 from aimd_des.lowlevel import Broadcast, Purpose, key
 from aimd_des.utils.direct_calls import direct
 from aimd_des.utils.validation import FloatArray
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 
 DEMAND, INCREASE, ANCHOR = np.random.default_rng(0).uniform(0.0, 1.0, (3, 60))
 NOW = np.array([2.0])
