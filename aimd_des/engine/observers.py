@@ -430,8 +430,10 @@ class Observer:
     def finish(self) -> Observations:
         """Take the last look, at the end of the run."""
         # Not an event: what is due at the end does not happen, but x(end) is what the run has led to.
-        self._keep_totals(len(self.times) - 1)
         self.system.observe_allocations(self.demand[-1], self.average[-1])
+        for totals, rows in ((self.total_demand, self.demand), (self.total_average, self.average)):
+            # In the order of agents, as all totals: the last of the running sums.
+            totals[-1] = [np.cumsum(row)[-1] for row in rows[-1]]
         # Not 0 where nothing was measured: 0 would be a finding.
         missing = np.full(self.system.problem.n_resources, np.nan)
         overshoot, second_half = Overshoot(missing, missing, missing), missing

@@ -85,7 +85,7 @@ def broadcast_rows(enabled: bool, n_resources: int, n_agents: int) -> BroadcastR
         due_arrival=np.empty(space),
         due_uniform=np.empty(space),
         due_rank=np.empty(space, dtype=np.int64),
-        due_order=np.empty(space, dtype=np.uint32),
+        due_order=spare((space,), np.uint32),
         due_end=np.empty(-(-n_agents // PIECE), dtype=np.int64),
     )
 

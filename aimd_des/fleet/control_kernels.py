@@ -186,8 +186,8 @@ def _signal(
     return REACHED
 
 
-@formula
-def _sample(
+@announced("the fleet (some ten seconds)")
+def sample(
     agents: FleetAgents,
     control: FleetControl,
     channel: FleetChannel,
@@ -199,6 +199,7 @@ def _sample(
     # Which instant agents have been brought to, and of which the totals are at hand: looks of several kinds
     # at one instant share both.
     reached = summed = NEVER
+    observed.taken[:] = observed.row[0]
     while True:
         look = control.phase + control.look[0] * control.period
         tick, row, turns = _next_tick(agents, integrals), _next_row(observed), control.turns
@@ -208,9 +209,11 @@ def _sample(
         now, looking = min(look, observation), look <= observation
         turn = turns[LOOK] if looking else turns[ROW if keeping else TICK]
         if not _within(now, _SENSE if looking else _OBSERVE, turn, limits):
-            return REACHED
+            status = REACHED
+            break
         if looking and _crowded(agents, control, channel):
-            return NO_ROOM
+            status = NO_ROOM
+            break
         if not looking and keeping and agents.rows.enabled:
             _let_wait(control, observed)
             continue
@@ -236,24 +239,10 @@ def _sample(
         control.turns[LOOK] = UNSCHEDULED
         status = _signal(agents, control, channel, limits, control.look[0] - 1)
         if status != REACHED:
-            return status
+            break
         # Continuous agents answer signals without latency before observers look at the same instant.
         if agents.tick_weight == 0.0:
             reached = summed = NEVER
-
-
-@announced("the fleet (some ten seconds)")
-def sample(
-    agents: FleetAgents,
-    control: FleetControl,
-    channel: FleetChannel,
-    integrals: FleetOvershoot,
-    observed: ObservedTotals,
-    limits: Limits,
-) -> int:
-    """Look at phase + q * period, and let observers look, until something else is due."""
-    observed.taken[:] = observed.row[0]
-    status = _sample(agents, control, channel, integrals, observed, limits)
     _take_all(agents, integrals, observed)
     return status
 
@@ -282,7 +271,36 @@ def _hold_off(control: FleetControl, resource: int, now: float, total: float) ->
 
 
 @formula
-def _sense(
+def _let_wait_or_keep(
+    agents: FleetAgents,
+    control: FleetControl,
+    integrals: FleetOvershoot,
+    observed: ObservedTotals,
+    time: float,
+) -> None:
+    """Leave a row of totals to the next look, or keep it where agents may be in no rows."""
+    if agents.rows.enabled:
+        _let_wait(control, observed)
+    else:
+        control.now[0] = time
+        settle_and_take(agents, integrals, observed, 0, agents.copies.base.shape[0], time, LAST)
+        _find_moments(agents, control)
+        _keep(agents, control, observed)
+
+
+@formula
+def _settle(
+    agents: FleetAgents, integrals: FleetOvershoot, observed: ObservedTotals, queue: int, time: float
+) -> None:
+    """Settle a queue; straight away where no totals wait for it, as at most looks."""
+    if observed.taken[queue] < observed.row[0]:
+        settle_and_take(agents, integrals, observed, queue, queue + 1, time, LAST)
+    else:
+        settle(agents, integrals, queue, queue + 1, time, LAST)
+
+
+@announced("the fleet (some ten seconds)")
+def sense(
     agents: FleetAgents,
     control: FleetControl,
     channel: FleetChannel,
@@ -292,6 +310,7 @@ def _sense(
 ) -> int:
     """Go from one possible crossing to the next, and let observers look, until something else is due."""
     look_time = control.look_time
+    observed.taken[:] = observed.row[0]
     while True:
         # Of alarms at one instant the first is that of the lowest index, which is their order as events.
         j = _next_alarm(look_time)
@@ -299,27 +318,21 @@ def _sense(
         # Strictly: at one instant the control unit looks before observers do.
         if row < now:
             if not _within(row, _OBSERVE, control.turns[ROW], limits):
-                return REACHED
-            if agents.rows.enabled:
-                _let_wait(control, observed)
-                continue
-            control.now[0] = row
-            settle(agents, integrals, 0, agents.copies.base.shape[0], row, LAST)
-            _find_moments(agents, control)
-            _keep(agents, control, observed)
+                status = REACHED
+                break
+            _let_wait_or_keep(agents, control, integrals, observed, row)
             continue
         if not _within(now, _SENSE, j, limits):
-            return REACHED
+            status = REACHED
+            break
         if _crowded(agents, control, channel):
-            return NO_ROOM
+            status = NO_ROOM
+            break
         control.now[0] = now
         # Others' copies stay where they are: this look reads the total of one resource, and no answer for
         # another one changes it.
         queue = 0 if agents.coupled else j
-        if observed.taken[queue] < observed.row[0]:
-            settle_and_take(agents, integrals, observed, queue, queue + 1, now, LAST)
-        else:
-            settle(agents, integrals, queue, queue + 1, now, LAST)
+        _settle(agents, integrals, observed, queue, now)
         _find_moments(agents, control)
         total = _total(agents, control, j)
         # No alarm misses a crossing: responses only lower the total, and `growth` is what all grow by.  What
@@ -335,26 +348,15 @@ def _sense(
         control.due[:] = False
         control.due[j] = True
         if control.repeated[j] > MOST_AT_ONE_INSTANT:
-            return STANDSTILL
+            status = STANDSTILL
+            break
         # Before anything is sent, so that the look is done with every way of sending.
         _hold_off(control, j, now, total)
         if not _sends(control, channel, limits):
-            return BROADCAST
+            status = BROADCAST
+            break
         if not broadcast(agents, channel, j, now, control.delay, limits.acted_at, limits.acted):
-            return REFUSED
-
-
-@announced("the fleet (some ten seconds)")
-def sense(
-    agents: FleetAgents,
-    control: FleetControl,
-    channel: FleetChannel,
-    integrals: FleetOvershoot,
-    observed: ObservedTotals,
-    limits: Limits,
-) -> int:
-    """Go from one possible crossing to the next, and let observers look, until something else is due."""
-    observed.taken[:] = observed.row[0]
-    status = _sense(agents, control, channel, integrals, observed, limits)
+            status = REFUSED
+            break
     _take_all(agents, integrals, observed)
     return status

@@ -146,13 +146,11 @@ def _merge(answers: Answers, source: IntArray, low: int, middle: int, high: int,
             other += 1
 
 
-@kernel
-def _sort(answers: Answers, order: IntArray, spare: IntArray) -> None:
-    """Put answers in the order of events, into `order`."""
+@deferred
+def _sort_many(answers: Answers, order: IntArray, spare: IntArray) -> None:
+    """Sort any number of answers, at any times."""
     # Not NumPy's sort: it would allocate, which compiled code here cannot do.
     count = answers.held[0]
-    if 1 < count <= _COUNTED and _count(answers, order):
-        return
     for row in range(count):
         order[row] = row
     if count > _SHORT:
@@ -171,6 +169,14 @@ def _sort(answers: Answers, order: IntArray, spare: IntArray) -> None:
         for place in range(count):
             order[place] = spare[place]
         width *= 2
+
+
+@kernel
+def _sort(answers: Answers, order: IntArray, spare: IntArray) -> None:
+    """Put answers in the order of events, into `order`."""
+    # Small fleets never have many, so the others' way is not even compiled for them.
+    if answers.held[0] > _COUNTED or not _count(answers, order):
+        _sort_many(answers, order, spare)
 
 
 @deferred

@@ -13,9 +13,9 @@ import numpy as np
 from aimd_des.dynamics.averaging import accumulated_at, age_at, time_average
 from aimd_des.dynamics.demand import CONTINUOUS, demand_at
 from aimd_des.dynamics.state import AgentParameters, State
-from aimd_des.utils.jit import deferred, formula
+from aimd_des.utils.jit import formula
 from aimd_des.utils.records import record
-from aimd_des.utils.validation import BoolArray, FloatArray, IntArray
+from aimd_des.utils.validation import FloatArray, IntArray
 
 #: Instants of one pass.  Their values stay in the cache for so few.
 INSTANTS = 8
@@ -45,19 +45,10 @@ def pending_totals(length: int) -> PendingTotals:
 
 
 @formula
-def _anybody(away: BoolArray, first: int, last: int) -> bool:
-    found = False
-    for i in range(first, last):
-        found |= away[i]
-    return found
-
-
-@formula
 def begin_piece(
     pending: PendingTotals,
     state: State,
     parameters: AgentParameters,
-    away: BoolArray,
     resource: int,
     first: int,
     last: int,
@@ -67,23 +58,16 @@ def begin_piece(
     demand, accumulated = state.demand[j][first:last], state.accumulated[j][first:last]
     anchor, pause = state.anchor[j][first:last], state.pause[j][first:last]
     increase = parameters.increase[j][first:last]
-    paused = _anybody(away, first, last)
     for instant in range(pending.waiting[0]):
         now, held, used = pending.times[instant], pending.held[instant], pending.used[instant]
         for k in range(count):
             held[k] = demand_at(demand[k], increase[k], now - anchor[k], CONTINUOUS)
-        # Of agents that are here no pause has to be read.
-        if paused:
-            for k in range(count):
-                since = min(now, pause[k]) - anchor[k]
-                used[k] = accumulated_at(accumulated[k], demand[k], increase[k], since, CONTINUOUS)
-        else:
-            for k in range(count):
-                used[k] = accumulated_at(accumulated[k], demand[k], increase[k], now - anchor[k], CONTINUOUS)
+        for k in range(count):
+            since = min(now, pause[k]) - anchor[k]
+            used[k] = accumulated_at(accumulated[k], demand[k], increase[k], since, CONTINUOUS)
 
 
-# Apart, so that answers of runs without totals stay as short as they are.
-@deferred
+@formula
 def break_line(
     pending: PendingTotals, state: State, parameters: AgentParameters, resource: int, agent: int, first: int
 ) -> None:
@@ -126,21 +110,14 @@ def break_lines(
 
 
 @formula
-def end_piece(
-    pending: PendingTotals, state: State, away: BoolArray, resource: int, first: int, last: int
-) -> None:
+def end_piece(pending: PendingTotals, state: State, resource: int, first: int, last: int) -> None:
     """Add the values of some agents to the sums of those before them."""
     j, count = resource, last - first
     origin, pause = state.origin[j][first:last], state.pause[j][first:last]
-    paused = _anybody(away, first, last)
     for instant in range(pending.waiting[0]):
         now, used = pending.times[instant], pending.used[instant]
-        if paused:
-            for k in range(count):
-                used[k] = time_average(used[k], age_at(min(now, pause[k]), origin[k], CONTINUOUS))
-        else:
-            for k in range(count):
-                used[k] = time_average(used[k], age_at(now, origin[k], CONTINUOUS))
+        for k in range(count):
+            used[k] = time_average(used[k], age_at(min(now, pause[k]), origin[k], CONTINUOUS))
     demand, average = pending.demand, pending.average
     for a in range(0, pending.waiting[0], _SIDE_BY_SIDE):
         # Of fewer instants, sums of what is left of earlier ones are computed as well: it takes no longer.

@@ -361,40 +361,6 @@ def settle(
             fold_answers(agents.answers, integrals)
 
 
-@formula
-def _settle_to_next(
-    agents: FleetAgents,
-    integrals: FleetOvershoot,
-    observed: ObservedTotals,
-    resource: int,
-    time: float,
-    limit: int,
-) -> bool:
-    """Settle as far as totals of a resource that wait can be taken in one pass; tell whether none is left."""
-    j, pending, begin = resource, agents.pending, observed.taken[resource]
-    waiting = observed.row[0] - begin
-    count = min(INSTANTS, waiting)
-    if count < waiting:
-        time, limit = observed.times[begin + count - 1], LAST
-    # A heap is settled at each instant.
-    in_rows = agents.rows.serving[j] and not must_leave(agents.rows, j, time)
-    if count > 0 and not in_rows:
-        count, time, limit = 1, observed.times[begin], LAST
-    for instant in range(count):
-        pending.times[instant] = observed.times[begin + instant]
-    pending.waiting[0] = count if in_rows else 0
-    settle(agents, integrals, j, j + 1, time, limit)
-    if count > 0 and not in_rows:
-        pending.waiting[0] = count
-        settle_rows(agents, j, time, limit)
-    pending.waiting[0] = 0
-    for instant in range(count):
-        observed.demand[begin + instant, j] = pending.demand[instant]
-        observed.average[begin + instant, j] = pending.average[instant]
-    observed.taken[j] = begin + count
-    return bool(count == 0 or (in_rows and count == waiting))
-
-
 @deferred
 def settle_and_take(
     agents: FleetAgents,
@@ -406,6 +372,29 @@ def settle_and_take(
     limit: int,
 ) -> None:
     """Do what `settle` does, and take the totals that wait for it, none of them later."""
-    for queue in range(first, last):
-        while not _settle_to_next(agents, integrals, observed, queue, time, limit):
-            pass
+    pending, rows, j = agents.pending, agents.rows, first
+    while j < last:
+        begin = observed.taken[j]
+        waiting = observed.row[0] - begin
+        count, until, order = min(INSTANTS, waiting), time, limit
+        if count < waiting:
+            until, order = observed.times[begin + count - 1], LAST
+        in_rows = rows.serving[j] and not must_leave(rows, j, until)
+        if count > 0 and not in_rows:
+            # A heap is settled at each instant.
+            count, until, order = 1, observed.times[begin], LAST
+        for instant in range(count):
+            pending.times[instant] = observed.times[begin + instant]
+        pending.waiting[0] = count if in_rows else 0
+        settle(agents, integrals, j, j + 1, until, order)
+        if count > 0 and not in_rows:
+            pending.waiting[0] = count
+            settle_rows(agents, j, until, order)
+        pending.waiting[0] = 0
+        for instant in range(count):
+            observed.demand[begin + instant, j] = pending.demand[instant]
+            observed.average[begin + instant, j] = pending.average[instant]
+        observed.taken[j] = begin + count
+        # The last pass has gone on to the time that is asked for.
+        if count == 0 or (in_rows and count == waiting):
+            j += 1

@@ -163,27 +163,20 @@ def _sort_by_pieces(rows: BroadcastRows, count: int) -> None:
     """Find the order in which the agents of a piece have their listed copies that are due side by side."""
     ends, order = rows.due_end, rows.due_order
     # Without a sign: compiled code need not ask whether an index counts from the end.
-    length, previous = np.uint64(PIECE), np.uint64(0)
-    ascending: Any = True
+    length = np.uint64(PIECE)
     for piece in range(ends.shape[0]):
         ends[piece] = 0
     for place in range(count):
-        agent = np.uint64(rows.due_agent[place])
-        ends[agent // length] += 1
-        ascending &= previous <= agent
-        previous = agent
-        order[place] = place
+        ends[np.uint64(rows.due_agent[place]) // length] += 1
     begin = 0
     for piece in range(ends.shape[0]):
         held = ends[piece]
-        # Copies of one broadcast, as they mostly are, are in the order of agents.
-        ends[piece] = begin + held if ascending else begin
+        ends[piece] = begin
         begin += held
-    if not ascending:
-        for place in range(count):
-            own = np.uint64(rows.due_agent[place]) // length
-            order[ends[own]] = place
-            ends[own] += 1
+    for place in range(count):
+        own = np.uint64(rows.due_agent[place]) // length
+        order[ends[own]] = place
+        ends[own] += 1
 
 
 @formula
@@ -214,15 +207,15 @@ def _take_due(rows: BroadcastRows, resource: int, time: float, limit: int, by_pi
 
 
 @formula
-def _answer_listed(agents: FleetAgents, row: ResourceRows, resource: int, place: int, first: int) -> None:
-    """Let one agent of a piece answer a listed copy: Algorithm 2, the branch S = 1."""
+def _answer_listed(agents: FleetAgents, row: ResourceRows, resource: int, place: int) -> bool:
+    """Let one agent answer a listed copy, and tell whether it responds: Algorithm 2, the branch S = 1."""
     j, rows, response = resource, agents.rows, agents.parameters.response
     i: Any = np.uint64(rows.due_agent[place])
     agent: Any = np.int64(i)
     moment = rows.due_arrival[place]
     if agents.account.away[i]:
         miss(agents, j, agent, False)
-        return
+        return False
     held, increase, since = row.demand[i], row.increase[i], moment - row.anchor[i]
     before = row.accumulated[i]
     folded = accumulated_at(before, held, increase, since, CONTINUOUS)
@@ -247,13 +240,12 @@ def _answer_listed(agents: FleetAgents, row: ResourceRows, resource: int, place:
     row.responses[i] += responds
     if is_saturated(response, probability, row.decrease[i]):
         row.saturated[i] += responds
-    if agents.pending.waiting[0] > 0 and responds:
-        break_line(agents.pending, agents.state, agents.parameters, j, agent, first)
     if agents.reported != NO_ANSWERS:
         change = kept - present if responds else np.nan
         report(agents.answers, bits_of(moment), rows.due_rank[place], agent, j, change)
         # Written in any case, and counted if a listener asks for it.
         agents.answers.held[0] -= agents.reported != ALL_ANSWERS and not responds
+    return bool(responds)
 
 
 @formula
@@ -281,24 +273,31 @@ def _answer_in_turn(
     """Answer listed copies of a piece that are due; tell where those end that have to wait for the row."""
     # A round answers one copy of each agent at most, its earliest; hardly any agent has two.
     rows, earliest, row = agents.rows, agents.buffers.first_key, _resource_rows(agents, resource)
-    order = rows.due_order
+    # Where totals are taken, these are the agents of a piece, which is as many as there is room for here.
+    order, broken, taking = rows.due_order, agents.buffers.chosen, agents.pending.waiting[0] > 0
     while begin < end:
         for turn in range(begin, end):
             place = order[turn]
             k = rows.due_agent[place] - np.uint64(first)
             if earliest[k] == LAST or _comes_before(rows, place, earliest[k]):
                 earliest[k] = place
-        waiting = begin
+        waiting, count = begin, np.uint64(0)
         for turn in range(begin, end):
             place = order[turn]
             k = rows.due_agent[place] - np.uint64(first)
             if earliest[k] == place:
                 earliest[k] = LAST
                 if not (row_waits and _comes_after_row(rows, resource, place)):
-                    _answer_listed(agents, row, resource, place, first)
+                    responds = _answer_listed(agents, row, resource, place)
+                    if taking:
+                        broken[count] = place
+                        count += np.uint64(responds)
                     continue
             order[waiting] = place
             waiting += 1
+        for line in range(count):
+            agent = np.int64(rows.due_agent[broken[line]])
+            break_line(agents.pending, agents.state, agents.parameters, resource, agent, first)
         if waiting == end:
             break
         end = waiting
@@ -459,7 +458,7 @@ def settle_rows(agents: FleetAgents, resource: int, time: float, limit: int) -> 
         _miss_absent(agents, j, time, limit)
     elif not listed and pending.waiting[0] == 0:
         return
-    away, begin = agents.account.away, 0
+    begin = 0
     for instant in range(pending.waiting[0]):
         pending.demand[instant] = pending.average[instant] = 0.0
     # Where totals are taken, agents go through all of it piece by piece; else copies need not be sorted.
@@ -468,7 +467,7 @@ def settle_rows(agents: FleetAgents, resource: int, time: float, limit: int) -> 
         first = piece * length
         last = min(first + length, n)
         if pending.waiting[0] > 0:
-            begin_piece(pending, agents.state, agents.parameters, away, j, first, last)
+            begin_piece(pending, agents.state, agents.parameters, j, first, last)
         end = rows.due_end[piece] if listed else 0
         waits, waiting = row_waits, end
         # Before the row and after it, by one call: compiled code holds a copy of what is called for each.
@@ -479,7 +478,7 @@ def settle_rows(agents: FleetAgents, resource: int, time: float, limit: int) -> 
             _answer_row(agents, j, first, last, time, limit)
             waits = False
         if pending.waiting[0] > 0:
-            end_piece(pending, agents.state, away, j, first, last)
+            end_piece(pending, agents.state, j, first, last)
         begin = end
     if row_waits:
         rows.first[j] = np.inf
