@@ -292,7 +292,7 @@ def _let_wait_or_keep(
 def _settle(
     agents: FleetAgents, integrals: FleetOvershoot, observed: ObservedTotals, queue: int, time: float
 ) -> None:
-    """Settle a queue; straight away where no totals wait for it, as at most looks."""
+    """Settle a queue; at once where no totals wait for it, which is the usual case."""
     if observed.taken[queue] < observed.row[0]:
         settle_and_take(agents, integrals, observed, queue, queue + 1, time, LAST)
     else:
