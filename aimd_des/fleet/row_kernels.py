@@ -296,7 +296,7 @@ def _answer_in_turn(
             order[waiting] = place
             waiting += 1
         for line in range(count):
-            agent = np.int64(rows.due_agent[broken[line]])
+            agent: Any = np.int64(rows.due_agent[broken[line]])
             break_line(agents.pending, agents.state, agents.parameters, resource, agent, first)
         if waiting == end:
             break
