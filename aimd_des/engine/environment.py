@@ -25,8 +25,6 @@ import simpy
 
 from aimd_des.utils.errors import InputError
 
-Callback = Callable[[Any], None]
-
 # Order numbers below this are indices of agents or resources, and places of interventions that are listed: at
 # one instant these come before what keeps the order in which it was scheduled.
 FIRST_ORDER = 1 << 40
