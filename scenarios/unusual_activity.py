@@ -358,14 +358,14 @@ def _findings(table: pd.DataFrame, case: Case, seed: int) -> list[str]:
           {say(THREE, whole, "average at the end")} %), and at twice the age
           {say(ONE, whole, "average at the end", age=2.0 * first)} %; with {short} it is half-way after
           {half(ONE, short)}.
-        - With costs of power 6 demand answers to the average, and overdoes it. {soon} it has made
+        - With costs of power 6 demand answers to the average, and overshoots. {soon} it has made
           {say(STEEP, whole, "demand soon", 1.0, 1)} times the way; so the average over all of the past is
           half-way after {half(STEEP, whole)} periods, with {short} after {half(STEEP, short)}.
           {_AFTERWARDS:g} periods after the end it keeps {say(STEEP, whole, "left afterwards")} % of the rise.
         - With a window and power 6 {say(STEEP, _WINDOW, "average at the end")} % of the way are made at the
           end, and {say(STEEP, _WINDOW, "left afterwards")} % are left {_AFTERWARDS:g} periods later.
         - Half-way with quadratic costs: {"; ".join(f"{half(ONE, name)}, with {name}" for name in there)}.
-        - The price is scatter of the averages before, in %: with quadratic costs {scattered}; with costs of
+        - Scatter of the averages before, in %: with quadratic costs {scattered}; with costs of
           power 6 {say(STEEP, whole, _SCATTER, digits=1)}, with {whole},
           {say(STEEP, short, _SCATTER, digits=1)}, with {short}.
     """)
