@@ -1,6 +1,7 @@
 """A run in progress: advanced in pieces, stepped and looked at, it ends as one without a pause."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -140,6 +141,17 @@ def test_times_outside_of_the_run_are_refused() -> None:
         run.step("look")  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"^until = 0\.0: must be"):
         simulation(Fleet).start(0.0)
+
+
+@pytest.mark.parametrize("ask", [Run.advance, Run.step, Run.result])
+def test_a_run_is_not_advanced_from_within(ask: Callable[[Run], object]) -> None:
+    run = simulation(Fleet).start(10.0)
+
+    def watch(time: float, events: int) -> None:
+        ask(run)
+
+    with pytest.raises(SimulationError, match=r"^the run is being advanced: a run that goes on must be stop"):
+        run.advance(watch=watch)
 
 
 def test_a_run_that_has_failed_does_not_go_on() -> None:

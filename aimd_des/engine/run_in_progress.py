@@ -262,6 +262,9 @@ class Run:
     def _refuse_going(self, what: str) -> None:
         if self._result is not None:
             raise SimulationError(f"the run is over at time {self.time!r}: {what} must be in progress")
+        self._refuse_moving(what)
+
+    def _refuse_moving(self, what: str) -> None:
         if self._going:
             raise SimulationError(f"the run is being advanced: {what} must be stopped, between two pieces")
         if self._failed:
@@ -289,8 +292,7 @@ class Run:
         self, until: float, watch: Callable[[float, int], None] | None = None, *, one: bool = False
     ) -> None:
         """Let events happen, but none after one of them has failed: others may be missing since then."""
-        if self._failed:
-            raise SimulationError(f"the run has failed at time {self.time!r}: start another one")
+        self._refuse_moving("a run that goes on")
         self._failed = self._going = True
         try:
             self.system.env.run_to(until, watch, one=one)
