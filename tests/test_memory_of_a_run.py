@@ -1,10 +1,11 @@
 """How much memory a run takes for each agent."""
 
+import errno
 import gc
 import pickle
 from collections.abc import Iterator
 from pathlib import Path
-from types import FunctionType, ModuleType
+from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
 import numba
@@ -12,7 +13,8 @@ import numpy as np
 import pytest
 
 from aimd_des import BroadcastChannel, Crossing, Fleet, PolynomialCosts, Recording, Simulation, latency
-from aimd_des.utils.spare_arrays import spare_zeros
+from aimd_des.utils import spare_arrays
+from aimd_des.utils.spare_arrays import spare, spare_zeros
 from models import smart_cameras
 
 FEW, MORE = 1000, 2000
@@ -135,3 +137,15 @@ def test_zeros_can_be_written_wherever_they_come_from() -> None:
         assert zeros.sum() == 7.0 * (shape[1] - 1)
         # The type by which compiled code knows an array.
         assert numba.typeof(zeros) == numba.typeof(np.zeros(shape))
+
+
+@pytest.mark.parametrize("make", [spare, spare_zeros])
+def test_what_the_system_refuses_is_a_lack_of_memory(make: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An error of the system is taken for one of a file, which a study would end with."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOMEM, "Cannot allocate memory")
+
+    monkeypatch.setattr(spare_arrays, "mmap", SimpleNamespace(MAP_PRIVATE=2, MAP_ANONYMOUS=32, mmap=refuse))
+    with pytest.raises(MemoryError, match=r"^Cannot allocate memory: 8388608 bytes$"):
+        make((1 << 20,))

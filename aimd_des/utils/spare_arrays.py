@@ -27,5 +27,8 @@ def _pages(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any] | N
     size = math.prod(shape) * np.dtype(dtype).itemsize
     if size < _LARGE or not hasattr(mmap, "MAP_PRIVATE"):  # which Windows has not, nor such pages
         return None
-    pages = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    try:
+        pages = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    except OSError as error:  # what NumPy raises there, since it is no fault of a file
+        raise MemoryError(f"{error.strerror}: {size} bytes") from None
     return np.frombuffer(pages, dtype=dtype).reshape(shape)
