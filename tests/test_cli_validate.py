@@ -138,6 +138,7 @@ def test_a_schema_that_cannot_be_written_is_refused() -> None:
     assert refusal("schema", "--out", "no/such/folder.json") == (
         "no/such/folder.json: cannot be written (No such file or directory)"
     )
+    assert refusal("schema", "--out", "").startswith(".: cannot be written")
 
 
 @pytest.mark.parametrize(

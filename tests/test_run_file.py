@@ -75,6 +75,21 @@ def test_places_that_cannot_be_written_or_read_are_named(tmp_path: Path) -> None
         resume(tmp_path / "run", simulation())
 
 
+@pytest.mark.parametrize("place", ["", ".", "/"])
+def test_places_without_a_name_are_refused(place: str) -> None:
+    with pytest.raises(InputError, match=r"^[./]: cannot be written"):
+        at(20.0).save(place)
+    with pytest.raises(InputError, match=r"^[./]: cannot be read"):
+        resume(place, simulation())
+
+
+@pytest.mark.parametrize("place", [None, 5, b"run", "a\0b"])
+def test_what_is_no_place_is_refused(place: Any) -> None:
+    for use in (at(20.0).save, lambda path: resume(path, simulation())):
+        with pytest.raises(InputError, match=r"^path = .*: must be the name of a file or folder"):
+            use(place)
+
+
 class OwnCosts(interventions.Planned):
     """Sets costs that no file can hold."""
 

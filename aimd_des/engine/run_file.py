@@ -71,7 +71,7 @@ def save_run(run: Begun, path: Path) -> None:
 def unfinished(path: Path) -> Path:
     """Name the file that is there while another one is written, and stays where the process is killed."""
     # One and the same name: what was left is overwritten by the next.
-    return path.with_name(f".{path.name}.part")
+    return path.parent / f".{path.name}.part"
 
 
 def read_run(path: Path, simulation: Arguments) -> tuple[float, tuple[int, ...], dict[str, Any]]:

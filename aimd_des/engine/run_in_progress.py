@@ -257,7 +257,7 @@ class Run:
             As `fork` does.
         """
         self._refuse_going("a run that is saved")
-        save_run(self, Path(path))
+        save_run(self, validation.path("path", path))
 
     def _refuse_going(self, what: str) -> None:
         if self._result is not None:
@@ -334,7 +334,7 @@ def resume(path: str | Path, simulation: Source) -> "Run":
     InputError
         If the file cannot be read, is damaged or of another version, or the simulation is another one.
     """
-    until, salts, state = read_run(Path(path), simulation)
+    until, salts, state = read_run(validation.path("path", path), simulation)
     fresh = simulation.begin(until, salts)
     load(fresh, state, set())
     return fresh

@@ -260,7 +260,7 @@ def flag(field: str, value: object) -> bool:
 
 def path(field: str, value: object) -> Path:
     """Return `value` as a path, or refuse it by name."""
-    if not isinstance(value, str | os.PathLike):
+    if not isinstance(value, str | os.PathLike) or "\0" in str(value):  # which no system takes
         raise InputError.of(field, value, "the name of a file or folder, a string or a Path")
     return Path(value)
 

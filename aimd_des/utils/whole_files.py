@@ -13,7 +13,7 @@ _LEFT = re.compile(r"\..+\.[0-9a-f]{32}\.tmp")
 def write_file(path: Path, content: bytes, temporary: Path | None = None) -> None:
     """Write a file under a temporary name, and give it its own when all of it is on the disk."""
     # Of its own unless one is given: processes may write the same file.
-    unfinished = temporary or path.with_name(f".{path.name}.{uuid4().hex}.tmp")
+    unfinished = temporary or path.parent / f".{path.name}.{uuid4().hex}.tmp"
     try:
         with unfinished.open("wb") as file:
             file.write(content)
