@@ -220,14 +220,14 @@ def settle(setting: Setting, start: FloatArray | None = None) -> Steady:
     tooth = more = np.zeros_like(average)
     for moves in range(_MAX_ROUNDS):
         gradient = problem.costs.gradient(average)
-        balance = _balance(setting, chance(problem, setting.response, average, tooth))
+        balance, sways = _balance(setting, chance(problem, setting.response, average, tooth))
         wanted = balance.average + more
         rests = (np.abs(wanted - average) <= _TOLERANCE * average).all()
         if rests and not setting.exact:
             return balance
         # Exact moments take long, and differ from the first order by what hardly changes.
         if setting.exact and (rests or moves % _BETWEEN == _BETWEEN - 1):
-            exact = _exact(setting, balance)
+            exact = _exact(setting, balance, sways)
             if rests and (np.abs(exact.average - wanted) <= _TOLERANCE * average).all():
                 return exact
             wanted, more = exact.average, exact.average - balance.average
@@ -256,8 +256,8 @@ def found_by_signals(setting: Setting, kappa: FloatArray) -> tuple[FloatArray, F
     return 1.0 / (1.0 + growth), (growth + setting.loss) * per_growth
 
 
-def _balance(setting: Setting, part: FloatArray) -> Steady:
-    """Compute the steady state for signals that always take the same part."""
+def _balance(setting: Setting, part: FloatArray) -> tuple[Steady, FloatArray | float]:
+    """Compute the steady state for signals that always take the same part; with what swaying adds to it."""
     problem = setting.problem
     keep, hit = cuts_of(problem, setting.response, part, setting.loss)
     signals, found = found_by_signals(setting, keep * hit)
@@ -265,13 +265,14 @@ def _balance(setting: Setting, part: FloatArray) -> Steady:
     square += lost_steps(setting, keep * hit, found) / (keep * hit * (2.0 - keep))
     if setting.sway is not None:
         columns = problem.increase, keep, hit, found, square + setting.sway, signals, setting.loss
-        return Steady(signals, averages_on_the_clock(*columns), square, found, part, keep, hit)
-    tooth = half_height(setting, signals, found, keep, hit)
-    average = found - problem.increase * tooth + swayed(setting, tooth, found)
-    return Steady(signals, average, square, found, part, keep, hit)
+        return Steady(signals, averages_on_the_clock(*columns), square, found, part, keep, hit), 0.0
+    tooth = _half_height(setting, signals, found, keep, hit)
+    sways = _swayed(setting, tooth, found)
+    average = found - problem.increase * tooth + sways
+    return Steady(signals, average, square, found, part, keep, hit), sways
 
 
-def half_height(
+def _half_height(
     setting: Setting, signals: FloatArray, found: FloatArray, keep: FloatArray, hit: FloatArray
 ) -> FloatArray:
     """Compute half the height of the sawtooth in units of growth, (m,), were it the same for all agents."""
@@ -281,7 +282,7 @@ def half_height(
     return np.asarray(0.5 / signals * (1.0 + spread**2))
 
 
-def swayed(setting: Setting, tooth: FloatArray, found: FloatArray) -> FloatArray | float:
+def _swayed(setting: Setting, tooth: FloatArray, found: FloatArray) -> FloatArray | float:
     """Compute what is added to averages, (n, m), where the total sways: signals come late or are held off."""
     if setting.mean is None:
         return 0.0
@@ -300,7 +301,7 @@ def lost_steps(setting: Setting, kappa: FloatArray, found: FloatArray) -> FloatA
     return np.asarray(loss * growth * (growth * (1.0 - loss) + 2.0 * kappa * found))
 
 
-def _exact(setting: Setting, balance: Steady) -> Steady:
+def _exact(setting: Setting, balance: Steady, sways: FloatArray | float) -> Steady:
     """Take averages and mean squares of what signals find from exact moments."""
     signals, found, keep, hit = balance.signals, balance.found, balance.keep, balance.hit
     average, square = np.empty((2, *found.shape))
@@ -314,6 +315,4 @@ def _exact(setting: Setting, balance: Steady) -> Steady:
         else:
             met = square[:, j] + setting.sway[:, j]
             average[:, j] = averages_on_the_clock(*column, met, signals[j], setting.loss[:, 0])
-    if setting.sway is None:
-        average += swayed(setting, half_height(setting, signals, found, keep, hit), found)
-    return balance._replace(average=average, square=square)
+    return balance._replace(average=average + sways, square=square)
