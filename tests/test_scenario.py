@@ -493,7 +493,8 @@ def test_what_is_missing_is_named_with_its_table() -> None:
     [
         (b"until = ", "scenario.toml: is not valid TOML: Invalid value"),
         (b"until = 5\nuntil = 6\n", "scenario.toml: is not valid TOML: Cannot overwrite a value"),
-        (b"title = '\xff'\n", "scenario.toml: cannot be read ("),
+        (b"title = '\xff'\n", "scenario.toml: must be saved as UTF-8 (invalid start byte at byte 9)"),
+        ("title = 'x'".encode("utf-16"), "scenario.toml: must be saved as UTF-8 ("),
         (b"a = " + b"[" * 5000, "scenario.toml: is not valid TOML: "),
     ],
 )
@@ -501,6 +502,11 @@ def test_a_file_that_is_no_toml_is_refused(content: bytes, sentence: str) -> Non
     Path("scenario.toml").write_bytes(content)
     with pytest.raises(InputError, match=f"^{re.escape(sentence)}"):
         load_scenario(Path("scenario.toml"))
+
+
+def test_what_editors_put_before_the_text_and_at_the_ends_of_lines_changes_nothing() -> None:
+    Path("scenario.toml").write_bytes(b"\xef\xbb\xbf" + INLINE.replace("\n", "\r\n").encode())
+    assert load_scenario(Path("scenario.toml")) == load(INLINE)
 
 
 def test_a_number_of_five_thousand_digits_is_refused() -> None:

@@ -307,9 +307,14 @@ VAST = "[channel.network]" + EXAMPLES["network random_geometric"].partition("[ch
         ),
         (
             '[control_unit]\nkind = "crossing"',
-            "control_unit.kind = 'crossing': must be 'sampled' with discrete dynamics",
+            "control_unit.kind = 'crossing': must be one that samples with discrete dynamics",
         ),
         ("[control_unit]\nkind = 3", "control_unit.kind = 3: must be one of crossing, sampled"),
+        ("[[channel]]\nlatency = 1", "channel = [{'latency': 1}]: must be a table; write [channel] in pl"),
+        (
+            '[interventions]\nkind = "crash"',
+            "interventions = {'kind': 'crash'}: must be a valid list; write [[interventions]] in place of",
+        ),
         (
             '[channel]\nlatency = "long"',
             "channel.latency = 'long': must be a number, a list with one for each agent, or a table whose k",

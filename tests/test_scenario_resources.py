@@ -61,6 +61,7 @@ def test_a_changed_resource_is_a_part_of_the_scenario(tmp_path: Path) -> None:
         ({"resources.0.name": "ram"}, "resources.0.name: unknown key 'name'"),
         ({"resources.0": 1.0}, "resources.0"),
         ({"resources": [{"capacity": 1.0}]}, "resources.0.name: is missing"),
+        ({"resources": {"capacity": 1.0}}, "resources: keys = ['capacity']: must be below [[resources]]"),
         ({"costs": {"exponents": [2], "coefficients": [[[1.0]]]}}, "the problem = ['model', 'costs']"),
     ],
 )

@@ -78,7 +78,7 @@ def _complete(context: click.Context, _: click.Parameter, incomplete: str) -> "l
 def _read(path: Any) -> dict[str, Any]:
     """Read the file, if there is one: it says how many tables a list has, and which model it is."""
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        return tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except (OSError, TypeError, ValueError, RecursionError):
         return {}
 

@@ -20,6 +20,9 @@ Place = tuple[str | int, ...]
 # How pydantic begins what we end after "must be".
 _MUST_BE = "Input should be "
 
+# What pydantic says of that names classes and types of Python.
+_NO_TABLE = {"dict_type", "model_type"}
+
 # More is not read.
 _MOST_SENTENCES = 20
 
@@ -148,10 +151,19 @@ def _sentence(
         return f"{prefix}{error['ctx']['error']}"
     if error["type"] == UNKNOWN_KIND:
         return _about_kind(key, error["input"], error["ctx"])
-    allowed = [one["msg"].removeprefix(_MUST_BE) for one in details if one["msg"].startswith(_MUST_BE)]
+    allowed = [
+        "a table" if one["type"] in _NO_TABLE else one["msg"].removeprefix(_MUST_BE)
+        for one in details
+        if one["msg"].startswith(_MUST_BE)
+    ]
     if not allowed:
         return f"{prefix}{error['msg'][0].lower()}{error['msg'][1:]}"
-    return str(InputError.of(key, error["input"], " or ".join(dict.fromkeys(allowed))))
+    remedy = ""
+    if error["type"] in _NO_TABLE and isinstance(error["input"], list):
+        remedy = f"write [{key}] in place of [[{key}]]"
+    if error["type"] == "list_type" and isinstance(error["input"], Mapping):
+        remedy = f"write [[{key}]] in place of [{key}]"
+    return str(InputError.of(key, error["input"], " or ".join(dict.fromkeys(allowed)), remedy))
 
 
 def _dotted(place: Place) -> str:

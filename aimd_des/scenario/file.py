@@ -88,7 +88,9 @@ def read_toml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
         raise InputError(f"{path}: there is no such file") from None
     except InputError:  # which is a ValueError, as those of the parser are
         raise
-    except (OSError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: must be saved as UTF-8 ({error.reason} at byte {error.start})") from None
+    except OSError as error:
         raise InputError(f"{path}: cannot be read ({error})") from None
     except (ValueError, RecursionError) as error:  # integers of thousands of digits, too
         raise InputError(f"{path}: is not valid TOML: {error}") from None
@@ -98,7 +100,8 @@ def read_toml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
 
 def _text(path: Path) -> str:
     """Read a file, unless its size or its keys show that it is no scenario."""
-    with path.open(encoding="utf-8") as file:
+    # The mark that some programs put before UTF-8 is no part of the first key.
+    with path.open(encoding="utf-8-sig") as file:
         text = file.read(_LARGEST + 1)
     if len(text) > _LARGEST:
         raise InputError(f"{path}: must be at most {_LARGEST:,} letters long; let a model make the problem")

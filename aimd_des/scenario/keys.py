@@ -1,8 +1,9 @@
 """The keys of a scenario: what each holds, and what fits together."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from aimd_des.dynamics.averaging import Averaging
 from aimd_des.dynamics.demand import CONTINUOUS, DISCRETE
@@ -86,6 +87,16 @@ class ScenarioKeys(Table, InSentences):
         data = as_data(data)
         return with_new_keys(data) if isinstance(data, dict) else data
 
+    @field_validator("resources", mode="before")
+    @classmethod
+    def _in_brackets(cls, resources: Any) -> Any:
+        """Refuse one table where a list of tables is due: each of its keys would be refused for itself."""
+        known = ResourceSettings.model_fields
+        if isinstance(resources, Mapping) and (keys := [key for key in resources if key in known]):
+            lists = "[[resources]] where the problem is written out, or [resources.0] beside a model"
+            raise ValueError(f"keys = {keys}: must be below {lists}")
+        return resources
+
     @model_validator(mode="after")
     def _check(self) -> Self:
         limits.text("title", self.title, empty=True)
@@ -98,8 +109,8 @@ class ScenarioKeys(Table, InSentences):
         refuse_no_data("parameters", self.parameters)
         self._check_problem()
         if self.dynamics == "discrete" and self.control_unit.of.name == "crossing":
-            reason = "'sampled' with discrete dynamics: demand that jumps at ticks crosses nothing"
-            raise InputError.of("control_unit.kind", "crossing", reason)
+            reason = "one that samples with discrete dynamics: demand that jumps at ticks crosses nothing"
+            raise InputError.of("control_unit.kind", "crossing", reason, "or set dynamics = 'continuous'")
         with under("averaging"):
             averaging: Averaging = self.averaging.build()
             averaging.parameters(CONTINUOUS if self.dynamics == "continuous" else DISCRETE)
