@@ -320,6 +320,8 @@ def test_traces_are_read_from_a_file(tmp_path: Path) -> None:
     swapped = Trace.from_csv(str(path), ["second", "first"], repeat=False)
     assert swapped.lost.tolist() == [row[::-1] for row in both]
     assert Trace.from_csv(path, "first", repeat=True).lost.tolist() == [False, True, True]
+    path.write_text("lost\n0\n1\n", encoding="utf-8")
+    assert Trace.from_csv(path, repeat=True).lost.tolist() == [False, True]
     path.write_text("first\n0\n2\n", encoding="utf-8")
     message = refusal(lambda: Trace.from_csv(path, repeat=True))
     assert message == f"{path}: column 'first', row 2 = '2': must be 0 or 1, false or true"

@@ -55,6 +55,19 @@ def test_with_a_line_of_names_every_row_counts(tmp_path: Path) -> None:
     assert Trace.from_csv(path, repeat=True).mean.tolist() == [0.5, 0.0, 0.5]
 
 
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_another_separator_is_refused_by_name(separator: str, tmp_path: Path) -> None:
+    """As a spreadsheet writes it where the decimal point is a comma: the row would have other cells."""
+    path = tmp_path / "delays.csv"
+    path.write_text(f"time{separator}rtt\n0{separator}41,5\n", encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        Empirical.from_csv(path, "rtt")
+    assert str(refused.value) == (
+        f"{path}: separator of columns = {separator!r}: must be a comma; "
+        "save it with commas between columns, and points in numbers"
+    )
+
+
 def test_an_empty_line_within_one_column_is_a_cell_that_is_missing(tmp_path: Path) -> None:
     """Skipped, it would move all later rows to other broadcasts."""
     path = tmp_path / "losses.csv"

@@ -536,6 +536,15 @@ def test_graphml_and_csv_round_trips(tmp_path: Path) -> None:
             assert arrivals(make(other, **kinds), 20).tobytes() == original.tobytes()
 
 
+def test_latencies_of_files_may_have_another_unit(tmp_path: Path) -> None:
+    (tmp_path / "net.csv").write_text("source,target,latency,loss\nr,a,250,0\na,b,500,0.5\n")
+    read = topology.from_edges(tmp_path / "net.csv", root="r", scale=0.001)
+    nx.write_graphml(topology.from_edges(tmp_path / "net.csv", root="r"), tmp_path / "net.graphml")
+    for graph in (read, topology.from_graphml(tmp_path / "net.graphml", root="r", scale=0.001)):
+        assert graph.edges["r", "a"] == {"latency": 0.25, "loss": 0.0}
+        assert graph.edges["a", "b"] == {"latency": 0.5, "loss": 0.5}
+
+
 def test_directed_files(tmp_path: Path) -> None:
     graph = meshed(directed=True)
     nx.write_graphml(graph, tmp_path / "net.graphml")
@@ -796,7 +805,8 @@ LATE = {"latency": "delay"}
         (graphml('<data key="d">fast</data>'), {}, ["cannot be read as GraphML", "fast"]),
         (graphml('<data key="x">1</data>'), {}, ["cannot be read as GraphML", "x"]),
         (graphml(GOOD), {"latency": "dela"}, ["edge 'root' -- 'a' has 'delay' and no 'dela'; did you mean"]),
-        (graphml(GOOD), LATE, ["edge 'root' -- 'a' has 'delay' and no 'loss'"]),
+        (graphml(GOOD), LATE, ["edge 'root' -- 'a' has 'delay' and no 'loss'", "or name by loss = ..."]),
+        (graphml(GOOD), {"scale": -1}, ["scale = -1.0: must be a finite number at least 0"]),
         (graphml(GOOD + '<data key="p">low</data>'), LATE, ["loss of edge 'root' -- 'a' = 'low'"]),
         (graphml('<data key="d">-1</data>'), LATE, ["net.graphml: delay of edge 'root' -- 'a' = -1.0"]),
         (graphml(GOOD), {"root": "roof"}, ["net.graphml: root = 'roof'", "did you mean 'root'?"]),

@@ -1,6 +1,7 @@
 """Columns of a CSV file with what was measured on a real network."""
 
 import csv
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -9,6 +10,9 @@ from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
 
 _Cell = TypeVar("_Cell")
+
+# Of spreadsheets, where a comma stands in numbers.
+_OTHER_SEPARATORS = re.compile("[;\t]")
 
 # What stands for a truth value; a number says what it is by itself.
 _TRUTHS = {"true", "false"}
@@ -49,6 +53,9 @@ def _rows(path: Path) -> tuple[list[str], list[list[str]]]:
     if len(lines) < 2:
         raise InputError(f"{path}: has no rows below the names of its columns")
     names = rows[lines[0]]
+    if len(names) == 1 and (found := _OTHER_SEPARATORS.search(names[0])):
+        remedy = "save it with commas between columns, and points in numbers"
+        raise InputError.of(f"{path}: separator of columns", found[0], "a comma", remedy)
     kept = range(lines[0], lines[-1] + 1) if len(names) == 1 else lines
     below = [rows[number] for number in kept[1:]]
     for number, row in enumerate(below, start=1):

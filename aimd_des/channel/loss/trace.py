@@ -64,7 +64,7 @@ class Trace:
             The file; its first line holds the names of the columns.
         columns : str or sequence of str, optional
             A name: that column holds for all agents.  Several names: the columns of agents 0, 1, ...
-            Default: all columns of the file, as those of the agents.
+            Default: all columns of the file; a single one holds for all agents.
         repeat : bool
             Whether the record begins anew after its last row, as for `Trace`.
 
@@ -81,7 +81,8 @@ class Trace:
         """
         wanted = [columns] if isinstance(columns, str) else columns
         read = read_columns(path, wanted, _lost, "0 or 1, false or true")
-        return cls(np.array(read[0]) if isinstance(columns, str) else np.array(read).T, repeat=repeat)
+        common = isinstance(columns, str) or (columns is None and len(read) == 1)
+        return cls(np.array(read[0]) if common else np.array(read).T, repeat=repeat)
 
     @property
     def mean(self) -> float | FloatArray:

@@ -45,6 +45,8 @@ def edge_number(
     except KeyError:
         have = f"{edge[0]!r} -- {edge[1]!r} has {', '.join(map(repr, data)) or 'no attributes'}"
         anew = "give every edge one, for example by networkx.set_edge_attributes"
+        if place:  # of a file, and the attribute is one that the reader has named
+            anew = f"give every edge one, or name by {quantity} = ... the one that holds it"
         remedy = validation.nearest(attribute, data) or anew
         raise InputError(f"{place}edge {have} and no {attribute!r}; {remedy}") from None
     high = HIGHEST[quantity]

@@ -21,7 +21,9 @@ _UNREADABLE = (OSError, SyntaxError, ValueError, LookupError, TypeError, Attribu
 
 
 @built_in("network", "graphml")
-def from_graphml(path: str | Path, *, root: str, latency: str = "latency", loss: str = "loss") -> Graph:
+def from_graphml(
+    path: str | Path, *, root: str, latency: str = "latency", loss: str = "loss", scale: float = 1.0
+) -> Graph:
     """Read a network from a GraphML file.
 
     Parameters
@@ -35,6 +37,8 @@ def from_graphml(path: str | Path, *, root: str, latency: str = "latency", loss:
         where an edge has none.
     loss : str
         Name of the attribute that holds the probability of loss on an edge; likewise.
+    scale : float
+        Multiplies every latency, at least 0: 0.001 makes seconds of milliseconds.
 
     Returns
     -------
@@ -50,6 +54,7 @@ def from_graphml(path: str | Path, *, root: str, latency: str = "latency", loss:
     import networkx as nx
 
     file, named = validation.path("path", path), {"latency": latency, "loss": loss}
+    scale = validation.number("scale", scale, low=0.0, high=HIGHEST["latency"])
     for quantity, attribute in named.items():
         validation.instance(quantity, attribute, str, "the name of an attribute of the edges")
     try:
@@ -69,7 +74,7 @@ def from_graphml(path: str | Path, *, root: str, latency: str = "latency", loss:
             quantity: edge_number(place, ends, {**data, **_as_number(data, attribute)}, attribute, quantity)
             for quantity, attribute in named.items()
         }
-        data.update(numbers)
+        data.update(numbers, latency=scale * numbers["latency"])
     return graph
 
 
@@ -107,6 +112,7 @@ def from_edges(
     target: str = "target",
     latency: str = "latency",
     loss: str = "loss",
+    scale: float = 1.0,
     directed: bool = False,
 ) -> Graph:
     """Read a network from a CSV file with one edge in each row.
@@ -123,6 +129,8 @@ def from_edges(
         Column with its latency, at least 0 and in units of time.
     loss : str
         Column with its probability of loss.
+    scale : float
+        Multiplies every latency, at least 0: 0.001 makes seconds of milliseconds.
     directed : bool
         Whether a row is the way from source to target only; if not, it is both ways.
 
@@ -141,6 +149,7 @@ def from_edges(
     import networkx as nx
 
     directed = validation.flag("directed", directed)
+    scale = validation.number("scale", scale, low=0.0, high=HIGHEST["latency"])
     sources, targets = read_columns(path, [source, target], _name, "the name of a node")
     quantities = [
         read_columns(path, [column], _up_to(HIGHEST[name]), f"a number from 0 to {HIGHEST[name]:g}")[0]
@@ -154,7 +163,7 @@ def from_edges(
         if before != row:
             remedy = "keep one of them" if directed else "keep one of them, or give directed=True"
             raise InputError(f"{path}: rows {before} and {row} are the same edge, {u!r} -- {v!r}; {remedy}")
-        graph.add_edge(u, v, latency=late, loss=lossy)
+        graph.add_edge(u, v, latency=scale * late, loss=lossy)
     known_node(f"{path}: root", root, graph)
     return graph
 
