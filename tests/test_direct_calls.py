@@ -7,10 +7,12 @@ from numba.core.errors import TypingError
 
 from aimd_des import BroadcastChannel
 from aimd_des.dynamics.demand import CONTINUOUS
-from aimd_des.dynamics.totals import total_of
+from aimd_des.dynamics.state import agent_parameters, start
+from aimd_des.dynamics.totals import total_of, totals
 from aimd_des.lowlevel import Broadcast, Purpose, key
-from aimd_des.utils.direct_calls import direct
+from aimd_des.utils.direct_calls import Direct, direct
 from aimd_des.utils.validation import FloatArray
+from tests.conftest import random_problem
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 
@@ -66,3 +68,14 @@ def test_a_link_takes_whole_numbers_and_fractions_as_departures() -> None:
     for number, departure in enumerate([0, 0.5, np.float32(0.25), 1e9 + 0.25]):
         arrival = link.transmit(Broadcast(0, number, departure), departure).arrival
         assert arrival.tolist() == [1.0 + float(departure)] * 3
+
+
+def test_records_are_told_apart_by_the_layout_of_their_arrays() -> None:
+    """A kernel that is called again and again looks for other code where it is given another record."""
+    problem, call, total = random_problem(0, 5, 2), Direct(totals), np.empty(2)
+    parameters = agent_parameters(problem, CONTINUOUS)
+    state = start(2, 5, CONTINUOUS, parameters)
+    demand = np.arange(10.0).reshape(2, 5)
+    for laid_out in (demand, np.asfortranarray(demand), locked(demand)):
+        call((state._replace(demand=laid_out), parameters), np.zeros(1), CONTINUOUS, total)
+        assert total.tolist() == [10.0, 35.0]

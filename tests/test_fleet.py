@@ -33,6 +33,7 @@ from aimd_des.channel import Broadcast, Copies, Draws
 from aimd_des.engine.delivery import ProcessGenerator, Signal
 from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
+from aimd_des.fleet import control_process
 from aimd_des.fleet.compiled_agents import CompiledAgents
 from models import smart_cameras
 from tests.conftest import quadratic_problem, random_problem
@@ -109,6 +110,20 @@ def test_in_phase_a_fleet_is_the_synchronous_algorithm(parts: dict[str, Any]) ->
     assert late.run(2000.0).digest == run_synchronous(problem, steps=2000, seed=4, **parts).digest
     at_once = Simulation(problem, agents=Fleet, seed=4, **parts)
     assert at_once.run(2000.0).digest == run_synchronous(problem, steps=2000, seed=4, lag=0, **parts).digest
+
+
+@pytest.mark.parametrize("way", PAPER)
+def test_the_length_of_stretches_changes_nothing(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiled code stops after some looks, so that Ctrl-C does not wait long, and goes on where it stood."""
+    simulation = Simulation(smart_cameras(seed=0), agents=Fleet, seed=1, **PAPER[way])
+    whole = simulation.run(60.0)
+    assert len(whole.signals_sent.time) > 20
+    monkeypatch.setattr(control_process, "LOOKED_AT", 1)
+    for steps in (1, 5):
+        monkeypatch.setattr(control_process, "LEAST_STEPS", steps)
+        result = simulation.run(60.0)
+        assert result.digest == whole.digest
+        assert (result.observations.total_average == whole.observations.total_average).all()
 
 
 # -- company ---------------------------------------------------------------------------------------------

@@ -38,6 +38,7 @@ from aimd_des.problem.costs import Costs, compiled_gradient, cost_table
 from aimd_des.results.event_log import Entry
 from aimd_des.utils import validation
 from aimd_des.utils.compiled_call import OF_AN_AGENT
+from aimd_des.utils.direct_calls import Direct
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.returned_values import said_by
 from aimd_des.utils.rng import Purpose
@@ -119,6 +120,7 @@ class CompiledAgents:
         )
         self.overshoot = overshoot
         self.integrals = self._integrals(overshoot)
+        self._settle = Direct(settle)
         # What `reached` was at the last settling; and the latest event, by which `forget` tells copies that
         # have arrived from others even where `reached` has been forgotten since.
         self._settled = self._position = system.env.reached
@@ -205,8 +207,10 @@ class CompiledAgents:
 
     def _make_room_for_answers(self) -> None:
         if self.agents.reported != NO_ANSWERS:
-            # All copies in flight may be answered at one look, on top of the answers not told of yet.
-            space = self.agents.room + copies_in_rows(self.agents.rows) + told_at_once(self.system)
+            # All copies in flight may be answered at one look, on top of the answers not told of yet, of which
+            # there are none where compiled code folds them in.
+            waiting = 0 if self.integrals.lines else told_at_once(self.system)
+            space = self.agents.room + copies_in_rows(self.agents.rows) + waiting
             answers = _answers(space)
             for new, old in zip(answers, self.agents.answers, strict=True):
                 new[: len(old)] = old
@@ -251,7 +255,8 @@ class CompiledAgents:
                 self.flush()
                 own = EventKind.ACT if self.agents.tick_weight else EventKind.DELIVER
                 queues = 0, len(self.agents.copies.base)
-                settle(self.agents, self.integrals, *queues, time, turn_limit(kind, order, own))
+                limit = turn_limit(kind, order, own)
+                self._settle((self.agents, self.integrals), *queues, float(time), limit)
                 if self.agents.reported != NO_ANSWERS and not self.integrals.lines:
                     self._tell(reached)
         check_returned(self.system.response, self.agents.parameters.response)

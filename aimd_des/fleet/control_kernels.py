@@ -200,7 +200,8 @@ def sample(
     # at one instant share both.
     reached = summed = NEVER
     observed.taken[:] = observed.row[0]
-    while True:
+    status = REACHED
+    for _ in range(limits.steps):
         look = control.phase + control.look[0] * control.period
         tick, row, turns = _next_tick(agents, integrals), _next_row(observed), control.turns
         keeping = row < tick or (row == tick and turns[ROW] < turns[TICK])
@@ -209,7 +210,6 @@ def sample(
         now, looking = min(look, observation), look <= observation
         turn = turns[LOOK] if looking else turns[ROW if keeping else TICK]
         if not _within(now, _SENSE if looking else _OBSERVE, turn, limits):
-            status = REACHED
             break
         if looking and _crowded(agents, control, channel):
             status = NO_ROOM
@@ -309,21 +309,19 @@ def sense(
     limits: Limits,
 ) -> int:
     """Go from one possible crossing to the next, and let observers look, until something else is due."""
-    look_time = control.look_time
+    look_time, status = control.look_time, REACHED
     observed.taken[:] = observed.row[0]
-    while True:
+    for _ in range(limits.steps):
         # Of alarms at one instant the first is that of the lowest index, which is their order as events.
         j = _next_alarm(look_time)
         now, row = look_time[j], _next_row(observed)
         # Strictly: at one instant the control unit looks before observers do.
         if row < now:
             if not _within(row, _OBSERVE, control.turns[ROW], limits):
-                status = REACHED
                 break
             _let_wait_or_keep(agents, control, integrals, observed, row)
             continue
         if not _within(now, _SENSE, j, limits):
-            status = REACHED
             break
         if _crowded(agents, control, channel):
             status = NO_ROOM

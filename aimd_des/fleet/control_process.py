@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from aimd_des.engine.delivery import ProcessGenerator
 from aimd_des.engine.environment import EventKind, Mailbox, Place
 from aimd_des.engine.observers import ConstantPieces, Observer
 from aimd_des.engine.system import System
-from aimd_des.fleet.arrays import NO_ANSWERS
+from aimd_des.fleet.arrays import LAST, NO_ANSWERS
 from aimd_des.fleet.broadcast_kernel import FleetChannel
 from aimd_des.fleet.compiled_agents import CompiledAgents, told_at_once
 from aimd_des.fleet.control_kernels import sample, sense
@@ -41,13 +40,15 @@ from aimd_des.fleet.control_state import (
 from aimd_des.fleet.control_table import compiled_probability
 from aimd_des.fleet.observer_kernels import ObservedTotals
 from aimd_des.utils import returned_values
+from aimd_des.utils.direct_calls import Direct
 from aimd_des.utils.errors import SimulationError
 from aimd_des.utils.rng import Purpose
 
-# How often the observer of the run is told how far it has come; and what is too brief for a stride, in
-# seconds, without an observer.
+# How often the observer of the run is told how far it has come.
 _REPORTS = 200
-_BRIEF = 0.01
+
+#: How many agents are looked at in a stretch without an observer, and in how many looks at least.
+LOOKED_AT, LEAST_STEPS = 1 << 21, 16
 
 # Signals that are handed over in one go.
 _SIGNALS = 1 << 12
@@ -79,8 +80,10 @@ class ControlProcess:
         observer.watching = False
         self.observer = observer
         self.observed = self._observed()
-        # How far compiled code goes at a time; the results are the same for any value.
-        self._stride = system.until / _REPORTS
+        self._steered = Direct(sense if self.control.crossing else sample)
+        # Compiled code cannot be interrupted, and Ctrl-C is not to wait long.  For any value the results are
+        # the same.
+        self._steps = max(LOOKED_AT // system.problem.n_agents, LEAST_STEPS)
         self._mailbox = Mailbox(system.env)
         self._alarm: simpy.Event | None = None
         system.parts["control"] = self
@@ -112,7 +115,6 @@ class ControlProcess:
         return {
             "kept": kept,
             "bounds": (self.control.shortest, self.control.longest),
-            "stride": self._stride,
             "alarm": self.system.env.place_of(self._alarm),
         }
 
@@ -122,7 +124,6 @@ class ControlProcess:
             getattr(self.control, name)[:] = kept
         shortest, longest = state["bounds"]
         self.control = self.control._replace(shortest=shortest, longest=longest)
-        self._stride = state["stride"]
 
     def resume_observer(self) -> None:
         """Take the rows over that the observer has left."""
@@ -282,24 +283,24 @@ class ControlProcess:
         # Listeners outside are told in time: their changes come before the next signal.
         told = fleet.agents.reported != NO_ANSWERS and not fleet.integrals.lines
         seen = bool(self.system.transmitter.on_leave)
-        channel = channel._replace(compiled=channel.compiled and not told and not seen)
-        due, until = self._next()[0], env.horizon
-        # However short the run, the next look is within the stride.
-        length = 0.0 if env.one else self._stride
-        stride = max(due + length, math.nextafter(due, math.inf))
+        if told or seen:
+            channel = channel._replace(compiled=False)
+        due, until, stride, steps = self._next()[0], env.horizon, math.inf, self._steps
+        if env.one or env.watched:
+            # However short the run, the next look is within the stride.
+            length = 0.0 if env.one else self.system.until / _REPORTS
+            stride, steps = max(due + length, math.nextafter(due, math.inf)), LAST
         # Kind 0 comes before all others: what is due at the end, or where the stride ends, is left alone.
         # The stride ends a stretch without being an event, so it does not say when a signal can be cut.
         upcoming = min(env.upcoming, (until, 0, 0))
-        limits = Limits(*min(upcoming, (stride, 0, 0)), upcoming[0], *env.acted)
+        horizon, kind, order = min(upcoming, (stride, 0, 0))
+        acted_at, acted = env.acted
+        # A time of the user's own may be a whole number, which has another type.
+        limits = Limits(float(horizon), kind, order, float(upcoming[0]), float(acted_at), acted, steps)
         # As many as a stretch can use, of which most remain unused: only their order matters.  All that is
         # scheduled before it has lower numbers, and all after it higher ones.
         channel.order[0] = env.reserve(2 * len(channel.arrival) * _SIGNALS)
-        steer = sense if control.crossing else sample
-        began = perf_counter()
-        status: int = steer(fleet.agents, control, channel, fleet.integrals, self.observed, limits)
-        # Compiled code cannot be interrupted: Ctrl-C does not wait long, and short runs have few strides.
-        if limits.horizon == stride and perf_counter() - began < _BRIEF and not env.watched:
-            self._stride *= 4.0
+        status: int = self._steered((fleet.agents, control, channel, fleet.integrals, self.observed), limits)
         # Noted before anything else is sent, so that signals stand in the order in which they were sent.
         count = int(channel.held[0])
         channel.held[0] = 0

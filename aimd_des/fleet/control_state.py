@@ -15,7 +15,8 @@ IntArray = npt.NDArray[np.int64]
 
 #: What has ended a stretch of compiled looks, and how far it has come then.
 #:
-#: REACHED     Something else is due before the next look, which has not been taken.
+#: REACHED     Something else is due before the next look, or there were as many looks as there may be; that
+#:             look has not been taken.
 #: BROADCAST   The look at `now` has been taken; signals for `due` are left to be sent.
 #: NO_ROOM     There may be too little room for what the next look brings, or answers have to be told of; that
 #:             look has not been taken.
@@ -106,3 +107,4 @@ class Limits(NamedTuple):
     # When an event last acted, and the last turn that was over then.
     acted_at: float
     acted: int
+    steps: int  # how many looks and rows of totals there may be
