@@ -146,6 +146,7 @@ def _ways(problem: Problem, until: float) -> dict[str, dict[str, Any]]:
         "early detection": {"control_unit": EarlyDetection()},
         "tree over a grid": {"channel": networks["tree"]},
         "flood over a grid": {"channel": networks["flood"]},
+        "latency 10 for all": {"channel": BroadcastChannel(10.0, loss.Bernoulli(0.1))},
         "interventions": {"interventions": _changes(problem, until)},
     }
 

@@ -2,7 +2,8 @@
 
 Between a broadcast and the next look nothing has to be sorted: the copies stay where they were drawn, agent
 i's at place i, and the look answers all that are due in passes over the rows.  Copies that are later still
-are then listed one by one, with all that is left of earlier broadcasts, and the rows are free again.
+are then listed one by one, with all that is left of earlier broadcasts, and the rows are free again.  Where
+all copies of a broadcast land at one instant, as with one latency for all, later ones wait behind its row.
 """
 
 from collections.abc import Mapping
@@ -37,6 +38,15 @@ class BroadcastRows(NamedTuple):
     uniform: FloatArray
     rank: IntArray  # (m,): order number of the copy of agent 0; agent i's is i higher
     first: FloatArray  # (m,): no copy in the row arrives before; inf where there is none
+    landing: FloatArray  # (m,): when all copies in the row arrive; inf where they do so at several times
+    # (m, w): broadcasts that wait behind the row, a ring of places: when all copies of each arrive, and the
+    # order number of that of agent 0; (m, w, n): their draws, `FORGOTTEN` where a copy never arrives.
+    landing_behind: FloatArray
+    rank_behind: IntArray
+    uniform_behind: FloatArray
+    # (m,): the place of the first of them, and how many they are.
+    oldest: IntArray
+    behind: IntArray
     # (m, s): copies that are left of earlier broadcasts, in no order: i, arrival, draw and order number.
     listed_agent: IndexArray
     listed_arrival: FloatArray
@@ -75,6 +85,12 @@ def broadcast_rows(enabled: bool, n_resources: int, n_agents: int) -> BroadcastR
         uniform=np.empty((m, n)),
         rank=np.zeros(m, dtype=np.int64),
         first=np.full(m, np.inf),
+        landing=np.full(m, np.inf),
+        landing_behind=np.empty((m, 0)),
+        rank_behind=np.empty((m, 0), dtype=np.int64),
+        uniform_behind=np.empty((m, 0, n)),
+        oldest=np.zeros(m, dtype=np.int64),
+        behind=np.zeros(m, dtype=np.int64),
         listed_agent=spare((m, space), np.uint32),
         listed_arrival=spare((m, space)),
         listed_uniform=spare((m, space)),
@@ -90,32 +106,79 @@ def broadcast_rows(enabled: bool, n_resources: int, n_agents: int) -> BroadcastR
     )
 
 
+def places_behind(rows: BroadcastRows) -> BroadcastRows:
+    """Return rows behind each of which there is a place for one more broadcast that lands at one instant."""
+    if not np.any(
+        (rows.behind == rows.rank_behind.shape[1]) & (rows.first < np.inf) & (rows.landing < np.inf)
+    ):
+        return rows
+    return _with_places(rows, max(1, 2 * rows.rank_behind.shape[1]))
+
+
+def _with_places(rows: BroadcastRows, places: int) -> BroadcastRows:
+    """Make more places behind the rows, the first of which are taken by what waits."""
+    m, n = rows.arrival.shape
+    larger = rows._replace(
+        # Not filled: what is written before it is read need not be touched before.
+        landing_behind=np.empty((m, places)),
+        rank_behind=np.empty((m, places), dtype=np.int64),
+        uniform_behind=spare((m, places, n)),
+        oldest=np.zeros(m, dtype=np.int64),
+    )
+    _fill_places(larger, _behind(rows))
+    return larger
+
+
+# What there is of each broadcast behind a row.
+_BEHIND = ("landing_behind", "rank_behind", "uniform_behind")
+
+
+def _behind(rows: BroadcastRows) -> list[list[npt.NDArray[Any]]]:
+    """Return what waits behind each row, in its order."""
+    places = rows.rank_behind.shape[1]
+    order = [
+        (oldest + np.arange(count)) % places for oldest, count in zip(rows.oldest, rows.behind, strict=True)
+    ]
+    return [[getattr(rows, name)[j, taken] for name in _BEHIND] for j, taken in enumerate(order)]
+
+
+def _fill_places(rows: BroadcastRows, behind: list[list[npt.NDArray[Any]]]) -> None:
+    """Let what `_behind` has returned wait behind rows behind which there is nothing."""
+    for j, kept in enumerate(behind):
+        for name, values in zip(_BEHIND, kept, strict=True):
+            getattr(rows, name)[j, : len(values)] = values
+
+
 def copies_in_rows(rows: BroadcastRows) -> int:
-    """Tell how many copies there can be, at most, in rows and lists."""
+    """Tell how many copies there can be, at most, in rows and lists; those behind count as in flight."""
     return rows.arrival.size + rows.listed_agent.size
 
 
-_OF_RESOURCES = ("serving", "rank", "first", "listed", "first_listed")
+_OF_RESOURCES = ("serving", "rank", "first", "landing", "behind", "listed", "first_listed")
 _LISTS = ("listed_agent", "listed_arrival", "listed_uniform", "listed_rank")
 
 
 def rows_state(rows: BroadcastRows) -> dict[str, Any]:
-    """Return what is in rows and lists; nothing is copied."""
+    """Return what is in rows, behind them and in lists; of rows and lists nothing is copied."""
     longest = int(rows.listed.max())
     return {
         "enabled": rows.enabled,
         "resources": {name: getattr(rows, name) for name in _OF_RESOURCES},
         # Of a row that is free nothing is ever read.
         "rows": [(int(j), rows.arrival[j], rows.uniform[j]) for j in np.flatnonzero(rows.first < np.inf)],
+        "behind": _behind(rows),
         "lists": {name: getattr(rows, name)[:, :longest] for name in _LISTS},
     }
 
 
-def resume_rows(rows: BroadcastRows, state: Mapping[str, Any]) -> None:
-    """Fill rows and lists with what `rows_state` has returned."""
+def resumed_rows(rows: BroadcastRows, state: Mapping[str, Any]) -> BroadcastRows:
+    """Fill rows, lists and places behind rows with what `rows_state` has returned."""
+    rows = _with_places(rows, int(state["resources"]["behind"].max()))
+    _fill_places(rows, state["behind"])
     for name, kept in state["resources"].items():
         getattr(rows, name)[:] = kept
     for j, arrival, uniform in state["rows"]:
         rows.arrival[j], rows.uniform[j] = arrival, uniform
     for name, kept in state["lists"].items():
         getattr(rows, name)[:, : kept.shape[1]] = kept
+    return rows

@@ -26,14 +26,21 @@ from aimd_des.fleet.arrays import (
     IntArray,
     response_buffers,
 )
-from aimd_des.fleet.broadcast_rows import broadcast_rows, copies_in_rows, resume_rows, rows_state, serves
+from aimd_des.fleet.broadcast_rows import (
+    broadcast_rows,
+    copies_in_rows,
+    places_behind,
+    resumed_rows,
+    rows_state,
+    serves,
+)
 from aimd_des.fleet.enqueue_kernel import enqueue
 from aimd_des.fleet.event_entries import EventEntries, turn_limit
 from aimd_des.fleet.in_flight import PIECE, copies_state, empty_copies, enlarge, resumed_copies, room
 from aimd_des.fleet.observer_kernels import FleetOvershoot
 from aimd_des.fleet.pending_totals import pending_totals
 from aimd_des.fleet.response_kernels import settle
-from aimd_des.fleet.row_kernels import spill
+from aimd_des.fleet.row_queue import spill
 from aimd_des.problem.costs import Costs, compiled_gradient, cost_table
 from aimd_des.results.event_log import Entry
 from aimd_des.utils import validation
@@ -149,11 +156,10 @@ class CompiledAgents:
         ticking, numbered = agents.copies.moment.size > 0, agents.copies.number.size > 0
         copies, rows = resumed_copies(agents.copies, state["copies"], ticking, numbered), agents.rows
         if kept["enabled"] and rows.enabled:
-            resume_rows(rows, kept)
+            rows = resumed_rows(rows, kept)
         elif kept["enabled"]:
             # Another channel or response, with which there are no rows: copies go to the queues.
-            spare = broadcast_rows(True, *agents.state.demand.shape)
-            resume_rows(spare, kept)
+            spare = resumed_rows(broadcast_rows(True, *agents.state.demand.shape), kept)
             for resource in range(len(spare.serving)):
                 spill(copies, spare, resource)
         else:
@@ -233,6 +239,7 @@ class CompiledAgents:
 
     def make_room(self, rows: int) -> None:
         """Make space for more copies where there is too little."""
+        self.agents = self.agents._replace(rows=places_behind(self.agents.rows))
         copies = self.agents.copies
         needed = int(copies.in_flight[0]) + rows * len(self.members)
         if needed > self.agents.room:

@@ -27,6 +27,7 @@ from aimd_des.fleet.control_state import (
 from aimd_des.fleet.control_table import call_probability
 from aimd_des.fleet.observer_kernels import FleetOvershoot, ObservedTotals
 from aimd_des.fleet.response_kernels import settle, settle_and_take
+from aimd_des.fleet.row_queue import is_full
 from aimd_des.results.metrics import fold_overshoot
 from aimd_des.utils.jit import announced, formula
 from aimd_des.utils.validation import FloatArray
@@ -45,18 +46,22 @@ def _within(time: float, kind: int, turn: int, limits: Limits) -> bool:
 
 
 @formula
-def _crowded(agents: FleetAgents, control: FleetControl, channel: FleetChannel) -> bool:
+def _crowded(
+    agents: FleetAgents, control: FleetControl, channel: FleetChannel, now: float, limit: int
+) -> bool:
     """Tell whether there may be too little space for what a look can bring."""
     # Asked before a look, while nothing has been done that would have to be taken back.
     if agents.answers.held[0] > control.answers:
         return True
+    full = False
+    for j in range(control.due.shape[0]):
+        full |= is_full(agents.rows, j, now, limit)
     m, n = control.due.shape[0], channel.arrival.shape[0]
     # The worst case: no look can send more.  A crossing unit looks at one resource at a time.
     signals = 1 if control.crossing else m
     copies = signals * n * (2 if channel.table.duplicates else 1)
-    full = (
-        channel.held[0] + signals > channel.time.shape[0] or agents.copies.in_flight[0] + copies > agents.room
-    )
+    full |= channel.held[0] + signals > channel.time.shape[0]
+    full |= agents.copies.in_flight[0] + copies > agents.room
     # What SimPy's side sends finds room there.
     return channel.compiled and full
 
@@ -199,6 +204,9 @@ def sample(
     # Which instant agents have been brought to, and of which the totals are at hand: looks of several kinds
     # at one instant share both.
     reached = summed = NEVER
+    # At one instant copies land before a look and ticks come after it: of continuous agents all that is due
+    # then has been answered, of discrete ones nothing.
+    limit = 0 if agents.tick_weight > 0.0 else LAST
     observed.taken[:] = observed.row[0]
     status = REACHED
     for _ in range(limits.steps):
@@ -211,7 +219,7 @@ def sample(
         turn = turns[LOOK] if looking else turns[ROW if keeping else TICK]
         if not _within(now, _SENSE if looking else _OBSERVE, turn, limits):
             break
-        if looking and _crowded(agents, control, channel):
+        if looking and _crowded(agents, control, channel, now, limit):
             status = NO_ROOM
             break
         if not looking and keeping and agents.rows.enabled:
@@ -219,9 +227,6 @@ def sample(
             continue
         if now != reached:
             control.now[0] = reached = now
-            # At one instant copies land before a look and ticks come after it: of continuous agents all that
-            # is due now has been answered, of discrete ones nothing.
-            limit = 0 if agents.tick_weight > 0.0 else LAST
             settle_and_take(agents, integrals, observed, 0, agents.copies.base.shape[0], now, limit)
             _find_moments(agents, control)
         if not looking and keeping:
@@ -323,7 +328,7 @@ def sense(
             continue
         if not _within(now, _SENSE, j, limits):
             break
-        if _crowded(agents, control, channel):
+        if _crowded(agents, control, channel, now, LAST):
             status = NO_ROOM
             break
         control.now[0] = now

@@ -40,7 +40,8 @@ from aimd_des.fleet.marginal_cost import marginal_cost_at
 from aimd_des.fleet.observer_kernels import FleetOvershoot, ObservedTotals, fold_answers
 from aimd_des.fleet.pending_totals import INSTANTS
 from aimd_des.fleet.radix_heap import move, places, raise_due, release, time_of
-from aimd_des.fleet.row_kernels import must_leave, settle_rows, spill
+from aimd_des.fleet.row_kernels import settle_rows
+from aimd_des.fleet.row_queue import is_alone, is_due, must_leave, spill
 from aimd_des.problem.costs.kernels import add_terms, horner_step
 from aimd_des.utils.jit import deferred, formula
 
@@ -347,11 +348,14 @@ def settle(
     # order of chains, not of time: an answer reads and writes one agent's columns alone, and totals are
     # added up afterwards.
     for queue in range(first, last):
-        if agents.rows.serving[queue]:
-            if must_leave(agents.rows, queue, time):
+        while agents.rows.serving[queue]:
+            if must_leave(agents.rows, queue, time, limit):
                 spill(agents.copies, agents.rows, queue)
-            else:
-                settle_rows(agents, queue, time, limit)
+                break
+            settle_rows(agents, queue, time, limit)
+            # What has waited behind the row is the row now.
+            if not is_due(agents.rows.first[queue], time, limit):
+                break
         # Asked again: rows that have no space for what is left go there.
         if agents.copies.in_flight[0] > 0 and not agents.rows.serving[queue]:
             _settle_queue(agents, queue, time, limit)
@@ -379,9 +383,11 @@ def settle_and_take(
         count, until, order = min(INSTANTS, waiting), time, limit
         if count < waiting:
             until, order = observed.times[begin + count - 1], LAST
-        in_rows = rows.serving[j] and not must_leave(rows, j, until)
+        in_rows = (
+            rows.serving[j] and not must_leave(rows, j, until, order) and is_alone(rows, j, until, order)
+        )
         if count > 0 and not in_rows:
-            # A heap is settled at each instant.
+            # A heap is settled at each instant, and so are several broadcasts that are due.
             count, until, order = 1, observed.times[begin], LAST
         for instant in range(count):
             pending.times[instant] = observed.times[begin + instant]

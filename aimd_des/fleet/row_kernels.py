@@ -14,9 +14,10 @@ from aimd_des.dynamics.responses import AVERAGE, DRAWN, is_saturated, response_p
 from aimd_des.fleet.absent_agents import miss
 from aimd_des.fleet.arrays import ALL_ANSWERS, LAST, NO_ANSWERS, FleetAgents, report
 from aimd_des.fleet.broadcast_rows import BroadcastRows
-from aimd_des.fleet.in_flight import PIECE, CopiesInFlight, IntArray
+from aimd_des.fleet.in_flight import PIECE, IntArray
 from aimd_des.fleet.pending_totals import begin_piece, break_line, break_lines, end_piece
-from aimd_des.fleet.radix_heap import bits_of, is_empty, put, time_of
+from aimd_des.fleet.radix_heap import bits_of, time_of
+from aimd_des.fleet.row_queue import end_row, is_due, list_row
 from aimd_des.fleet.row_response_kernels import (
     cut_otherwise,
     factor_otherwise,
@@ -26,7 +27,6 @@ from aimd_des.fleet.row_response_kernels import (
 from aimd_des.problem.costs.kernels import add_terms, horner_at, horner_row
 from aimd_des.utils.jit import deferred, formula
 from aimd_des.utils.opaque import opaque
-from aimd_des.utils.rng import uniforms_row
 from aimd_des.utils.validation import FloatArray
 
 
@@ -72,90 +72,6 @@ def _either(mask: int, one: float, other: float) -> float:
 def _is_due(arrival: float, rank: int, time: float, limit: int) -> Any:
     # Without a branch: whether a copy is due is as good as random.
     return (arrival < time) | ((arrival == time) & (rank < limit))
-
-
-@formula
-def _list_row(rows: BroadcastRows, resource: int, first: int, last: int, after: float) -> None:
-    """List those of some agents' copies in the row that arrive after a time."""
-    j, arrival, uniform = resource, rows.arrival[resource], rows.uniform[resource]
-    begin: Any = np.uint64(rows.listed[j])
-    agents, end = rows.listed_agent[j], begin
-    # First only their numbers, without a branch: written in any case, and counted if the copy waits.
-    for i in range(first, last):
-        time = arrival[i]
-        agents[end] = i
-        end += np.uint64((time > after) & (time < np.inf))
-    listed_arrival, listed_uniform, listed_rank = (
-        rows.listed_arrival[j],
-        rows.listed_uniform[j],
-        rows.listed_rank[j],
-    )
-    soonest, rank = bits_of(rows.first_listed[j]), rows.rank[j]
-    for place in range(begin, end):
-        agent = np.uint64(agents[place])
-        soonest = min(soonest, bits_of(arrival[agent]))
-        listed_arrival[place], listed_uniform[place] = arrival[agent], uniform[agent]
-        listed_rank[place] = rank + np.int64(agent)
-    rows.listed[j], rows.first_listed[j] = end, time_of(soonest)
-
-
-@formula
-def _fits(rows: BroadcastRows, resource: int) -> bool:
-    """Tell whether a whole row can be listed."""
-    return bool(rows.listed[resource] + rows.arrival.shape[1] < rows.listed_agent.shape[1])
-
-
-@deferred
-def spill(copies: CopiesInFlight, rows: BroadcastRows, resource: int) -> None:
-    """Put all copies about a resource into its heap; there is always room for them."""
-    j = resource
-    for place in range(rows.listed[j]):
-        key, agent = bits_of(rows.listed_arrival[j, place]), rows.listed_agent[j, place]
-        rank, uniform = rows.listed_rank[j, place], rows.listed_uniform[j, place]
-        put(copies, j, key, 0.0, 0.0, 0, agent, j, rank, uniform)
-    copies.in_flight[0] += rows.listed[j]
-    if rows.first[j] < np.inf:
-        for i in range(rows.arrival.shape[1]):
-            if rows.arrival[j, i] < np.inf:
-                key, rank = bits_of(rows.arrival[j, i]), rows.rank[j] + i
-                put(copies, j, key, 0.0, 0.0, 0, i, j, rank, rows.uniform[j, i])
-                copies.in_flight[0] += 1
-    rows.listed[j], rows.serving[j] = 0, False
-    rows.first[j] = rows.first_listed[j] = np.inf
-
-
-@formula
-def make_way(agents: FleetAgents, resource: int, copy: int) -> bool:
-    """Tell whether the copies of a broadcast may become a row, and see to it that its place is free."""
-    rows, copies = agents.rows, agents.copies
-    if not rows.enabled:
-        return False
-    # All copies about a resource are in one place, since an agent's have to be compared with each other.
-    if not rows.serving[resource]:
-        rows.serving[resource] = copy == 0 and is_empty(copies, resource)
-    elif copy != 0 or not _fits(rows, resource):
-        spill(copies, rows, resource)
-    elif rows.first[resource] < np.inf:
-        # There was no look since the last broadcast, or nothing of it was due.
-        _list_row(rows, resource, 0, rows.arrival.shape[1], -np.inf)
-    return bool(rows.serving[resource])
-
-
-@formula
-def open_row(agents: FleetAgents, resource: int, number: int, arrival: FloatArray, first_rank: int) -> None:
-    """Let the copies of a broadcast be a row."""
-    rows, row = agents.rows, agents.rows.arrival[resource]
-    uniforms_row(agents.key, resource, number, 0, rows.uniform[resource])
-    first = bits_of(np.inf)
-    for i in range(row.shape[0]):
-        time = arrival[i]
-        # What does not arrive, or is for another agent, is as if it were lost.
-        time = time if (time < agents.until) & agents.members[i] else np.inf
-        row[i] = time
-        # The least of whole numbers is found several at a time; that of floating-point numbers is not.
-        first = min(first, bits_of(time))
-    rows.first[resource] = time_of(first)
-    rows.rank[resource] = first_rank
 
 
 @formula
@@ -434,24 +350,19 @@ def _answer_row(agents: FleetAgents, resource: int, piece: int, end: int, time: 
             break_lines(pending, agents.state, parameters, resource, first, last, first - piece, responds)
         if agents.reported != NO_ANSWERS:
             _report_piece(agents, resource, first, last, bound)
-        _list_row(rows, resource, first, last, bound)
+        list_row(rows, resource, first, last, bound)
         first = last
-
-
-@formula
-def must_leave(rows: BroadcastRows, resource: int, time: float) -> bool:
-    """Tell whether the copies about a resource have to go to its heap before those due are answered."""
-    return bool(rows.first[resource] <= time and not _fits(rows, resource))
 
 
 @deferred
 def settle_rows(agents: FleetAgents, resource: int, time: float, limit: int) -> None:
-    """Let all agents answer the copies about a resource that are due, and take the totals that are pending.
+    """Let all agents answer what is due of row and list, and take the totals that are pending.
 
-    No copies may have to leave.
+    No copies may have to leave, and where totals are pending none behind the row may be due.
     """
     rows, pending, j, n = agents.rows, agents.pending, resource, agents.members.shape[0]
-    row_waits, listed = rows.first[j] <= time, rows.first_listed[j] <= time
+    row_waits = is_due(rows.first[j], time, limit)
+    listed = is_due(rows.first_listed[j], time, limit)
     if listed:
         _take_due(rows, j, time, limit, pending.waiting[0] > 0)
     if row_waits:
@@ -481,4 +392,4 @@ def settle_rows(agents: FleetAgents, resource: int, time: float, limit: int) -> 
             end_piece(pending, agents.state, j, first, last)
         begin = end
     if row_waits:
-        rows.first[j] = np.inf
+        end_row(agents.copies, rows, j)

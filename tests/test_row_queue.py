@@ -1,0 +1,153 @@
+"""Broadcasts whose copies all land at one instant wait behind the row: the same bits as by processes."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from aimd_des import BroadcastChannel, Clocks, Crossing, Fleet, Problem, Recording, Sampled, Simulation
+from aimd_des.channel import Broadcast, Copies
+from aimd_des.interventions import Absence, ChangeChannel, Intervention
+from models import smart_cameras
+from tests.conftest import TERMS, problems, quietly, random_problem
+from tests.support.configurations import (
+    Configuration,
+    assert_same,
+    both,
+    clocks,
+    configurations,
+    interventions,
+    losses,
+    one_kind,
+)
+from tests.test_fleet_rows import rows_of, without_rows
+
+#: One latency for all: within a period, on ticks and looks, and longer than many of them.
+LATENCIES = st.sampled_from([0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 7.0, 10.0])
+
+
+def constant(n: int) -> Any:
+    """A channel all of whose copies of a broadcast land at one instant, or get lost."""
+    lost = one_kind(st.sampled_from([0.0, 0.1, 0.5, 0.8]), losses(n))
+    return st.builds(BroadcastChannel, LATENCIES, lost, fifo=st.booleans())
+
+
+def units(dynamics: str) -> Any:
+    delays = st.sampled_from([0.0, 0.0, 0.0, 0.5])
+    looks = st.builds(
+        Sampled, st.sampled_from([0.5, 1.0, 2.0]), st.sampled_from([0.0, 0.25, 0.5]), sensing_delay=delays
+    )
+    crossings = st.builds(Crossing, st.sampled_from([0.1, 1.0]), sensing_delay=delays)
+    return looks if dynamics == "discrete" else one_kind(looks, crossings)
+
+
+@st.composite
+def changes(draw: st.DrawFn, problem: Problem, until: float) -> list[Intervention]:
+    """Changes of the latency, among others."""
+    times = st.sampled_from([2.0, 3.5, 5.0, 8.25, 12.0])
+    others = st.builds(ChangeChannel, times, constant(problem.n_agents))
+    return draw(interventions(problem, until)) + draw(st.lists(others, max_size=3))
+
+
+TOGETHER = configurations(
+    problem=problems(("polynomial", "polynomial", *TERMS)),
+    channel=lambda problem, dynamics, until: constant(problem.n_agents),
+    control_unit=lambda problem, dynamics, until: units(dynamics),
+    averaging=lambda problem, dynamics, until: st.none(),
+    compensation=lambda problem, dynamics, until: st.none(),
+    clocks=lambda problem, dynamics, until: (
+        st.none()
+        if dynamics == "continuous"
+        else one_kind(
+            st.none(),
+            st.builds(Clocks, st.sampled_from([0.5, 1.0, 1.5]), st.sampled_from([0.0, 0.25, 0.5])),
+            clocks(problem.n_agents),
+        )
+    ),
+    interventions=lambda problem, dynamics, until: one_kind(st.just([]), changes(problem, until)),
+)
+
+
+@settings(max_examples=60)
+@given(TOGETHER)
+def test_what_waits_behind_the_row_is_answered_as_by_processes(configuration: Configuration) -> None:
+    processes, rows = configuration.both()
+    assert_same(processes, rows)
+    with without_rows():
+        assert_same(configuration.run(agents=Fleet), rows)
+
+
+@settings(max_examples=30)
+@given(TOGETHER, st.floats(0.0, 1.0), st.integers(0, 3))
+def test_what_waits_behind_the_row_is_in_forks(
+    configuration: Configuration, share: float, events: int
+) -> None:
+    parts = {"seed": configuration.seed, **configuration.parts, "agents": Fleet, "processes": []}
+    run = Simulation(configuration.problem, **parts).start(configuration.until)
+    quietly(run.advance, share * run.until)
+    for _ in range(events):
+        quietly(run.step)
+    fork = run.fork()
+    assert_same(quietly(run.result), quietly(fork.result))
+
+
+LATE = BroadcastChannel(10.0, 0.3)
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {},
+        {"control_unit": Sampled(0.5)},
+        {"recording": Recording(demand=0.3)},
+        {"recording": Recording(events=True)},
+        {"interventions": [Absence(3, 25.0, 33.5), Absence(4, 27.0), ChangeChannel(40.0, LATE)]},
+    ],
+    ids=["crossing", "sampled", "totals", "log", "absences"],
+)
+def test_many_broadcasts_wait_behind_the_row(parts: dict[str, Any]) -> None:
+    found, rows = rows_of(smart_cameras(seed=0), 60.0, channel=LATE, **parts)
+    assert found[-1].serving.all()
+    assert found[-1].rank_behind.shape[1] >= 8
+    with without_rows():
+        assert_same(rows_of(smart_cameras(seed=0), 60.0, channel=LATE, **parts)[1], rows)
+
+
+@pytest.mark.parametrize("sooner", [0.0, 0.75, 9.5])
+@pytest.mark.parametrize("unit", [Sampled(0.5), Crossing(0.1)])
+def test_what_overtakes_what_waits_behind_the_row_is_answered_first(sooner: float, unit: Any) -> None:
+    """A shorter latency lets later broadcasts land before those that wait: the order of answers matters."""
+    parts = {
+        "dynamics": "continuous",
+        "control_unit": unit,
+        "channel": LATE,
+        "interventions": [ChangeChannel(30.3, BroadcastChannel(sooner, 0.3))],
+        "seed": 4,
+    }
+    processes, fleet = both(smart_cameras(seed=1, n_cameras=12), 50.0, **parts)
+    assert_same(processes, fleet)
+
+
+class Uneven:
+    """A user's channel: every third broadcast is for nobody, and of every fifth some copies are late."""
+
+    def open(self, n_agents: int, keys: Any) -> "Uneven":
+        self.n = n_agents
+        return self
+
+    def transmit(self, broadcast: Broadcast, departure: float) -> Copies:
+        arrival = np.full(self.n, departure + 3.0)
+        if broadcast.number % 3 == 2:
+            arrival[:] = np.inf
+        elif broadcast.number % 5 == 3:
+            arrival[::2] += 0.5
+        return Copies(arrival)
+
+
+def test_broadcasts_that_land_at_several_times_send_the_others_to_the_heap() -> None:
+    parts = {"dynamics": "continuous", "control_unit": Crossing(0.5), "channel": Uneven(), "seed": 3}
+    processes, fleet = both(random_problem(1, 6, 2), 60.0, **parts)
+    assert fleet.account.responses.sum() > 10
+    assert_same(processes, fleet)
