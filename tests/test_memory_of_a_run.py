@@ -5,7 +5,7 @@ import gc
 import pickle
 from collections.abc import Iterator
 from pathlib import Path
-from types import FunctionType, ModuleType, SimpleNamespace
+from types import BuiltinFunctionType, FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
 import numba
@@ -14,6 +14,7 @@ import pytest
 
 from aimd_des import BroadcastChannel, Crossing, Fleet, PolynomialCosts, Recording, Simulation, latency
 from aimd_des.utils import spare_arrays
+from aimd_des.utils.jit import Kernel
 from aimd_des.utils.spare_arrays import spare, spare_zeros
 from models import smart_cameras
 
@@ -26,7 +27,8 @@ def arrays(*roots: object) -> Iterator[np.ndarray[Any, Any]]:
     left = list(roots)
     while left:
         thing = left.pop()
-        if id(thing) in seen or isinstance(thing, type | ModuleType):
+        # Nor through compiled code, which leads to all that Numba has.
+        if id(thing) in seen or isinstance(thing, type | ModuleType | Kernel | BuiltinFunctionType):
             continue
         seen.add(id(thing))
         if not isinstance(thing, np.ndarray):
