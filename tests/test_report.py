@@ -153,22 +153,22 @@ def test_the_charts_of_a_run_hold_its_frames() -> None:
     demand = pd.read_parquet(folder / "demand.parquet")
     demand["capacity"] = demand["resource"].map({"memory": 3.0, "disk": 2.0}).astype(float)
     rows = pd.DataFrame(values(charts["demand"]))
-    assert rows["time"].to_numpy() == pytest.approx(demand["time"].to_numpy(), rel=1e-4)
+    assert rows["time"].to_numpy() == pytest.approx(demand["time"].to_numpy(), rel=1e-7)
     assert rows["resource"].tolist() == demand["resource"].tolist()
     level = 100.0 * demand["total"] / demand["capacity"]
-    assert rows["level"].to_numpy() == pytest.approx(level.to_numpy(), rel=1e-4)
+    assert rows["level"].to_numpy() == pytest.approx(level.to_numpy(), rel=1e-7)
     rows = pd.DataFrame(values(charts["averages"])).merge(demand, on=["time", "resource"])
     assert len(rows) > 100
     level = 100.0 * rows["average"] / rows["capacity"]
-    assert rows["level"].to_numpy() == pytest.approx(level.to_numpy(), rel=1e-4)
+    assert rows["level"].to_numpy() == pytest.approx(level.to_numpy(), rel=1e-7)
     course = pd.read_parquet(folder / "convergence.parquet")
     shown = pd.DataFrame(values(charts["error"]))
-    assert shown["error"].iloc[-1] == pytest.approx(100.0 * course["relative_error"].iloc[-1], rel=1e-4)
+    assert shown["error"].iloc[-1] == pytest.approx(100.0 * course["relative_error"].iloc[-1], rel=1e-7)
     summary = pd.read_csv(folder / "summary.csv")
-    assert values(charts["cost"])[-1]["cost_ratio"] == pytest.approx(summary["cost_ratio"].iloc[-1], rel=1e-4)
+    assert values(charts["cost"])[-1]["cost_ratio"] == pytest.approx(summary["cost_ratio"].iloc[-1], rel=1e-7)
     signals = pd.read_parquet(folder / "signals.parquet")
     rows = pd.DataFrame(values(charts["signals"]))
-    assert rows["time"].to_numpy() == pytest.approx(signals["time"].to_numpy(), rel=1e-4)
+    assert rows["time"].to_numpy() == pytest.approx(signals["time"].to_numpy(), rel=1e-7)
     shares = pd.DataFrame(values(charts["shares"]))
     assert len(shares) == 10
     # What is used of a resource is shared out among all.
@@ -194,7 +194,7 @@ def test_where_looks_are_too_few_for_teeth_their_bounds_are_drawn(monkeypatch: p
     level = 100.0 * demand["total"] / demand["resource"].map({"memory": 3.0, "disk": 2.0}).astype(float)
     for name in ("memory", "disk"):
         own, drawn = level[demand["resource"] == name], rows[rows["resource"] == name]
-        assert (drawn["min"].min(), drawn["max"].max()) == pytest.approx((own.min(), own.max()), rel=1e-4)
+        assert (drawn["min"].min(), drawn["max"].max()) == pytest.approx((own.min(), own.max()), rel=1e-7)
     assert page.controls[1].start == repr(60.0)  # the whole run
     signals = pd.read_parquet(folder / "signals.parquet")
     rows = pd.DataFrame(values(charts["signals"]))
@@ -202,7 +202,7 @@ def test_where_looks_are_too_few_for_teeth_their_bounds_are_drawn(monkeypatch: p
     step = 60 / 100
     first = signals[signals["time"] < rows["time"].min() + step]
     assert rows["rate"].iloc[0] == pytest.approx(
-        (first["resource"] == rows["resource"].iloc[0]).sum() / step, rel=1e-4
+        (first["resource"] == rows["resource"].iloc[0]).sum() / step, rel=1e-7
     )
 
 
@@ -282,9 +282,9 @@ def test_charts_of_a_study_hold_its_means(tmp_path: Path) -> None:
     rows = pd.DataFrame(values(page.charts[1].spec)).query(
         "i0 == 2 and i1 == 1 and i2 == 0 and resource == 'disk'"
     )
-    assert rows["mean"].tolist() == pytest.approx([100.0 * mean], rel=1e-4)
+    assert rows["mean"].tolist() == pytest.approx([100.0 * mean], rel=1e-7)
     wide = pd.DataFrame(values(page.charts[3].spec)).query("i0 == 2 and i1 == 1 and i2 == 0 and r == 1")
-    assert wide["m1"].tolist() == pytest.approx([mean], rel=1e-4)
+    assert wide["m1"].tolist() == pytest.approx([mean], rel=1e-7)
     assert wide["h1"].iloc[0] == pytest.approx(float((rows["high"] - rows["low"]).iloc[0]) / 200.0, rel=1e-3)
     assert len(values(page.charts[3].spec)) == 3 * 2 * 2 * 2
     peaks = runs.groupby(["latency", "loss", "way", "resource"], observed=True)["overshoot_peak"].mean()

@@ -16,7 +16,8 @@ _HEIGHT = 260
 # Of the lines and marks of resources; they repeat later than colours do.
 _DASHES = ((1, 0), (7, 3), (2, 2), (9, 3, 2, 3), (12, 4), (4, 2, 1, 2, 1, 2), (5, 5))
 _SHAPES = ("circle", "square", "triangle-up", "diamond", "cross", "triangle-down", "triangle-right")
-_DIGITS = 5
+# Charts follow the range of their values: of 1.00021 to 1.00027 five digits are two steps.
+_DIGITS = 8
 
 #: Around functions that make charts: Altair would check each part when it is made, and again with each whole.
 #: Tests check finished charts instead.

@@ -5,6 +5,9 @@ from math import floor, isfinite, isnan, log10
 from typing import Any
 
 _DIGITS = 4
+_MOST_DECIMALS = 6
+# Below this a number has its digits behind zeros.
+_SMALL = 1e-3
 _LONGEST_LIST = 6
 
 
@@ -70,7 +73,8 @@ def _number(value: float) -> str:
     if not isfinite(value):
         return str(value)
     decimals = _DIGITS - 1 - _magnitude(value)
-    return f"{value:.{_DIGITS - 1}e}" if decimals > 6 or decimals < -6 else f"{value:,.{max(decimals, 0)}f}"
+    many = not -_MOST_DECIMALS <= decimals <= _MOST_DECIMALS
+    return f"{value:.{_DIGITS - 1}e}" if many else f"{value:,.{max(decimals, 0)}f}"
 
 
 def _magnitude(value: float) -> int:
@@ -83,17 +87,18 @@ def interval(mean: float, half_width: float, sign: str = "±") -> str:
 
     Examples
     --------
-    >>> interval(0.98765, 0.00321)
-    '0.9877 ± 0.0032'
+    >>> interval(0.98765, 0.00321), interval(1.0001898, 0.0000079)
+    ('0.9877 ± 0.0032', '1.0001898 ± 0.0000079')
     """
     if not (isfinite(mean) and isfinite(half_width)):
         return measured(mean)
     if half_width == 0:
         return f"{measured(mean)} {sign} 0"
-    decimals = 1 - _magnitude(half_width)
-    if decimals > 6:
-        return f"{mean:.3e} {sign} {half_width:.1e}"
-    decimals = max(decimals, 0)
+    decimals = max(1 - _magnitude(half_width), 0)
+    # More decimals than in a column of numbers serve a mean that is no smaller number than that.
+    if decimals > (_MOST_DECIMALS if abs(mean) < _SMALL else _MOST_DECIMALS + 3):
+        shown = f"{mean:.3e}" if abs(mean) < _SMALL else measured(mean)
+        return f"{shown} {sign} {half_width:.1e}"
     return f"{mean:,.{decimals}f} {sign} {half_width:,.{decimals}f}"
 
 
