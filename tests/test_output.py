@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from aimd_des import InputError, Result
 from aimd_des.results.measures import EXPECTED
-from aimd_des.scenario import Scenario, load_scenario
+from aimd_des.scenario import Scenario, load_scenario, run_folder
 from aimd_des.scenario.run_folder import load_run, write_run
 from aimd_des.utils.checksums import SUMS, read_checksums
 from aimd_des.utils.folders import PROVENANCE, Place, check_folder, new_folder
@@ -411,6 +411,27 @@ def test_a_figure_that_fails_is_told_and_takes_nothing_along(
     sums = read_checksums(Path("out"), "")
     assert sums is not None
     assert sorted(sums) == sorted({*FILES, "figure1.png", "figure3.png"} - {SUMS})
+    assert load_run("out").digest == result.digest
+
+
+def test_a_figure_whose_checksum_finds_no_place_is_removed(
+    scenario: Scenario, result: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk that is full between both left a figure that the checksums do not know, and no other one."""
+    write = run_folder.write_checksums
+
+    def full(folder: Path, sums: dict[str, str]) -> None:
+        if "figure2.png" in sums and "figure3.png" not in sums:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write(folder, sums)
+
+    monkeypatch.setattr(run_folder, "write_checksums", full)
+    monkeypatch.setattr("aimd_des.plots.paper.figure_makers", broken())
+    with pytest.warns(
+        RuntimeWarning, match=r"^out/figure2\.png: is missing \(No space left on device\); all"
+    ):
+        write_run(checked("out"), scenario, result)
+    assert list(everything(Path("out"))) == sorted([*FILES, "figure1.png", "figure3.png"])
     assert load_run("out").digest == result.digest
 
 

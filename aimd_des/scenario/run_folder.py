@@ -190,19 +190,24 @@ def _add_figures(
                 # By now the folder may be another run's, or a new one of another program.
                 if read_checksums(place.target, "") != sums:
                     raise TakenError(0, "the folder is no longer that of this run")
-                _write(path, picture.getvalue())
-                sums = {**sums, path.name: checksum(picture.getvalue())}
-                write_checksums(place.target, sums)
+                with_it = {**sums, path.name: checksum(picture.getvalue())}
+                _write(path, picture.getvalue(), with_it)
+                sums = with_it
         except Exception as failure:  # noqa: BLE001 - for any error, the numbers are what the run was for
-            said = f"{place.folder / path.name}: is missing ({type(failure).__name__}: {failure})"
+            cause = f"{type(failure).__name__}: {failure}"
+            if isinstance(failure, OSError):
+                cause = failure.strerror or cause
+            said = f"{place.folder / path.name}: is missing ({cause})"
             warnings.warn(f"{said}; all numbers are written", RuntimeWarning, stacklevel=3)
 
 
-def _write(path: Path, content: bytes) -> None:
+def _write(path: Path, content: bytes, sums: Mapping[str, str]) -> None:
+    """Write a figure and the checksums with it, or neither: without its checksum the folder is damaged."""
     try:
         path.write_bytes(content)
+        write_checksums(path.parent, sums)
     except OSError:
-        path.unlink(missing_ok=True)  # half a figure
+        path.unlink(missing_ok=True)
         raise
 
 
