@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from fractions import Fraction
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aimd_des import InputError, SimulationError
+from aimd_des import InputError, Sampled, SimulationError
+from aimd_des.engine.control_unit import ControlUnit
 from aimd_des.utils import limits, validation
 
 
@@ -270,3 +272,13 @@ def test_memory_refuses_what_the_machine_has_not() -> None:
         InputError, match=r"^steps = 5: must be less: a byte for each would take 1e\+09 GB, and"
     ):
         limits.memory("steps", 5, 1e18, "a byte for each")
+
+
+def test_an_object_may_have_methods_that_its_class_does_not_have() -> None:
+    """Classes are asked first, whose answer Python keeps; that of one object says nothing of another."""
+    one, other = SimpleNamespace(process=print), SimpleNamespace()
+    assert validation.instance("control_unit", one, ControlUnit, "a control unit") is one
+    with pytest.raises(InputError, match="control_unit"):
+        validation.instance("control_unit", other, ControlUnit, "a control unit")
+    with pytest.raises(InputError, match="make an object of it"):
+        validation.instance("control_unit", Sampled, ControlUnit, "a control unit")

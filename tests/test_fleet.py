@@ -354,3 +354,9 @@ def test_memory_is_bounded_by_what_is_in_flight() -> None:
     # There is space for what was in flight at most, and for twice as much where it ran out.  The maximum
     # scatters a little more in a run of ten times the length.
     assert rooms[5000.0] <= 2.0 * 1.5 * rooms[500.0]
+
+
+def test_a_fleet_makes_no_views_for_processes() -> None:
+    run = Simulation(smart_cameras(seed=0), agents=Fleet, seed=1).start(20.0)
+    run.result()
+    assert not {"rows", "_lines"} & vars(run.system).keys()

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -169,15 +169,14 @@ class BroadcastChannel:
 
     def open(self, n_agents: int, keys: Mapping[Purpose, Key]) -> Link:
         """Begin a run."""
-        assert isinstance(self.latency, Latency)  # noqa: S101 - __post_init__ saw to it
-        assert isinstance(self.loss, Loss)  # noqa: S101
-        returned_values.check(self.latency, n_agents)
+        latency, loss_model = cast(Latency, self.latency), cast(Loss, self.loss)  # __post_init__ saw to it
+        returned_values.check(latency, n_agents)
         validation.fits("duplication", self.duplication, n_agents)
-        duplication, loss = np.asarray(self.duplication, dtype=np.float64), start_loss(self.loss, n_agents)
-        if tables := compiled_models(self.latency, loss, n_agents, keys):
+        duplication, loss = np.asarray(self.duplication, dtype=np.float64), start_loss(loss_model, n_agents)
+        if tables := compiled_models(latency, loss, n_agents, keys):
             return CompiledLink(channel_table(*tables, duplication, self.fifo, keys))
         latest = np.zeros(n_agents) if self.fifo else None
-        return _OpenChannel(self.latency, loss, duplication, latest, n_agents, keys)
+        return _OpenChannel(latency, loss, duplication, latest, n_agents, keys)
 
 
 class CompiledLink(DrawnLink):

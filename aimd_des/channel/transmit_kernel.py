@@ -20,6 +20,9 @@ from aimd_des.utils.validation import BoolArray, FloatArray
 # Why a broadcast is refused, besides what its losses say.
 _IMPROPER = 4
 
+# Shared by all channels without one: its arrays are empty.
+_NO_NETWORK = network_table()
+
 
 @record
 class ChannelTable(NamedTuple):
@@ -69,7 +72,7 @@ def channel_table(
         duplication_key=keys[Purpose.DUPLICATION],
         lost=np.zeros(links, dtype=np.bool_),
         spare=np.zeros(links),
-        network=network_table() if network is None else network,
+        network=_NO_NETWORK if network is None else network,
     )
 
 

@@ -104,15 +104,31 @@ def agent_parameters(
     response: Response | None = None,
 ) -> AgentParameters:
     """Lay out a problem's parameters with agents along the contiguous axis."""
+    rule = rule_parameters(problem.n_agents, tick_weight, averaging, compensation, response)
     return AgentParameters(
         increase=locked(problem.by_resource("increase").copy()),
         decrease=locked(problem.by_resource("decrease").copy()),
         normalization=locked(problem.normalization.copy()),
         limit=locked(problem.limit.copy()),
         capacity=locked(problem.capacity.copy()),
-        averaging=_averaging_parameters(Cumulative() if averaging is None else averaging, tick_weight),
-        compensation=_compensation_parameters(compensation, problem.n_agents),
-        response=_response_parameters(Randomised() if response is None else response, tick_weight),
+        averaging=rule[0],
+        compensation=rule[1],
+        response=rule[2],
+    )
+
+
+def rule_parameters(
+    n_agents: int,
+    tick_weight: float,
+    averaging: Averaging | None,
+    compensation: Compensation | None,
+    response: Response | None,
+) -> tuple[AveragingParameters, CompensationParameters, ResponseParameters]:
+    """Ask the parts of the rule for their parameters, and refuse what does not fit the agents."""
+    return (
+        _averaging_parameters(Cumulative() if averaging is None else averaging, tick_weight),
+        _compensation_parameters(compensation, n_agents),
+        _response_parameters(Randomised() if response is None else response, tick_weight),
     )
 
 

@@ -65,10 +65,8 @@ def check_absences(problem: Problem, interventions: Iterable[object]) -> None:
 
 def check_hold_offs(interventions: Iterable[object], control_unit: object) -> None:
     """Refuse changes of a hold-off (those with ``of_hold_off``) where the control unit has none."""
-    if isinstance(table_of(control_unit), CrossingTable):
-        return
     for number, declared in enumerate(interventions):
-        if getattr(declared, "of_hold_off", False):
+        if getattr(declared, "of_hold_off", False) and not isinstance(table_of(control_unit), CrossingTable):
             allowed = "left out unless the control unit is a Crossing: others have no hold-off"
             raise InputError.of(
                 f"interventions[{number}]", declared, allowed, "choose Crossing(hold_off=...)"

@@ -433,7 +433,7 @@ class Observer:
         self.system.observe_allocations(self.demand[-1], self.average[-1])
         for totals, rows in ((self.total_demand, self.demand), (self.total_average, self.average)):
             # In the order of agents, as all totals: the last of the running sums.
-            totals[-1] = [np.cumsum(row)[-1] for row in rows[-1]]
+            totals[-1] = np.cumsum(rows[-1], axis=1)[:, -1]
         # Not 0 where nothing was measured: 0 would be a finding.
         missing = np.full(self.system.problem.n_resources, np.nan)
         overshoot, second_half = Overshoot(missing, missing, missing), missing

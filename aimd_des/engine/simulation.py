@@ -9,7 +9,7 @@ from aimd_des.dynamics.clocks import Clocks
 from aimd_des.dynamics.demand import CONTINUOUS, DISCRETE, Dynamics
 from aimd_des.dynamics.loss_compensation import Compensation
 from aimd_des.dynamics.responses import Response
-from aimd_des.dynamics.state import agent_parameters
+from aimd_des.dynamics.state import rule_parameters
 from aimd_des.engine.agent_process import AgentProcess
 from aimd_des.engine.control_unit import ControlUnit, CrossingTable, Sampled, table_of
 from aimd_des.engine.declared import Intervention, check_absences, check_end, check_hold_offs
@@ -175,7 +175,7 @@ class Simulation(ShowsItself):
         self.seed = validation.integer("seed", seed, low=0)
         tick_weight = DISCRETE if dynamics == "discrete" else CONTINUOUS
         # And what does not fit the agents.
-        agent_parameters(problem, tick_weight, averaging, compensation, response)
+        rule_parameters(problem.n_agents, tick_weight, averaging, compensation, response)
         changes = validation.instances("interventions", interventions, Intervention, "an intervention")
         for intervention in changes:
             returned_values.check(intervention, problem)

@@ -3,6 +3,7 @@
 import math
 import warnings
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 
@@ -61,12 +62,21 @@ class Readings:
             parameters,
             tick_weight,
         )
-        self.rows = State(*([memoryview(row) for row in array] for array in state))  # type: ignore[arg-type]
         # Kept, since looks are many.
         self._now, self._values = np.empty(1), piece(problem.n_resources)
-        self._lines = list(zip(state.demand, parameters.increase, state.anchor, strict=True))
         self._total_of: Callable[..., float] | None = None
         self._observe_totals: Callable[..., None] | None = None
+
+    # Made when they are read: a fleet needs neither.
+    @cached_property
+    def rows(self) -> State:
+        """Views of the rows of the state."""
+        return State(*([memoryview(row) for row in array] for array in self.state))  # type: ignore[arg-type]
+
+    @cached_property
+    def _lines(self) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+        state = self.state
+        return list(zip(state.demand, self.parameters.increase, state.anchor, strict=True))
 
     @property
     def law(self) -> AgentParameters:

@@ -213,8 +213,8 @@ class CompiledAgents:
 
     def _make_room_for_answers(self) -> None:
         if self.agents.reported != NO_ANSWERS:
-            # All copies in flight may be answered at one look, on top of the answers not told of yet.  There
-            # are none of these where compiled code folds them in.
+            # All copies in flight may be answered at one look, on top of the answers not told of yet: none
+            # where compiled code folds them in.
             waiting = 0 if self.integrals.lines else told_at_once(self.system)
             space = self.agents.room + copies_in_rows(self.agents.rows) + waiting
             answers = _answers(space)

@@ -201,9 +201,9 @@ class ControlProcess:
             arrival=np.zeros(n),
             second=np.zeros(n),
             order=np.zeros(1, dtype=np.int64),
-            time=np.zeros(_SIGNALS),
-            resource=np.zeros(_SIGNALS, dtype=np.int64),
-            number=np.zeros(_SIGNALS, dtype=np.int64),
+            time=np.empty(_SIGNALS),
+            resource=np.empty(_SIGNALS, dtype=np.int64),
+            number=np.empty(_SIGNALS, dtype=np.int64),
             held=np.zeros(1, dtype=np.int64),
             code=np.zeros(1, dtype=np.int64),
         )
@@ -214,12 +214,13 @@ class ControlProcess:
         # A process takes its turn when it schedules its next look.  Compiled looks cannot, but nothing else
         # has taken one since; so the turns that are taken now have the same order among those of all others.
         # Of a row and a tick at one instant the order does not matter: both only look.
-        for turn in np.flatnonzero(control.turns == UNSCHEDULED).tolist():
-            control.turns[turn] = self.system.env.reserve(1)
+        for turn, number in enumerate(control.turns.tolist()):
+            if number == UNSCHEDULED:
+                control.turns[turn] = self.system.env.reserve(1)
         if control.crossing:
             # The index of the resource is its turn, as for the processes of `Crossing`.
-            resource = int(np.argmin(control.look_time))
-            due = [(float(control.look_time[resource]), EventKind.SENSE, resource)]
+            times = control.look_time.tolist()
+            due = [(min(times), EventKind.SENSE, times.index(min(times)))]
         else:
             look = control.phase + int(control.look[0]) * control.period
             due = [(look, EventKind.SENSE, int(control.turns[LOOK]))]

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 
 from aimd_des.utils import validation
 from aimd_des.utils.errors import InputError
+from aimd_des.utils.locked_arrays import locked
 from aimd_des.utils.shown import brief
 from aimd_des.utils.validation import FloatArray
 
@@ -17,6 +19,12 @@ Times = Literal["auto", "end"] | float | Sequence[float] | FloatArray
 
 _AUTO_LOOKS = 1000
 _MOST_LOOKS = 10_000_000
+
+
+# Runs of a study end at the same time.
+@lru_cache(maxsize=16)
+def _spread(until: float) -> FloatArray:
+    return locked(np.linspace(0.0, until, _AUTO_LOOKS + 1))
 
 
 @brief
@@ -96,7 +104,7 @@ class Recording:
         """
         value = getattr(self, name)
         if isinstance(value, str):
-            spread = np.linspace(0.0, until, _AUTO_LOOKS + 1) if value == "auto" else np.array([until])
+            spread = _spread(until) if value == "auto" else np.array([until])
             times = np.unique(np.floor(spread)) if whole or until >= _AUTO_LOOKS else spread
         elif np.ndim(value) == 0:
             if until / value > _MOST_LOOKS:
@@ -111,5 +119,8 @@ class Recording:
         if whole and (times % 1.0).any():
             broken = float(times[np.argmax(times % 1.0 > 0)])
             raise InputError.of(name, broken, "whole numbers: the discrete algorithm has no other instants")
+        # Most are in order already, and end with the run.
+        if not self.tail and times.size and times[-1] == until and (times[1:] > times[:-1]).all():
+            return times.copy()
         last = until - np.arange(self.tail, -1.0, -1.0)
         return np.union1d(times, last[last >= 0.0])

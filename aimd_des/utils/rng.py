@@ -9,6 +9,7 @@ The lane is 0 but where one broadcast needs several numbers for an agent (a seco
 """
 
 from enum import IntEnum
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -69,9 +70,13 @@ def key(seed: int, purpose: Purpose, salts: tuple[int, ...] = ()) -> Key:
     InputError
         If the seed is no integer of at least 0.
     """
-    clean = validation.integer("seed", seed, low=0)
-    address = (int(purpose), *salts)
-    first, second = np.random.SeedSequence(clean, spawn_key=address).generate_state(2, np.uint64)
+    return _key(validation.integer("seed", seed, low=0), (int(purpose), *salts))
+
+
+# Points of a study share their seeds.
+@lru_cache(maxsize=1 << 10)
+def _key(seed: int, address: tuple[int, ...]) -> Key:
+    first, second = np.random.SeedSequence(seed, spawn_key=address).generate_state(2, np.uint64)
     return first, second
 
 

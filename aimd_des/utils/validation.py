@@ -106,13 +106,14 @@ def number(
         With the field, the value, the range and the remedy.
     """
     given = _scalar(value)
-    if not isinstance(given, _NO_NUMBERS) and isinstance(given, Real):
+    if type(given) is not float and not isinstance(given, _NO_NUMBERS) and isinstance(given, Real):
         with suppress(OverflowError):  # an int beyond the range of floats
             given = float(given)
-            below = given <= low if low_open else given < low
-            above = given >= high if high_open else given > high
-            if math.isfinite(given) and not below and not above:
-                return given
+    if isinstance(given, float):
+        below = given <= low if low_open else given < low
+        above = given >= high if high_open else given > high
+        if math.isfinite(given) and not below and not above:
+            return given
     # Put into words here, not before: most numbers are fine.
     raise InputError.of(field, given, _interval(low, high, low_open, high_open), remedy)
 
@@ -135,18 +136,17 @@ def integer(
     int
         The integer.
     """
+    given = _scalar(value)
+    if type(given) is not int and not isinstance(given, _NO_NUMBERS) and isinstance(given, Integral):
+        given = int(given)
+    if type(given) is int and (low is None or given >= low) and (high is None or given <= high):
+        return given
     allowed = "an integer"
     if low is not None:
         allowed += f" of at least {low}"
     if high is not None:
         allowed += f"{' and' if low is not None else ''} at most {high}"
-    value = _scalar(value)
-    if isinstance(value, _NO_NUMBERS) or not isinstance(value, Integral):
-        raise InputError.of(field, value, allowed, remedy)
-    clean = int(value)
-    if (low is not None and clean < low) or (high is not None and clean > high):
-        raise InputError.of(field, clean, allowed, remedy)
-    return clean
+    raise InputError.of(field, given, allowed, remedy)
 
 
 @described_like(number)
@@ -269,9 +269,19 @@ def instance(field: str, value: _Value, kind: type, allowed: str, remedy: str = 
     """Return `value` if it is an object of a kind, or refuse it by name."""
     if isinstance(value, type) and (isinstance(value, kind) or kind in value.__mro__):
         raise InputError.of(field, value, allowed, f"make an object of it: {value.__name__}(...)")
-    if not isinstance(value, kind):
+    if not _belongs(value, kind):
         raise InputError.of(field, value, allowed, remedy)
     return value
+
+
+def _belongs(value: object, kind: type) -> bool:
+    """Tell whether a value is of a kind; of a class Python keeps the answer, of an object of it none."""
+    try:
+        if issubclass(type(value), kind):
+            return True
+    except TypeError:  # a protocol with more than methods, which only objects have
+        pass
+    return isinstance(value, kind)
 
 
 def elements(field: str, value: Iterable[_Value], allowed: str) -> list[_Value]:
