@@ -16,6 +16,7 @@ from aimd_des import (
     Crossing,
     Fleet,
     InputError,
+    Recording,
     Sampled,
     Simulation,
     SimulationError,
@@ -59,14 +60,9 @@ def test_pieces_make_the_same_run(
 
 
 def simulation(agents: Any, **parts: Any) -> Simulation:
+    usual = {"control_unit": Crossing(1.0), "channel": BroadcastChannel(latency.Exponential(0.5), loss=0.1)}
     return Simulation(
-        smart_cameras(0, 12),
-        dynamics="continuous",
-        control_unit=Crossing(1.0),
-        channel=BroadcastChannel(latency.Exponential(0.5), loss=0.1),
-        agents=agents,
-        seed=1,
-        **parts,
+        smart_cameras(0, 12), dynamics="continuous", agents=agents, seed=1, **{**usual, **parts}
     )
 
 
@@ -141,6 +137,28 @@ def test_times_outside_of_the_run_are_refused() -> None:
         run.step("look")  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"^until = 0\.0: must be"):
         simulation(Fleet).start(0.0)
+
+
+@pytest.mark.parametrize("unit", [Sampled(1.0), Crossing(1.0)])
+@pytest.mark.parametrize("events", [False, True])
+def test_totals_between_two_steps_are_those_of_that_time(unit: Any, events: bool) -> None:
+    # With a log, signals are sent outside of compiled code, and the looks go on from there.
+    recording = Recording("end", events=events)
+    whole = simulation(Fleet, control_unit=unit, recording=recording).run(50.0)
+    run, processes = (
+        simulation(agents, control_unit=unit, recording=recording).start(50.0)
+        for agents in (Fleet, AgentProcess)
+    )
+    steps = 0
+    while run.step():
+        steps += 1
+        processes.advance(run.time)
+        for ours, theirs in zip(run.system.allocations(), processes.system.allocations(), strict=True):
+            assert np.array_equal(ours, theirs)
+        assert run.totals()["demand"].tolist() == processes.totals()["demand"].tolist()
+    assert steps >= 50
+    assert len(whole.signals) > 50
+    assert_same(whole, run.result())
 
 
 @pytest.mark.parametrize("ask", [Run.advance, Run.step, Run.result])

@@ -455,6 +455,9 @@ class OrderedEnvironment(simpy.Environment):
             if not event._ok and not hasattr(event, "_defused"):
                 raise event._value
             if one:
+                # Compiled agents may have begun anew within it: what is asked of them now is all up to here.
+                if tracking:
+                    self._reached = max(self._reached, (self.instant, *present[1:3]))
                 return
             handled += 1
             if watch is not None and handled % _WATCH_EVERY == 0:

@@ -104,8 +104,9 @@ class ControlProcess:
         while True:
             # Only this event lets time pass for SimPy; compiled looks lie between it and the next event.
             yield self._mailbox
-            # What compiled code has stopped for is done within the same event, and the looks go on.
-            while self._steer() != REACHED:
+            # What compiled code has stopped for is done within the same event, and the looks go on; but not
+            # where the run stops after one event: agents would be ahead of it.
+            while (status := self._steer()) == NO_ROOM or (status != REACHED and not self.system.env.one):
                 pass
             self._set_alarm()
 
