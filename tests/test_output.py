@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 
 from aimd_des import InputError, Result
 from aimd_des.results.measures import EXPECTED
-from aimd_des.scenario import Scenario, load_scenario, run_folder
+from aimd_des.scenario import Scenario, load_scenario
 from aimd_des.scenario.run_folder import load_run, write_run
-from aimd_des.utils.checksums import SUMS, read_checksums
+from aimd_des.utils.checksums import SUMS, read_checksums, write_checksums
 from aimd_des.utils.folders import PROVENANCE, Place, check_folder, new_folder
 from tests.conftest import INLINE, quietly
 
@@ -418,14 +418,13 @@ def test_a_figure_whose_checksum_finds_no_place_is_removed(
     scenario: Scenario, result: Result, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A disk that is full between both left a figure that the checksums do not know, and no other one."""
-    write = run_folder.write_checksums
 
     def full(folder: Path, sums: dict[str, str]) -> None:
         if "figure2.png" in sums and "figure3.png" not in sums:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        write(folder, sums)
+        write_checksums(folder, sums)
 
-    monkeypatch.setattr(run_folder, "write_checksums", full)
+    monkeypatch.setattr("aimd_des.scenario.run_folder.write_checksums", full)
     monkeypatch.setattr("aimd_des.plots.paper.figure_makers", broken())
     with pytest.warns(
         RuntimeWarning, match=r"^out/figure2\.png: is missing \(No space left on device\); all"

@@ -126,6 +126,29 @@ def test_a_study_draws_a_measure_along_one_axis_or_over_two(tmp_path: Path) -> N
         assert y.tolist() == pytest.approx((100.0 * means).tolist(), rel=1e-12)
 
 
+def test_an_axis_of_words_beside_one_of_numbers_has_a_line_for_each(tmp_path: Path) -> None:
+    """A map of few columns, with means that differ little, shows neither which is better nor how surely."""
+    axes: dict[str, list[Any]] = {"way": ["tree", "flood"], "loss": [0.0, 0.25, 0.5]}
+    results = results_of(study_of(axes), tmp_path)
+    panels = results.plot("utilisation").axes
+    assert [(panel.get_title(loc="left"), panel.get_xlabel()) for panel in panels] == [
+        ("memory", "loss"),
+        ("disk", "loss"),
+    ]
+    runs = results.runs[results.runs["resource"] == "memory"]
+    for way, drawn in zip(("tree", "flood"), panels[0].containers, strict=True):
+        assert drawn.get_label() == way
+        means = runs[runs["way"] == way].groupby("loss")["utilisation"].mean()
+        x, y = drawn.lines[0].get_data()
+        assert x.tolist() == means.index.tolist()
+        assert y.tolist() == pytest.approx((100.0 * means).tolist(), rel=1e-12)
+    legend = panels[0].get_legend()
+    assert legend is not None
+    assert legend.get_title().get_text() == "way"
+    (lines,) = results.plot("utilisation", by="loss").axes
+    assert lines.get_xlabel() == "loss"
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [

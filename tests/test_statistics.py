@@ -358,6 +358,18 @@ def test_a_summary_has_the_interval_of_each_point_resource_and_measure() -> None
         assert row["replications"] == 6
 
 
+def test_a_name_on_its_own_is_a_list_of_it() -> None:
+    runs = frame()
+    by, rows = ["loss", "latency", "resource"], runs[runs["resource"] == "memory"]
+    pd.testing.assert_frame_equal(summarise(runs, by, "signals"), summarise(runs, by, ["signals"]))
+    one = rows[rows["latency"] == rows["latency"].iloc[0]]
+    pd.testing.assert_frame_equal(summarise(one, "loss", "signals"), summarise(one, ["loss"], ["signals"]))
+    with pytest.raises(InputError, match=r"measures = 'signal': must be one of .*; did you mean 'signals'"):
+        summarise(runs, by, "signal")
+    with pytest.raises(InputError, match=r"^baseline = \['loss'\]: must be a mapping of axes to values"):
+        compare(runs, ["loss"])  # type: ignore[arg-type]
+
+
 def test_a_summary_over_draws_counts_each_draw_once() -> None:
     """Nested scatter: sd 2 between 40 draws, sd 1 within, 4 replications each; 40 such studies."""
     generator, off, spreads = rng(24), [], []

@@ -21,6 +21,7 @@ import tomli_w
 
 import aimd_des
 from aimd_des import InputError, SimulationError, Study, load_study, run_study
+from aimd_des.scenario import validate_scenario, with_settings
 from aimd_des.study import StudyResults, Tally
 from aimd_des.study.executor import execute
 from aimd_des.study.locks import alone
@@ -107,6 +108,17 @@ def test_every_run_can_be_repeated_alone_from_its_row(reference: StudyResults) -
         pd.testing.assert_frame_equal(found, summary, check_exact=True, check_names=False)
     with pytest.raises(InputError, match="that of a run in"):
         reference.scenario("0" * 32)
+
+
+def test_a_run_can_be_repeated_with_changes(reference: StudyResults) -> None:
+    key = str(reference.runs["key"].iloc[0])
+    logged = reference.scenario(key, **{"recording.events": True})
+    assert logged == validate_scenario(
+        with_settings(reference.scenario(key).spoken(), {"recording.events": True}), "mine"
+    )
+    assert len(quietly(logged.run).events)
+    with pytest.raises(InputError, match=f"^run {key}: recording.event: unknown key 'event'; did you mean"):
+        reference.scenario(key, **{"recording.event": True})
 
 
 def test_frames_of_all_runs_with_their_labels(reference: StudyResults) -> None:

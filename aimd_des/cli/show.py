@@ -23,7 +23,7 @@ from aimd_des.cli.printing import paged
     "--plot",
     type=click.Path(path_type=Path, dir_okay=False),
     help="Of a study: draw the first measure into this new file, .pdf, .svg or .png: along the one axis of"
-    " --by with its intervals, or over two as a map.",
+    " --by with its intervals, or over two, as a map or with a line for each case.",
 )
 def command(
     folder: Path, measures: tuple[str, ...], axes: tuple[str, ...], form: str | None, plot: Path | None

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Sequence
-from io import BytesIO
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
 
 #: Formats of pictures: the two with vectors, and the one with dots.
 FORMATS = ("pdf", "svg", "png")
-_DPI = 160
 
 
 def print_data(table: "pd.DataFrame", form: Literal["csv", "json"]) -> None:
@@ -63,10 +61,10 @@ def check_plot(path: Path) -> None:
 
 def plot_study(results: "StudyResults", axes: list[str], measure: str, path: Path) -> None:
     """Write the figure of a measure."""
+    from aimd_des.plots.style import picture_of
     from aimd_des.utils.whole_files import write_file
 
-    picture = BytesIO()
-    results.plot(measure, axes).savefig(picture, format=path.suffix[1:], dpi=_DPI)
+    picture = picture_of(results.plot(measure, axes), path.suffix[1:])
     with writing(path):
-        write_file(path, picture.getvalue())
+        write_file(path, picture)
     say(f"Figure in {path}")

@@ -4,6 +4,7 @@ from io import BytesIO
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -21,6 +22,8 @@ from aimd_des.utils.colours import COLOURS
 REFERENCE = "0.35"
 
 _LONGEST_LABEL = 28
+_DPI = 160
+_UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 # Resources differ by their marks, too: not all readers tell colours apart, and print does not.
 _MARKS = "os^Dv<>"
 
@@ -128,6 +131,15 @@ class NotebookFigure(Figure):
         picture = BytesIO()
         self.savefig(picture, format="png")
         return picture.getvalue()
+
+
+def picture_of(figure: Figure, form: str) -> bytes:
+    """Write a figure as the content of a file, the same for the same figure."""
+    picture = BytesIO()
+    # Fonts of type 3, which Matplotlib embeds by default, are refused by publishers' checks of PDF files.
+    with rc_context({"pdf.fonttype": 42}):
+        figure.savefig(picture, format=form, dpi=_DPI, metadata=_UNDATED.get(form))
+    return picture.getvalue()
 
 
 def number_axis(axis: Axis, *, percent: bool = False, whole: bool = False) -> None:

@@ -47,8 +47,6 @@ Number = int | float
 
 _SCENARIO, _SUMMARY = "scenario.toml", "summary.csv"
 _REMEDY = "run the scenario again"
-_DPI = 160
-_UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 _LIBRARIES = ("numpy", "scipy", "numba", "simpy", "pandas")
 
 
@@ -178,20 +176,20 @@ def _add_figures(
     formats: Sequence[str],
 ) -> None:
     """Draw figures into the folder of a run, as long as its checksums are there; a failure is told."""
+    from aimd_des.plots.style import picture_of
+
     for name, draw in makers.items():
         path = place.target / f"{name}.{formats[0]}"
         try:
             figure = draw()
             for form in formats:
                 path = place.target / f"{name}.{form}"
-                picture = BytesIO()
-                # Without a date the same run is the same file.
-                figure.savefig(picture, format=form, dpi=_DPI, metadata=_UNDATED.get(form))
+                picture = picture_of(figure, form)
                 # By now the folder may be another run's, or a new one of another program.
                 if read_checksums(place.target, "") != sums:
                     raise TakenError(0, "the folder is no longer that of this run")
-                with_it = {**sums, path.name: checksum(picture.getvalue())}
-                _write(path, picture.getvalue(), with_it)
+                with_it = {**sums, path.name: checksum(picture)}
+                _write(path, picture, with_it)
                 sums = with_it
         except Exception as failure:  # noqa: BLE001 - for any error, the numbers are what the run was for
             cause = f"{type(failure).__name__}: {failure}"

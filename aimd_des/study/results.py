@@ -11,7 +11,7 @@ import pandas as pd
 import pyarrow as pa
 
 from aimd_des.results.measures import FIRST
-from aimd_des.scenario import Scenario, validate_scenario
+from aimd_des.scenario import Scenario, validate_scenario, with_settings
 from aimd_des.scenario.old_keys import with_new_keys
 from aimd_des.study.axis import Axis
 from aimd_des.study.columns import known_frame
@@ -169,15 +169,17 @@ class StudyResults(ShowsItself):
             found.insert(0, column, values.astype("category") if column == "key" else values)
         return found
 
-    def plot(self, measure: str | None = None, by: Sequence[str] | None = None) -> "Figure":
-        """Draw a measure along one axis with its 95 % confidence intervals, or over two axes as a map.
+    def plot(self, measure: str | None = None, by: str | Sequence[str] | None = None) -> "Figure":
+        """Draw a measure along one axis with its 95 % confidence intervals, or over two axes.
+
+        Two axes of numbers give a map; one of cases, or of words, gives a line for each of them.
 
         Parameters
         ----------
         measure : str, optional
             One that the study keeps; default: the most telling of these, utilisation if it is kept.
-        by : sequence of str, optional
-            The axes that the figure tells apart; it shows means over the others.  Default: all.
+        by : str or sequence of str, optional
+            The axis or axes that the figure tells apart; it shows means over the others.  Default: all.
 
         Returns
         -------
@@ -191,13 +193,13 @@ class StudyResults(ShowsItself):
             several values is neither one nor two.
         """
         from aimd_des.plots.study_measure import plot_measure
-        from aimd_des.study.statistics.summary import summarise, whole_replications
+        from aimd_des.study.statistics.summary import one_or_more, summarise, whole_replications
 
         kept = self.study.columns()
         (name, *_) = [measure] if measure else [one for one in FIRST if one in kept] or kept
         validation.known("measure", name, kept)
         known = [axis.name for axis in self.study.axes]
-        axes = known if by is None else list(by)
+        axes = known if by is None else one_or_more(by)
         for one in axes:
             validation.known("by", one, known)
         if self.runs.empty:
@@ -231,13 +233,16 @@ class StudyResults(ShowsItself):
         """Tell whether a run is there as a whole, or has failed."""
         return not self._store.fault(key, self.study.keep, done=key in self._stored.spans)
 
-    def scenario(self, key: str) -> Scenario:
+    def scenario(self, key: str, /, **changes: Any) -> Scenario:
         """Give the scenario of a run, to be run alone.
 
         Parameters
         ----------
         key : str
             Of the run.
+        **changes
+            Values that replace those of the run, as for `load_scenario`: ``**{"recording.events": True}``
+            lets the result keep the event log, which its digest then covers, too.
 
         Returns
         -------
@@ -247,7 +252,7 @@ class StudyResults(ShowsItself):
         Raises
         ------
         InputError
-            If there is no such run, or not yet.
+            If there is no such run, or not yet; if a change is refused.
         """
         planned = self.plan[self.plan["key"] == key]
         seed: dict[str, Any] = {}
@@ -266,7 +271,8 @@ class StudyResults(ShowsItself):
             data = tomllib.loads(text) | seed
         except (ValueError, RecursionError) as error:
             raise InputError(f"run {key}: its scenario cannot be read ({error})") from None
-        return validate_scenario(with_new_keys(data, silent=True), f"run {key}").resolved()
+        data = with_settings(with_new_keys(data, silent=True), changes)
+        return validate_scenario(data, f"run {key}").resolved()
 
 
 def run_away_words(results: StudyResults) -> str:

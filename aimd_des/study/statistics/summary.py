@@ -20,8 +20,8 @@ _AT_BASELINE = " at the baseline"
 
 def summarise(
     frame: pd.DataFrame,
-    by: Sequence[str] | None = None,
-    measures: Sequence[str] | None = None,
+    by: str | Sequence[str] | None = None,
+    measures: str | Sequence[str] | None = None,
     confidence: float = 0.95,
     *,
     draws: str | None = None,
@@ -32,10 +32,10 @@ def summarise(
     ----------
     frame : DataFrame
         A row for each run and resource, such as `StudyResults.runs`.
-    by : sequence of str, optional
+    by : str or sequence of str, optional
         Columns that make a point, so that each replication has one row there; default: all that are neither a
         measure nor the name of a run.
-    measures : sequence of str, optional
+    measures : str or sequence of str, optional
         Columns to estimate; default: those of `Result.summary` that are there.
     confidence : float
         Between 0 and 1.
@@ -134,8 +134,8 @@ def _summary_of_draws(
 def compare(
     frame: pd.DataFrame,
     baseline: Mapping[str, Any],
-    by: Sequence[str] | None = None,
-    measures: Sequence[str] | None = None,
+    by: str | Sequence[str] | None = None,
+    measures: str | Sequence[str] | None = None,
     confidence: float = 0.95,
     *,
     pair: str = _PAIR,
@@ -172,6 +172,8 @@ def compare(
     """
     columns = _columns(frame, measures)
     validation.known("pair", pair, list(frame.columns))
+    if not isinstance(baseline, Mapping):
+        raise InputError.of("baseline", baseline, "a mapping of axes to values, such as {'loss': 0.0}")
     points = [name for name in _points(frame, by, columns) if name != pair]
     for name in baseline:
         validation.known("baseline", name, points)
@@ -209,18 +211,27 @@ def _with_ends(table: pd.DataFrame, points: list[str], confidence: float) -> pd.
     return flat if points else flat.drop(columns=flat.columns[0])
 
 
-def _points(frame: pd.DataFrame, by: Sequence[str] | None, columns: list[str]) -> list[str]:
+def _points(frame: pd.DataFrame, by: str | Sequence[str] | None, columns: list[str]) -> list[str]:
     """Take the columns that make a point: by default the axes, and the resource."""
     if by is None:
         others = {*LABELS, *MEASURES, *columns} - {"resource"}
         return [name for name in frame.columns if name not in others]
+    by = one_or_more(by)
     for name in by:
         validation.known("by", name, list(frame.columns))
-    return list(by)
+    return by
 
 
-def _columns(frame: pd.DataFrame, measures: Sequence[str] | None) -> list[str]:
-    names = [name for name in frame.columns if name in MEASURES] if measures is None else list(measures)
+def one_or_more(names: str | Sequence[str]) -> list[str]:
+    """Take a name on its own for a list of it, and not for one of letters."""
+    return [names] if isinstance(names, str) else list(names)
+
+
+def _columns(frame: pd.DataFrame, measures: str | Sequence[str] | None) -> list[str]:
+    if measures is None:
+        names = [name for name in frame.columns if name in MEASURES]
+    else:
+        names = one_or_more(measures)
     if not names:
         raise InputError.of("measures", names, f"some of {', '.join(map(str, frame.columns))}")
     for name in names:
