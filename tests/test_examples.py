@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from aimd_des import load_study
+from aimd_des.scenario.run_folder import load_run
 from aimd_des.study import read_study, run_study
 from aimd_des.study.workers import dask_executor
 from aimd_des.utils.parts import REGISTERED
@@ -54,6 +55,23 @@ def test_processes_and_a_fleet_agree(name: str) -> None:
         outcome = run(f"{name}.toml", "--agents", agents, "--out", agents, "--set", "until=60")
         assert outcome.exit_code == 0, outcome.output
     assert digest("process") == digest("fleet")
+
+
+def test_congestion_comes_at_the_same_times_whatever_it_does() -> None:
+    """So that runs of one seed are paired; another seed has other times."""
+
+    def changes(*settings: str) -> list[float]:
+        options = [word for setting in settings for word in ("--set", setting)]
+        words = ("--out", "out", "--overwrite", "--no-figures", "--set", "recording.events=true", *options)
+        assert run("congestion.toml", *words).exit_code == 0
+        log = load_run("out").frame("events")
+        return list(log["time"][log["kind"] == "channel"])
+
+    times = changes()
+    assert times[0] == 0.0
+    assert len(times) > 5
+    assert changes("interventions.0.congested=9.0", "interventions.0.loss_congested=0.5") == times
+    assert changes("seed=2") != times
 
 
 @pytest.mark.slow
