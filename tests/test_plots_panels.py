@@ -292,7 +292,7 @@ def test_a_raster_without_log_or_signals_says_so(run: Result) -> None:
     assert "No signal of resource 0" in said(signal_raster(empty_axes(), run, 0, end=0.01))
     with pytest.raises(InputError, match="resource = 2"):
         signal_raster(empty_axes(), run, 2)
-    with pytest.raises(InputError, match="agents = 12"):
+    with pytest.raises(InputError, match="agent = 12"):
         signal_raster(empty_axes(), run, 0, agents=[3, 12])
 
 

@@ -82,6 +82,29 @@ def test_a_panel_is_drawn_by_its_name(result: Result) -> None:
     assert axes.get_xlabel()
 
 
+@pytest.mark.parametrize(
+    ("kind", "others"),
+    [
+        ("error_histogram", {}),
+        ("averages_against_optimum", {}),
+        ("copies", {}),
+        ("score", {"agents": ["1", "2"]}),
+        ("signal_raster", {"agents": ["1", "2"]}),
+        ("agent_timeline", {"agent": "1"}),
+    ],
+)
+def test_panels_take_names_as_well_as_indices(result: Result, kind: str, others: dict[str, Any]) -> None:
+    names = result.problem.resource_names
+    by_name = result.plot(kind, resource=names[0], **others)
+    indices = {
+        key: int(value) if isinstance(value, str) else list(map(int, value)) for key, value in others.items()
+    }
+    assert by_name._repr_png_() == result.plot(kind, resource=0, **indices)._repr_png_()  # type: ignore[attr-defined]
+    for wrong in ("nothing", -1, 1.5):
+        with pytest.raises(InputError, match=r"^resource = "):
+            result.plot(kind, resource=wrong, **others)
+
+
 def test_every_panel_of_a_run_is_a_kind() -> None:
     takes = {
         name

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from aimd_des.plots import selection, style, units
 from aimd_des.plots.in_force import NEVER, Observation, measured
 from aimd_des.plots.panel import panel
+from aimd_des.problem.lookup import agent_indices
 from aimd_des.problem.optimum import Optimum
 from aimd_des.results.looks import looks
 from aimd_des.results.result import Result
@@ -37,9 +38,9 @@ def average_allocations(
     optimum : Optimum, optional
         What stands for the optimum of the problem at the end; default: the one in force at each time.
         What it gives these agents is drawn as dashed lines, which end where an agent is away.
-    agents : array_like of int, shape (q,), optional
-        Which agents, the same for all resources; default: three for each resource (fewer for
-        more than three resources), spread over the ranks of what they hold.
+    agents : array_like of str or int, shape (q,), optional
+        Which agents, by name or index, the same for all resources; default: three for each resource (fewer
+        for more than three resources), spread over the ranks of what they hold.
     """
     scale = units.scale_for_agents(result.problem)
     axes.set_ylabel(style.axis_label("average allocation", scale.unit))
@@ -76,8 +77,8 @@ def instantaneous_allocations(
         The run, with a tail of at least `last` recorded.
     last : int
         How many units of time; where the recording has too few samples there, its last samples, at any time.
-    agents : array_like of int, shape (q,), optional
-        Which agents, the same for all resources; default: for each resource the agent in
+    agents : array_like of str or int, shape (q,), optional
+        Which agents, by name or index, the same for all resources; default: for each resource the agent in
         the middle.
     """
     scale = units.scale_for_agents(result.problem)
@@ -198,5 +199,5 @@ def _chosen(result: Result, agents: npt.ArrayLike | None, count: int) -> npt.NDA
     """Which agents to draw for each resource, shape (m, q)."""
     if agents is None:
         return selection.typical_agents(result, count)
-    wanted = np.atleast_1d(np.asarray(agents, dtype=np.intp))
+    wanted = agent_indices(result.problem, np.ravel(agents).tolist())
     return np.tile(wanted, (result.problem.n_resources, 1))

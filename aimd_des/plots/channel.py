@@ -5,9 +5,9 @@ from matplotlib.axes import Axes
 
 from aimd_des.plots import signals, style
 from aimd_des.plots.panel import panel
+from aimd_des.problem.lookup import resource_index
 from aimd_des.results.event_log import Entry
 from aimd_des.results.result import Result
-from aimd_des.utils import validation
 from aimd_des.utils.validation import FloatArray
 
 # Greys: colours are of resources, which stand beside these bars.
@@ -15,7 +15,7 @@ _DELIVERED, _IN_FLIGHT, _LOST = "0.87", "0.6", "0.2"
 
 
 @panel
-def copies(axes: Axes, result: Result, resource: int) -> Axes:
+def copies(axes: Axes, result: Result, resource: str | int) -> Axes:
     """Draw what became of the copies of a resource's signals: delivered, in flight at the end or lost.
 
     Each agent has a bar, of a hundred agents spread evenly if there are more.
@@ -31,8 +31,8 @@ def copies(axes: Axes, result: Result, resource: int) -> Axes:
         If there is no such resource.
     """
     problem, account = result.problem, result.account
-    validation.integer("resource", resource, low=0, high=problem.n_resources - 1)
-    rows = signals.rows_of(problem.n_agents, None)
+    resource = resource_index(problem, resource)
+    rows = signals.rows_of(problem, None)
     parts = np.stack([of[resource, rows] for of in (account.delivered, account.in_flight, account.lost)])
     sent = parts.sum(axis=0)
     axes.set_xlabel("agent")

@@ -11,6 +11,7 @@ from aimd_des.plots.allocations import NOT_RECORDED
 from aimd_des.plots.expected import check_expected, draw_expected
 from aimd_des.plots.in_force import NEVER, NOBODY, Observation, measured
 from aimd_des.plots.panel import panel
+from aimd_des.problem.lookup import resource_index
 from aimd_des.problem.optimum import Optimum
 from aimd_des.results import metrics
 from aimd_des.results.looks import looks
@@ -28,7 +29,9 @@ _MEASURES = {"misallocation": "misallocation", "relative_error": "relative error
 
 
 @panel
-def averages_against_optimum(axes: Axes, result: Result, optimum: Optimum | None, resource: int) -> Axes:
+def averages_against_optimum(
+    axes: Axes, result: Result, optimum: Optimum | None, resource: str | int
+) -> Axes:
     """Draw what each agent holds on average at the end against what it should hold.
 
     On the line, an agent holds its optimal allocation; above it, more.
@@ -45,7 +48,7 @@ def averages_against_optimum(axes: Axes, result: Result, optimum: Optimum | None
     InputError
         If there is no such resource, or the optimum is for another number of agents.
     """
-    validation.integer("resource", resource, low=0, high=result.problem.n_resources - 1)
+    resource = resource_index(result.problem, resource)
     shared = result.problem.resources[resource]
     axes.set_xlabel(style.axis_label("optimal allocation", shared.unit))
     axes.set_ylabel(style.axis_label("average", shared.unit))

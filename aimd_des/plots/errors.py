@@ -8,6 +8,7 @@ from aimd_des.plots.allocations import NOT_RECORDED
 from aimd_des.plots.expected import check_expected, draw_expected
 from aimd_des.plots.in_force import NEVER, NOBODY, Observation, measured
 from aimd_des.plots.panel import panel
+from aimd_des.problem.lookup import resource_index
 from aimd_des.problem.optimum import Optimum
 from aimd_des.results import metrics
 from aimd_des.results.looks import looks
@@ -123,7 +124,7 @@ def cost_ratio(axes: Axes, result: Result, optimum: Optimum | None = None) -> Ax
 
 
 @panel
-def error_histogram(axes: Axes, result: Result, optimum: Optimum | None, resource: int) -> Axes:
+def error_histogram(axes: Axes, result: Result, optimum: Optimum | None, resource: str | int) -> Axes:
     """Draw how many agents end how far from their optimal allocation of one resource.
 
     Parameters
@@ -131,6 +132,7 @@ def error_histogram(axes: Axes, result: Result, optimum: Optimum | None, resourc
     result : Result
         The run.
     """
+    resource = resource_index(result.problem, resource)
     shared, last = result.problem.resources[resource], result.history[-1]
     axes.set_xlabel(style.plain(f"|average − optimum| of {style.resource_label(shared)}"))
     axes.set_ylabel("number of agents")

@@ -11,7 +11,7 @@ from aimd_des.utils.docstrings import described_like
 def _any_panel(
     axes: Axes,
     result: Result,
-    resource: int,
+    resource: str | int,
     optimum: Optimum | None,
     start: float,
     end: float | None,
@@ -25,16 +25,17 @@ def _any_panel(
         Where to draw.
     result : Result
         The run, with allocations recorded over time.
-    resource : int
-        j, counted from 0.
+    resource : str or int
+        Its name, or j, counted from 0.
     optimum : Optimum, optional
         What stands for the optimum of the problem at the end; default: the one in force at each time.
     start : float
         Where the window begins, in units of time.
     end : float, optional
         Where it ends; default: the end of the run.
-    agents : array_like of int, shape (q,), optional
-        Which agents, from the bottom to the top; default: all, or a hundred spread evenly over more.
+    agents : array_like of str or int, shape (q,), optional
+        Which agents, by name or index, from the bottom to the top; default: all, or a hundred spread evenly
+        over more.
 
     Returns
     -------

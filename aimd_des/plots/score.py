@@ -7,9 +7,9 @@ from matplotlib.collections import LineCollection
 
 from aimd_des.plots import signals, style
 from aimd_des.plots.panel import panel
+from aimd_des.problem.lookup import agent_index, resource_index
 from aimd_des.results.event_log import Entry
 from aimd_des.results.result import Result
-from aimd_des.utils import validation
 from aimd_des.utils.validation import BoolArray, FloatArray
 
 _NO_LOOKS = (
@@ -46,7 +46,7 @@ class _Copies:
 def score(
     axes: Axes,
     result: Result,
-    resource: int,
+    resource: str | int,
     *,
     start: float = 0.0,
     end: float | None = None,
@@ -69,8 +69,8 @@ def score(
     """
     first, last = signals.window(result, start, end)
     problem = result.problem
-    validation.integer("resource", resource, low=0, high=problem.n_resources - 1)
-    rows = signals.rows_of(problem.n_agents, agents)
+    resource = resource_index(problem, resource)
+    rows = signals.rows_of(problem, agents)
     axes.set_ylabel("agent")
     if result.log is None:
         return style.note(axes, signals.NO_LOG)
@@ -114,7 +114,13 @@ def score(
 
 @panel
 def agent_timeline(
-    axes: Axes, result: Result, agent: int, resource: int, *, start: float = 0.0, end: float | None = None
+    axes: Axes,
+    result: Result,
+    agent: str | int,
+    resource: str | int,
+    *,
+    start: float = 0.0,
+    end: float | None = None,
 ) -> Axes:
     """Draw what one agent demands of a resource, with the signals that reach it and those that do not.
 
@@ -124,8 +130,8 @@ def agent_timeline(
     ----------
     result : Result
         The run, with its log and dense samples of agents: ``Recording(allocations=0.05, events=True)``.
-    agent : int
-        i, counted from 0.
+    agent : str or int
+        Its name, or i, counted from 0.
 
     Raises
     ------
@@ -134,8 +140,8 @@ def agent_timeline(
     """
     first, last = signals.window(result, start, end)
     problem, seen = result.problem, result.observations
-    validation.integer("resource", resource, low=0, high=problem.n_resources - 1)
-    validation.integer("agent", agent, low=0, high=problem.n_agents - 1)
+    resource = resource_index(problem, resource)
+    agent = agent_index(problem, agent)
     shared = problem.resources[resource]
     axes.set_ylabel(style.axis_label(f"demand of agent {problem.agent_names[agent]}", shared.unit))
     if result.log is None:

@@ -6,6 +6,8 @@ from matplotlib.axes import Axes
 
 from aimd_des.plots import capacity, style, units
 from aimd_des.plots.panel import panel
+from aimd_des.problem.lookup import agent_indices, resource_index
+from aimd_des.problem.problem import Problem
 from aimd_des.results.event_log import Entry, EventLog
 from aimd_des.results.result import Result
 from aimd_des.utils import validation
@@ -71,7 +73,7 @@ def demand_and_signals(axes: Axes, result: Result, *, start: float = 0.0, end: f
 def signal_raster(
     axes: Axes,
     result: Result,
-    resource: int,
+    resource: str | int,
     *,
     start: float = 0.0,
     end: float | None = None,
@@ -96,8 +98,8 @@ def signal_raster(
     """
     first, last = window(result, start, end)
     n, shared = result.problem.n_agents, result.problem.resources
-    validation.integer("resource", resource, low=0, high=len(shared) - 1)
-    rows = rows_of(n, agents)
+    resource = resource_index(result.problem, resource)
+    rows = rows_of(result.problem, agents)
     axes.set_ylabel("agent")
     if result.log is None:
         return style.note(axes, NO_LOG)
@@ -158,14 +160,12 @@ def window(result: Result, start: float, end: float | None) -> tuple[float, floa
     return first, last
 
 
-def rows_of(n_agents: int, agents: npt.ArrayLike | None) -> npt.NDArray[np.intp]:
+def rows_of(problem: Problem, agents: npt.ArrayLike | None) -> npt.NDArray[np.intp]:
     """Say which agents are drawn, from the bottom to the top."""
+    n_agents = problem.n_agents
     if agents is None:
         return np.unique(np.linspace(0, n_agents - 1, min(n_agents, _MOST_ROWS)).astype(np.intp))
-    wanted = np.atleast_1d(np.asarray(agents))
-    for agent in wanted.tolist():
-        validation.integer("agents", agent, low=0, high=n_agents - 1)
-    return wanted.astype(np.intp)
+    return np.array(agent_indices(problem, np.ravel(agents).tolist()))
 
 
 def _entries(
