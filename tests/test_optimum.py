@@ -12,9 +12,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize
 
-from aimd_des.problem.costs import Costs, CoupledCosts, CustomCosts, PolynomialCosts
+from aimd_des.costs import ExponentialCosts, PowerCosts
+from aimd_des.problem.costs import (
+    Costs,
+    CoupledCosts,
+    CustomCosts,
+    PolynomialCosts,
+)
 from aimd_des.problem.optimum import Optimum, solve_optimum
+from aimd_des.problem.optimum.interior_point import follow_central_path
 from aimd_des.problem.optimum.nearby_optima import optimal_allocations
+from aimd_des.problem.optimum.newton import NEAR, newton_steps
+from aimd_des.problem.optimum.scaled_costs import ScaledCosts
+from aimd_des.problem.optimum.starting_point import power_law_start
 from aimd_des.problem.problem import Problem, Resource
 from aimd_des.utils.errors import InputError, SimulationError
 from aimd_des.utils.validation import FloatArray
@@ -75,16 +85,16 @@ def paper_like(n: int, seed: int) -> PolynomialCosts:
     return PolynomialCosts(range(1, 9), table)
 
 
-def coupled(n: int, m: int, seed: int, linear: float = 0.0) -> CoupledCosts:
+def coupled(n: int, m: int, seed: int, linear: float = 0.0, spread: float = 1.0) -> CoupledCosts:
     rng = np.random.default_rng(seed)
-    root = rng.uniform(size=(n, m, m))
+    root = spread * rng.uniform(size=(n, m, m))
     own = np.stack(
         [np.full((n, m), linear), rng.uniform(0.1, 2, (n, m)), rng.uniform(0.1, 2, (n, m))], axis=2
     )
     return CoupledCosts(
         PolynomialCosts([1, 2, 4], own * rng.uniform(0.1, 2, (n, m, 1))),
         quadratic=root @ root.transpose(0, 2, 1),
-        weights=rng.uniform(size=(n, m)),
+        weights=spread * rng.uniform(size=(n, m)),
         sum_exponents=[2, 4],
         sum_coefficients=rng.uniform(size=(n, 2)),
     )
@@ -159,16 +169,18 @@ def test_the_residual_of_a_wrong_allocation_is_large() -> None:
         assert kkt_residual(problem.costs, problem.capacity, optimum.allocation, wrong_multipliers) > 1e-7
 
 
-def test_quadratic_costs_share_in_inverse_proportion() -> None:
-    a = np.random.default_rng(12).uniform(1, 10, (60, 2))
+@pytest.mark.parametrize("n", [1, 60, 1000])
+def test_quadratic_costs_share_in_inverse_proportion(n: int) -> None:
+    a = np.random.default_rng(12).uniform(1, 10, (n, 2))
     optimum = solve_optimum(problem_of(PolynomialCosts([2], a[:, :, None]), [32.0, 5.0]))
     scale = np.array([32.0, 5.0]) / (1 / a).sum(axis=0)
     np.testing.assert_allclose(optimum.allocation, scale / a, rtol=1e-9)
     np.testing.assert_allclose(optimum.multipliers, 2 * scale, rtol=1e-9)
 
 
-def test_quartic_costs_share_by_the_cube_root() -> None:
-    a = 10.0 ** np.random.default_rng(13).uniform(-6, 6, (60, 1))
+@pytest.mark.parametrize("n", [1, 60, 1000])
+def test_quartic_costs_share_by_the_cube_root(n: int) -> None:
+    a = 10.0 ** np.random.default_rng(13).uniform(-6, 6, (n, 1))
     optimum = solve_optimum(problem_of(PolynomialCosts([4], a[:, :, None]), [7.0]))
     weights = a ** (-1 / 3)
     np.testing.assert_allclose(optimum.allocation, 7.0 * weights / weights.sum(), rtol=1e-9)
@@ -196,31 +208,90 @@ def test_linear_costs_go_to_the_cheapest() -> None:
 def one_dimensional_dual(costs: PolynomialCosts, capacity: list[float]) -> FloatArray:
     """Separable costs, one resource at a time: find the price at which the agents' answers add up."""
     answers = np.zeros(costs.coefficients.shape[:2])
+    near: Any = {"xtol": 1e-300, "rtol": 1e-14, "maxiter": 1000}  # small capacities have small prices
     for j, total in enumerate(capacity):
         slopes = [np.polynomial.Polynomial(costs.slopes[:, i, j]) for i in range(costs.n_agents)]
 
         def answer(price: float, slope: Any, total: float = total) -> float:
             if slope(0.0) >= price:
                 return 0.0
-            return float(brentq(lambda x: slope(x) - price, 0.0, 2 * total, xtol=1e-15, rtol=1e-14))
+            return float(brentq(lambda x: slope(x) - price, 0.0, 2 * total, **near))
 
         def excess(price: float, slopes: list[Any] = slopes, total: float = total) -> float:
             return sum(answer(price, slope) for slope in slopes) - total
 
         highest = min(slope(total) for slope in slopes)
-        price = brentq(excess, 0.0, highest, xtol=1e-15, rtol=1e-14)
+        price = brentq(excess, 0.0, highest, **near)
         answers[:, j] = [answer(price, slope) for slope in slopes]
     return answers
 
 
-@pytest.mark.parametrize("name", ["paper", "active bounds"])
+# The last of twenty agents costs so much that it just holds nothing: plain Newton steps are tried in vain.
+ONE_LEFT_OUT = PolynomialCosts([1, 2], [[[0.0, 1.0 + 0.1 * i]] for i in range(19)] + [[[1.42, 30.0]]])
+ON_THEIR_OWN = {
+    "paper": CASES["paper"],
+    "active bounds": CASES["active bounds"],
+    "one agent": (paper_like(1, 21), [32.0, 20.0, 25.0]),
+    "tiny capacities": (paper_like(20, 22), [1e-6, 1e-4, 1e-5]),
+    "huge capacities": (paper_like(20, 23), [1e5, 1e6, 1e4]),
+    "equal costs": (PolynomialCosts([2, 4], np.ones((20, 2, 2))), [3.0, 500.0]),
+    "one left out": (ONE_LEFT_OUT, [7.5]),
+}
+
+
+@pytest.mark.parametrize("name", ON_THEIR_OWN)
 def test_agrees_with_a_one_dimensional_dual(name: str) -> None:
-    costs, capacity = CASES[name]
+    costs, capacity = ON_THEIR_OWN[name]
     assert isinstance(costs, PolynomialCosts)
     expected = one_dimensional_dual(costs, capacity)
+    problem = problem_of(costs, capacity)
+    optimum = solve_optimum(problem)
+    check(problem, optimum)
+    scale = problem.capacity / problem.n_agents
+    np.testing.assert_allclose(optimum.allocation / scale, expected / scale, rtol=1e-8, atol=1e-9)
+    assert (expected == 0).any() == (name in ("active bounds", "one left out"))
+
+
+def scaled_of(costs: Costs, capacity: npt.ArrayLike) -> ScaledCosts:
+    return ScaledCosts(costs, np.asarray(capacity) / costs.n_agents)
+
+
+@pytest.mark.parametrize(
+    ("costs", "capacity"),
+    [
+        pytest.param(paper_like(60, 24), [32.0, 20.0, 25.0], id="separable"),
+        pytest.param(coupled(60, 3, 25, spread=0.05), [10.0, 20.0, 30.0], id="coupled"),
+        pytest.param(ExponentialCosts(np.linspace(9.0, 11.0, 60)[:, None]), [600.0], id="exponential"),
+        pytest.param(
+            PowerCosts([1.5, 2.5], np.linspace(1.0, 2.0, 120).reshape(60, 1, 2)), [30.0], id="powers"
+        ),
+    ],
+)
+def test_plain_steps_from_nearby_end_where_the_central_path_does(costs: Costs, capacity: list[float]) -> None:
+    scaled = scaled_of(costs, capacity)
+    start = power_law_start(scaled)
+    assert 1e-10 < start.residual < NEAR
+    plain, taken = newton_steps(scaled, start, 1e-10)
+    assert plain is not None
+    central, _ = follow_central_path(scaled, start, 1e-10, 50)
+    assert max(plain.residual, central.residual) <= 1e-10
+    np.testing.assert_allclose(plain.shares, central.shares, atol=1e-9)
+    np.testing.assert_allclose(plain.multipliers, central.multipliers, rtol=1e-9)
     optimum = solve_optimum(problem_of(costs, capacity))
-    np.testing.assert_allclose(optimum.allocation, expected, rtol=1e-8, atol=1e-9)
-    assert (expected == 0).any() == (name == "active bounds")
+    np.testing.assert_array_equal(optimum.allocation, plain.shares * scaled.equal_share)
+    assert optimum.iterations == taken
+
+
+def test_plain_steps_that_lead_out_of_the_bounds_are_given_up_and_counted() -> None:
+    costs, capacity = ON_THEIR_OWN["one left out"]
+    scaled = scaled_of(costs, capacity)
+    start = power_law_start(scaled)
+    assert start.residual < NEAR
+    assert newton_steps(scaled, start, 1e-10) == (None, 1)
+    central, taken = follow_central_path(scaled, start, 1e-10, 50)
+    optimum = solve_optimum(problem_of(costs, capacity))
+    np.testing.assert_array_equal(optimum.allocation, central.shares * scaled.equal_share)
+    assert optimum.iterations == 1 + taken
 
 
 def clarabel(costs: CoupledCosts | PolynomialCosts, capacity: list[float]) -> tuple[FloatArray, float]:
@@ -440,10 +511,9 @@ def test_what_is_asked_for_wrongly_is_refused() -> None:
 
 def test_what_is_not_found_is_said() -> None:
     problem = problem_of(*CASES["active bounds"])
-    with pytest.raises(
-        SimulationError, match=r"KKT residual [\d.e-]+ after 2 iterations, wanted at most 1e-10"
-    ):
-        solve_optimum(problem, max_iterations=2)
+    for other, most in ((problem, 2), (problem_of(*CASES["paper"]), 1)):
+        with pytest.raises(SimulationError, match=rf"[\d.e-]+ after {most} iterations, wanted at most 1e-10"):
+            solve_optimum(other, max_iterations=most)
     overflow = problem_of(PolynomialCosts([64], np.ones((2, 1, 1))), [1e9])
     with pytest.raises(SimulationError, match="KKT residual inf"):
         solve_optimum(overflow)

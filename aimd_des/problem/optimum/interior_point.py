@@ -19,29 +19,19 @@ from functools import cached_property
 
 import numpy as np
 
-from aimd_des.problem.optimum.starting_point import ScaledCosts, power_law_start
+from aimd_des.problem.optimum.newton import inverse_blocks, solve_scaled
+from aimd_des.problem.optimum.scaled_costs import Candidate, ScaledCosts
 from aimd_des.utils.validation import FloatArray
 
-# A multiple of each block's diagonal that keeps it invertible where the Hessian is singular (costs
-# that are linear in some direction).  It bends the Newton direction a little, never the solution.
-_REGULARIZATION = 1e-14
 # Where share and reduced gradient both vanish, each ends at the square root of this.
 _SMALLEST_TAU = 1e-22
 
 
 @dataclass(frozen=True, eq=False)
-class Iterate:
+class _Iterate(Candidate):
     """A point on the way to the optimum."""
 
-    shares: FloatArray
-    multipliers: FloatArray
     bound_multipliers: FloatArray
-    gradient: FloatArray
-
-    @cached_property
-    def price(self) -> FloatArray:
-        """The mean price paid, w (m,): equal to nu at the optimum and positive everywhere."""
-        return np.asarray((self.shares * self.gradient).mean(axis=0))
 
     @cached_property
     def tau(self) -> float:
@@ -56,22 +46,13 @@ class _Direction:
     bound_multipliers: FloatArray
 
 
-def kkt_residual(shares: FloatArray, gradient: FloatArray, multipliers: FloatArray) -> float:
-    """Evaluate the residual that `solve_optimum` defines."""
-    if not ((multipliers > 0).all() and np.isfinite(gradient).all()):
-        return float(np.inf)
-    reduced = gradient / multipliers - 1
-    feasibility = np.abs(shares.mean(axis=0) - 1).max()
-    stationarity = np.abs(np.minimum(shares, reduced)).max()
-    complementarity = (shares * np.maximum(reduced, 0)).max()
-    return float(max(feasibility, stationarity, complementarity))
-
-
-def follow_central_path(scaled: ScaledCosts, tolerance: float, max_iterations: int) -> tuple[Iterate, int]:
-    """Take Newton steps until the residual is within the tolerance."""
-    point = _start(scaled)
+def follow_central_path(
+    scaled: ScaledCosts, start: Candidate, tolerance: float, max_iterations: int
+) -> tuple[Candidate, int]:
+    """Take Newton steps until the residual is within the tolerance, and count them."""
+    point = _with_bounds(start)
     for iteration in range(max_iterations):
-        if kkt_residual(point.shares, point.gradient, point.multipliers) <= tolerance:
+        if point.residual <= tolerance:
             return point, iteration
         following = _newton_step(scaled, point)
         if following is None:
@@ -80,15 +61,14 @@ def follow_central_path(scaled: ScaledCosts, tolerance: float, max_iterations: i
     return point, max_iterations
 
 
-def _start(scaled: ScaledCosts) -> Iterate:
+def _with_bounds(start: Candidate) -> _Iterate:
     """Put bound multipliers to the shares that a power law gives, near the central path of tau = 1."""
-    shares, gradient, multipliers = power_law_start(scaled)
-    price = (shares * gradient).mean(axis=0)
-    central = 0.1 * price / np.maximum(shares, 0.1)
-    return Iterate(shares, multipliers, np.maximum(gradient - multipliers, central), gradient)
+    central = 0.1 * start.price / np.maximum(start.shares, 0.1)
+    bounds = np.maximum(start.gradient - start.multipliers, central)
+    return _Iterate(start.shares, start.gradient, start.multipliers, bounds)
 
 
-def _newton_step(scaled: ScaledCosts, point: Iterate) -> Iterate | None:
+def _newton_step(scaled: ScaledCosts, point: _Iterate) -> _Iterate | None:
     """Take one step: a predictor chooses the next tau, a corrected direction goes there; None if it fails."""
     y, z, price = point.shares, point.bound_multipliers, point.price
     blocks = scaled.hessian(y)
@@ -112,28 +92,15 @@ def _newton_step(scaled: ScaledCosts, point: Iterate) -> Iterate | None:
         return None
     step, gradient = found
     step_z = _step_to_bound(z, direction.bound_multipliers, _fraction_to_bound(point.tau))
-    return Iterate(
+    return _Iterate(
         y + step * direction.shares,
+        gradient,
         point.multipliers + step * direction.multipliers,
         z + step_z * direction.bound_multipliers,
-        gradient,
     )
 
 
-def _unit_diagonal(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Scale rows and columns, (..., m), so that the diagonals are 1: prices may differ by any factor."""
-    scale = 1.0 / np.sqrt(np.einsum("...jj->...j", matrices))
-    return matrices * (scale[..., :, None] * scale[..., None, :]), scale
-
-
-def inverse_blocks(blocks: FloatArray) -> FloatArray:
-    """Invert the positive definite blocks (n, m, m), nearly singular ones included."""
-    unit, scale = _unit_diagonal(blocks)
-    np.einsum("ijj->ij", unit)[...] = 1.0 + _REGULARIZATION
-    return np.asarray(np.linalg.inv(unit) * (scale[:, :, None] * scale[:, None, :]))
-
-
-def _newton_direction(point: Iterate, inverse: FloatArray, products: FloatArray) -> _Direction:
+def _newton_direction(point: _Iterate, inverse: FloatArray, products: FloatArray) -> _Direction:
     """Solve the Newton system in which y z is to change by -`products`.
 
     dz is eliminated first, then the blocks of the agents, which leaves m equations for d nu.
@@ -141,8 +108,7 @@ def _newton_direction(point: Iterate, inverse: FloatArray, products: FloatArray)
     y, z = point.shares, point.bound_multipliers
     free = np.einsum("ijk,ik->ij", inverse, point.multipliers + z - point.gradient - products / y)
     lacking = (1 - y).sum(axis=0) - free.sum(axis=0)
-    schur, scale = _unit_diagonal(inverse.sum(axis=0))
-    multipliers = scale * np.linalg.solve(schur, scale * lacking)
+    multipliers = solve_scaled(inverse.sum(axis=0), lacking)
     shares = free + inverse @ multipliers
     return _Direction(shares, multipliers, -(products + z * shares) / y)
 
@@ -161,7 +127,7 @@ def _fraction_to_bound(tau: float) -> float:
 
 
 def _line_search(
-    scaled: ScaledCosts, point: Iterate, direction: _Direction, target: FloatArray, halvings: int
+    scaled: ScaledCosts, point: _Iterate, direction: _Direction, target: FloatArray, halvings: int
 ) -> tuple[float, FloatArray] | None:
     """Halve the step until the barrier function sum_i f_i - sum target log(y) no longer rises steeply.
 

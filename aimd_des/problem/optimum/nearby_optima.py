@@ -6,13 +6,12 @@ Newton's method finds an optimum at which all agents hold something quickly from
 
 import numpy as np
 
-from aimd_des.problem.optimum.interior_point import inverse_blocks, kkt_residual
+from aimd_des.problem.optimum.newton import newton_steps
 from aimd_des.problem.optimum.optimum import solve_optimum
-from aimd_des.problem.optimum.starting_point import ScaledCosts
+from aimd_des.problem.optimum.scaled_costs import Candidate, ScaledCosts
 from aimd_des.problem.problem import Problem
 from aimd_des.utils.validation import FloatArray
 
-_STEPS = 6
 _RESIDUAL = 1e-10
 
 
@@ -31,15 +30,5 @@ def _from_near(problem: Problem, capacity: FloatArray, start: FloatArray) -> Flo
     shares = start / start.mean(axis=0)
     with np.errstate(all="ignore"):
         gradient = scaled.gradient(shares)
-        multipliers = gradient.mean(axis=0)
-        for _ in range(_STEPS):
-            if kkt_residual(shares, gradient, multipliers) <= _RESIDUAL:
-                return np.asarray(shares * scaled.equal_share)
-            inverse = inverse_blocks(scaled.hessian(shares))
-            free = np.einsum("ijk,ik->ij", inverse, gradient)
-            multipliers = np.linalg.solve(inverse.sum(axis=0), (1.0 - shares).sum(axis=0) + free.sum(axis=0))
-            shares = shares + inverse @ multipliers - free
-            if not (shares > 0.0).all():
-                return None
-            gradient = scaled.gradient(shares)
-    return None
+        point, _ = newton_steps(scaled, Candidate(shares, gradient, gradient.mean(axis=0)), _RESIDUAL)
+    return None if point is None else np.asarray(point.shares * scaled.equal_share)

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.problem.optimum.interior_point import follow_central_path, kkt_residual
-from aimd_des.problem.optimum.starting_point import ScaledCosts
+from aimd_des.problem.optimum.interior_point import follow_central_path
+from aimd_des.problem.optimum.newton import NEAR, newton_steps
+from aimd_des.problem.optimum.scaled_costs import Candidate, ScaledCosts
+from aimd_des.problem.optimum.starting_point import power_law_start
 from aimd_des.problem.problem import Problem
 from aimd_des.utils import validation
 from aimd_des.utils.errors import SimulationError
@@ -69,7 +71,7 @@ def solve_optimum(
     tolerance : float
         The KKT residual to reach, 1e-14 to 1e-2.
     max_iterations : int
-        Newton steps after which to give up; 3 to 15 are usual, 50 are many.
+        Newton steps after which to give up; 1 to 15 are usual, 50 are many.
 
     Returns
     -------
@@ -120,12 +122,11 @@ def solve_optimum(
     # Trial points may overflow steep costs: the line search turns back from values that are not
     # finite, and a residual that is not finite ends in the error below.
     with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
-        point, iterations = follow_central_path(scaled, wanted, last)
-        residual = kkt_residual(point.shares, point.gradient, point.multipliers)
-    if not residual <= wanted:
+        point, iterations = _search(scaled, wanted, last)
+    if not point.residual <= wanted:
         raise SimulationError(
-            f"optimum not found: KKT residual {residual:.3g} after {iterations} iterations, wanted at most"
-            f" {wanted:g}; check that the costs are convex, increasing, smooth and finite up to the"
+            f"optimum not found: KKT residual {point.residual:.3g} after {iterations} iterations, wanted at"
+            f" most {wanted:g}; check that the costs are convex, increasing, smooth and finite up to the"
             " capacities, or raise tolerance or max_iterations"
         )
     allocation = _read_only(point.shares * scaled.equal_share)
@@ -133,9 +134,20 @@ def solve_optimum(
         allocation=allocation,
         multipliers=_read_only(point.multipliers / scaled.equal_share),
         cost=float(problem.costs.value(allocation).sum()),
-        kkt_residual=residual,
+        kkt_residual=point.residual,
         iterations=iterations,
     )
+
+
+def _search(scaled: ScaledCosts, tolerance: float, max_iterations: int) -> tuple[Candidate, int]:
+    """Take plain Newton steps where the start is near, and follow the central path where they fail."""
+    start, taken = power_law_start(scaled), 0
+    if start.residual < NEAR:
+        point, taken = newton_steps(scaled, start, tolerance, max_iterations)
+        if point is not None:
+            return point, taken
+    found, more = follow_central_path(scaled, start, tolerance, max_iterations - taken)
+    return found, taken + more
 
 
 def _read_only(values: FloatArray) -> FloatArray:

@@ -1,10 +1,8 @@
-"""Scales for the interior point method, and a start that fits them."""
-
-from dataclasses import dataclass
+"""Where the search for the optimum begins."""
 
 import numpy as np
 
-from aimd_des.problem.costs import Costs
+from aimd_des.problem.optimum.scaled_costs import Candidate, ScaledCosts
 from aimd_des.utils.validation import FloatArray
 
 # More sweeps, or smaller shares, were no better on trials with coefficients from 1e-6 to 1e6.
@@ -12,23 +10,7 @@ _SWEEPS = 8
 _SMALLEST_SHARE = 1e-13
 
 
-@dataclass(frozen=True, eq=False)
-class ScaledCosts:
-    """Costs as functions of shares, multiples of C / n: units and the number of agents drop out."""
-
-    costs: Costs
-    equal_share: FloatArray
-
-    def gradient(self, shares: FloatArray) -> FloatArray:
-        """Evaluate the derivatives by the shares."""
-        return self.costs.gradient(shares * self.equal_share) * self.equal_share
-
-    def hessian(self, shares: FloatArray) -> FloatArray:
-        """Evaluate the second derivatives by the shares."""
-        return self.costs.hessian(shares * self.equal_share) * np.outer(self.equal_share, self.equal_share)
-
-
-def power_law_start(scaled: ScaledCosts) -> tuple[FloatArray, FloatArray, FloatArray]:
+def power_law_start(scaled: ScaledCosts) -> Candidate:
     """Find shares by sweeps that take each derivative for a power of its share.
 
     From equal shares alone Newton's method would need very many steps where derivatives differ by
@@ -50,7 +32,7 @@ def power_law_start(scaled: ScaledCosts) -> tuple[FloatArray, FloatArray, FloatA
         gradient = scaled.gradient(shares)
         if np.abs(np.log(shares) - log_shares).max() < 0.5:
             break
-    return shares, gradient, np.exp(log_nu)
+    return Candidate(shares, gradient, np.exp(log_nu))
 
 
 def _power_law_multipliers(
@@ -62,8 +44,9 @@ def _power_law_multipliers(
         exponents = log_shares + (log_nu - log_gradient) / elasticity
         largest = exponents.max(axis=0)
         terms = np.exp(exponents - largest)
-        excess = largest + np.log(terms.mean(axis=0))
-        log_nu = log_nu - excess * terms.sum(axis=0) / (terms / elasticity).sum(axis=0)
+        total = terms.sum(axis=0)
+        excess = largest + np.log(total / len(terms))
+        log_nu = log_nu - excess * total / (terms / elasticity).sum(axis=0)
         if np.abs(excess).max() < 1e-6:
             break
     return np.asarray(log_nu)
