@@ -178,6 +178,33 @@ def test_what_is_deferred_is_compiled_when_it_is_first_called_and_then_comes_fro
 
 
 @jit.deferred
+def _inner(x: float) -> float:
+    return 2.0 * x
+
+
+@jit.shared
+def _both(x: float) -> float:
+    return 2.0 * x
+
+
+@jit.kernel
+def _ask_both(x: float) -> float:
+    return _inner(x) + _both(x)
+
+
+@pytest.mark.skipif(not compiling.DEFERS, reason="this Numba defers nothing")
+def test_what_is_deferred_has_no_way_in_from_python_and_what_is_shared_has_one() -> None:
+    assert _ask_both(1.5) == 6.0
+    for deferred, expected in ((_inner, False), (_both, True)):
+        (made,) = deferred.dispatcher.overloads.values()  # type: ignore[attr-defined]
+        way_in = made.library.get_pointer_to_function(made.fndesc.llvm_cpython_wrapper_name)
+        assert bool(way_in) == expected
+    with pytest.raises(TypeError, match="_inner: only compiled code can call it"):
+        _inner(1.5)
+    assert _both(1.5) == 3.0
+
+
+@jit.deferred
 def _wrong(x: float) -> int:
     return 2.5 * x  # type: ignore[return-value]
 

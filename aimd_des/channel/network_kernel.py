@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aimd_des.utils.jit import deferred
+from aimd_des.utils.jit import shared
 from aimd_des.utils.records import record
 from aimd_des.utils.validation import BoolArray, FloatArray, IntArray
 
@@ -57,7 +57,7 @@ def network_table(
     )
 
 
-@deferred
+@shared
 def spread(network: NetworkTable, lost: BoolArray, departure: float, arrival: FloatArray) -> None:
     """Let a broadcast run over the arcs."""
     # Infinity is where the broadcast has not come yet, and stays where it never does: so a lost copy is one

@@ -11,7 +11,7 @@ from aimd_des.channel.loss.kernels import LossTable, forgotten_loss, loss_row, r
 from aimd_des.channel.network_kernel import NetworkTable, network_table, spread
 from aimd_des.channel.random_draws import LANES_PER_COPY
 from aimd_des.utils.errors import InputError
-from aimd_des.utils.jit import deferred, kernel
+from aimd_des.utils.jit import deferred, kernel, shared
 from aimd_des.utils.locked_arrays import each
 from aimd_des.utils.records import record
 from aimd_des.utils.rng import Key, Purpose, uniforms_row
@@ -120,7 +120,7 @@ def _transmit_seconds(
         second[i] = departure + second[i] if twice else np.inf
 
 
-@deferred
+@shared
 def transmit(
     table: ChannelTable, resource: int, number: int, departure: float, arrival: FloatArray, second: FloatArray
 ) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 
 from aimd_des.utils import rng, validation
 from aimd_des.utils.errors import InputError
-from aimd_des.utils.jit import deferred, kernel
+from aimd_des.utils.jit import kernel, shared
 from aimd_des.utils.rng import Key, uniform_at
 from aimd_des.utils.shown import brief
 from aimd_des.utils.validation import FloatArray
@@ -38,7 +38,7 @@ def next_tick(phase: float, period: float, jitter: float, key: Key, agent: int, 
     return float(tick)
 
 
-@deferred
+@shared
 def next_ticks(
     phase: FloatArray, period: FloatArray, jitter: FloatArray, key: Key, time: float, out: FloatArray
 ) -> None:

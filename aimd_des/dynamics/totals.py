@@ -16,7 +16,7 @@ from aimd_des.dynamics.averaging import (
 )
 from aimd_des.dynamics.demand import demand_at
 from aimd_des.dynamics.state import AgentParameters, State
-from aimd_des.utils.jit import deferred, formula, kernel
+from aimd_des.utils.jit import deferred, formula, kernel, shared
 from aimd_des.utils.validation import FloatArray
 
 
@@ -177,7 +177,7 @@ def _observe_totals_in_turn(
         average[j] = used
 
 
-@deferred
+@shared
 def observe_totals(
     state: State,
     parameters: AgentParameters,

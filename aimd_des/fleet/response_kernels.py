@@ -43,7 +43,7 @@ from aimd_des.fleet.radix_heap import move, places, raise_due, release, time_of
 from aimd_des.fleet.row_kernels import settle_rows
 from aimd_des.fleet.row_queue import is_alone, is_due, must_leave, spill
 from aimd_des.problem.costs.kernels import add_terms, horner_step
-from aimd_des.utils.jit import deferred, formula
+from aimd_des.utils.jit import deferred, formula, shared
 
 
 @formula
@@ -339,7 +339,7 @@ def _settle_queue(agents: FleetAgents, queue: int, time: float, limit: int) -> N
             ends[queue, DUE], ends[queue, LATER] = ends[queue, LATER], -1
 
 
-@deferred
+@shared
 def settle(
     agents: FleetAgents, integrals: FleetOvershoot, first: int, last: int, time: float, limit: int
 ) -> None:

@@ -13,7 +13,7 @@ from aimd_des.fleet.arrays import FleetAgents
 from aimd_des.fleet.broadcast_rows import BroadcastRows
 from aimd_des.fleet.in_flight import FORGOTTEN, CopiesInFlight
 from aimd_des.fleet.radix_heap import bits_of, is_empty, put, time_of
-from aimd_des.utils.jit import deferred, formula
+from aimd_des.utils.jit import deferred, formula, shared
 from aimd_des.utils.rng import uniforms_row
 from aimd_des.utils.validation import FloatArray
 
@@ -100,7 +100,7 @@ def end_row(copies: CopiesInFlight, rows: BroadcastRows, resource: int) -> None:
         _move_up(copies, rows, resource)
 
 
-@deferred
+@shared
 def spill(copies: CopiesInFlight, rows: BroadcastRows, resource: int) -> None:
     """Put all copies about a resource into its heap; there is always room for them."""
     j = resource

@@ -208,12 +208,19 @@ def _without_collector() -> Iterator[None]:
 
 
 def compiled(
-    function: _Function, imported: float, announced: str = "", *, apart: bool = False, **options: bool
+    function: _Function,
+    imported: float,
+    announced: str = "",
+    *,
+    apart: bool = False,
+    inner: bool = False,
+    **options: bool,
 ) -> Any:
-    """Compile to machine code for Python; kernels that call it take in a part of it, or call it apart."""
+    """Compile to machine code, inner or for Python; kernels that call it take in a part, or call it apart."""
     if numba.config.DISABLE_JIT:
         return _interpreted(function)
-    dispatcher = numba.njit(nogil=True, **_KERNEL, **_SEMANTICS, **options)(function)
+    way_in = {"no_cpython_wrapper": True} if inner else {}
+    dispatcher = numba.njit(nogil=True, **_KERNEL, **way_in, **_SEMANTICS, **options)(function)
     cache = dispatcher._cache = _cache_for(function, imported, announced)
     compile_now = dispatcher.compile
 

@@ -64,6 +64,7 @@ class Kernel:
     # caller and machine code.
     __slots__ = ("__call__", "__dict__", "_dispatcher", "_options", "py_func")
     __call__: Callable[..., Any]
+    _dispatcher: Any
 
     def __init__(self, function: Callable[..., Any], **options: Any) -> None:
         self.py_func, self._options, self._dispatcher = function, options, None
@@ -71,6 +72,8 @@ class Kernel:
         update_wrapper(self, function)
 
     def _first_call(self, *args: Any, **named: Any) -> Any:
+        if self._options.get("inner") and hasattr(self.dispatcher, "overloads"):
+            raise TypeError(f"{self.py_func.__name__}: only compiled code can call it")
         return self.dispatcher(*args, **named)
 
     @property
@@ -81,7 +84,9 @@ class Kernel:
                 from aimd_des.utils.compiling import compiled
 
                 teach_numba()
-                self._dispatcher = self.__call__ = compiled(self.py_func, _IMPORTED, **self._options)
+                self._dispatcher = compiled(self.py_func, _IMPORTED, **self._options)
+                if not self._options.get("inner"):  # else a call from Python would end the process
+                    self.__call__ = self._dispatcher
         return self._dispatcher
 
     @property
@@ -140,8 +145,14 @@ def deferred(function: _Function) -> _Function:
     """Compile a function by itself, when it is first called, to machine code that all its callers share.
 
     For what not every run needs, and for what several kernels call once for many agents.  Its result has the
-    type that its annotation says.
+    type that its annotation says.  Python cannot call it: what would take its records apart takes as long to
+    compile as a small kernel.
     """
+    return cast(_Function, Kernel(function, apart=True, inner=True))
+
+
+def shared(function: _Function) -> _Function:
+    """Compile a function as `deferred` does, for Python to call as well."""
     return cast(_Function, Kernel(function, apart=True))
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aimd_des.utils import validation
-from aimd_des.utils.jit import deferred, formula, instruction, kernel, routine
+from aimd_des.utils.jit import formula, instruction, kernel, routine, shared
 from aimd_des.utils.opaque import opaque
 from aimd_des.utils.validation import FloatArray
 
@@ -134,7 +134,7 @@ def four_uniforms(key: Key, resource: int, number: int, lane: int, block: int) -
     )
 
 
-@deferred
+@shared
 def uniforms_row(key: Key, resource: int, number: int, lane: int, out: FloatArray) -> None:
     """Fill `out` with the draws of agents 0, 1, ... for one broadcast."""
     n, whole = out.shape[0], out.shape[0] // FOUR
