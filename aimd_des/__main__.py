@@ -4,6 +4,7 @@ The first Ctrl-C is a `KeyboardInterrupt`, so that what is under way is put in o
 process at once.  When everything is done, there is nothing left to end.
 """
 
+import gc
 import os
 import signal
 import sys
@@ -18,6 +19,9 @@ __all__ = ["main"]
 
 # As `aimd_des.cli.errors` has it, which takes its time to import.
 _INTERRUPTED = 130
+
+# Commands that run systems, and make garbage for as long as they do.
+_RUNNING = {"run", "watch", "live", "emulate", "sweep"}
 
 
 def _press(number: int, frame: "FrameType | None") -> "NoReturn":  # noqa: ARG001 - of a signal handler
@@ -38,6 +42,9 @@ def _stop() -> "NoReturn":
 def main() -> "NoReturn":
     """Run the command that the command line of this process gives."""
     signal.signal(signal.SIGINT, _press)
+    if _RUNNING.isdisjoint(sys.argv[1:2]):
+        # The others mostly import: to search what that makes, again and again, takes a tenth of their time.
+        gc.disable()
     try:
         from aimd_des.cli import main as command
 

@@ -74,7 +74,7 @@ PLAIN: dict[str, tuple[list[str], dict[str, str]]] = {
     "report, of a study": (["-m", "aimd_des", "report", "study", "--overwrite"], {}),
     "sweep, with nothing to do": (_SWEEP, {}),
     "Tab on --set": (
-        ["-c", "from aimd_des.cli import main; main(prog_name='aimd-des')"],
+        ["-m", "aimd_des"],
         {
             "_AIMD_DES_COMPLETE": "bash_complete",
             "COMP_WORDS": "aimd-des run scenario.toml --set chan",

@@ -181,6 +181,21 @@ def test_the_command_in_a_process_of_its_own() -> None:
     )
 
 
+@pytest.mark.parametrize(("arguments", "searched"), [("show --help", False), ("sweep --help", True)])
+def test_only_commands_that_run_systems_have_their_garbage_collected(arguments: str, searched: bool) -> None:
+    program = (
+        "import gc\n"
+        "from aimd_des.__main__ import main\n"
+        "try:\n"
+        "    main()\n"
+        "finally:\n"
+        "    print(gc.isenabled())\n"
+    )
+    outcome = python("-c", program, *arguments.split())
+    assert outcome.returncode == 0, outcome.stderr
+    assert outcome.stdout.splitlines()[-1] == str(searched)
+
+
 def test_a_reader_who_has_seen_enough_is_no_reason_to_complain() -> None:
     command = [sys.executable, "-m", "aimd_des", "completion", "zsh"]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
