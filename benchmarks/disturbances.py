@@ -163,6 +163,7 @@ def _recorded() -> dict[str, dict[str, Any]]:
         "agent processes": {"agents": AgentProcess},
         "agent processes, event log": {"agents": AgentProcess, "recording": log},
         "clock in common": clock,
+        "clock, latency 5 for all": {**clock, "channel": BroadcastChannel(5.0, loss.Bernoulli(0.1))},
         "own clocks": {**clock, "clocks": own},
         "own clocks with jitter": {**clock, "clocks": jitter},
         "clock in common, overshoot": {**clock, "recording": overshoot},

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from aimd_des import (
     BroadcastChannel,
+    Clocks,
     Crossing,
     Fleet,
     PolynomialCosts,
@@ -176,7 +177,7 @@ def test_all_rules_are_answered_in_rows(parts: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     "parts",
     [
-        {"dynamics": "discrete", "control_unit": Sampled()},
+        {"dynamics": "discrete", "control_unit": Sampled(), "clocks": Clocks(phase="random")},
         {"averaging": averaging.Window(10.0)},
         {"averaging": averaging.Forgetting(10.0)},
         {"averaging": averaging.Polynomial(2.0)},
@@ -185,7 +186,9 @@ def test_all_rules_are_answered_in_rows(parts: dict[str, Any]) -> None:
     ],
     ids=lambda parts: next(iter(parts)),
 )
-def test_other_averages_compensation_and_duplicates_are_answered_from_heaps(parts: dict[str, Any]) -> None:
+def test_own_clocks_other_averages_compensation_and_duplicates_are_answered_from_heaps(
+    parts: dict[str, Any],
+) -> None:
     found, result = rows_of(smart_cameras(seed=0), 20.0, **{"channel": LATE, **parts})
     assert result.account.responses.sum() > 10
     assert not any(rows.enabled or rows.serving.any() for rows in found)

@@ -7,9 +7,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aimd_des import BroadcastChannel, Clocks, Crossing, Fleet, Problem, Recording, Sampled, Simulation
+from aimd_des import (
+    AgentProcess,
+    BroadcastChannel,
+    Clocks,
+    Crossing,
+    Fleet,
+    Problem,
+    Recording,
+    Sampled,
+    Simulation,
+    responses,
+)
 from aimd_des.channel import Broadcast, Copies
-from aimd_des.interventions import Absence, ChangeChannel, Intervention
+from aimd_des.interventions import Absence, ChangeChannel, Crash, Intervention
 from models import smart_cameras
 from tests.conftest import TERMS, problems, quietly, random_problem
 from tests.support.configurations import (
@@ -94,6 +105,7 @@ def test_what_waits_behind_the_row_is_in_forks(
 
 
 LATE = BroadcastChannel(10.0, 0.3)
+CLOCK: dict[str, Any] = {"dynamics": "discrete", "control_unit": Sampled()}
 
 
 @pytest.mark.parametrize(
@@ -107,22 +119,26 @@ LATE = BroadcastChannel(10.0, 0.3)
     ],
     ids=["crossing", "sampled", "totals", "log", "absences"],
 )
-def test_many_broadcasts_wait_behind_the_row(parts: dict[str, Any]) -> None:
-    found, rows = rows_of(smart_cameras(seed=0), 60.0, channel=LATE, **parts)
+@pytest.mark.parametrize("clock", [{}, CLOCK], ids=["continuous", "discrete"])
+def test_many_broadcasts_wait_behind_the_row(clock: dict[str, Any], parts: dict[str, Any]) -> None:
+    parts = {"channel": LATE, **clock, **parts}
+    found, rows = rows_of(smart_cameras(seed=0), 60.0, **parts)
     assert found[-1].serving.all()
     assert found[-1].rank_behind.shape[1] >= 8
     with without_rows():
-        assert_same(rows_of(smart_cameras(seed=0), 60.0, channel=LATE, **parts)[1], rows)
+        assert_same(rows_of(smart_cameras(seed=0), 60.0, **parts)[1], rows)
 
 
 @pytest.mark.parametrize("sooner", [0.0, 0.75, 9.5])
-@pytest.mark.parametrize("unit", [Sampled(0.5), Crossing(0.1)])
-def test_what_overtakes_what_waits_behind_the_row_is_answered_first(sooner: float, unit: Any) -> None:
+@pytest.mark.parametrize("way", [{"control_unit": Sampled(0.5)}, {"control_unit": Crossing(0.1)}, CLOCK])
+def test_what_overtakes_what_waits_behind_the_row_is_answered_first(
+    sooner: float, way: dict[str, Any]
+) -> None:
     """A shorter latency lets later broadcasts land before those that wait: the order of answers matters."""
     parts = {
         "dynamics": "continuous",
-        "control_unit": unit,
         "channel": LATE,
+        **way,
         "interventions": [ChangeChannel(30.3, BroadcastChannel(sooner, 0.3))],
         "seed": 4,
     }
@@ -146,8 +162,51 @@ class Uneven:
         return Copies(arrival)
 
 
-def test_broadcasts_that_land_at_several_times_send_the_others_to_the_heap() -> None:
-    parts = {"dynamics": "continuous", "control_unit": Crossing(0.5), "channel": Uneven(), "seed": 3}
+@pytest.mark.parametrize("way", [{"dynamics": "continuous", "control_unit": Crossing(0.5)}, CLOCK])
+def test_broadcasts_that_land_at_several_times_send_the_others_to_the_heap(way: dict[str, Any]) -> None:
+    parts = {**way, "channel": Uneven(), "seed": 3}
     processes, fleet = both(random_problem(1, 6, 2), 60.0, **parts)
     assert fleet.account.responses.sum() > 10
+    assert_same(processes, fleet)
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.5, 1.0, 3.25])
+@pytest.mark.parametrize("log", [False, True])
+@pytest.mark.parametrize("response", [None, responses.Derandomised("events", full=True)])
+def test_of_copies_for_one_tick_the_first_is_answered(latency: float, log: bool, response: Any) -> None:
+    """Four looks for a tick: an agent answers the first copy that it gets, with the draw of that."""
+    parts = {
+        "dynamics": "discrete",
+        "control_unit": Sampled(0.25),
+        "channel": BroadcastChannel(latency, 0.5),
+        "recording": Recording(events=log),
+        "response": response,
+        "seed": 5,
+    }
+    processes, fleet = both(smart_cameras(seed=1, n_cameras=12), 80.0, **parts)
+    assert_same(processes, fleet)
+    if log:
+        kinds = fleet.events["kind"].value_counts()
+        assert kinds["deliver"] > 1.5 * (kinds["respond"] + kinds["hold"])
+
+
+@pytest.mark.parametrize("at", [20.0, 20.4, 21.0])
+def test_copies_that_wait_for_a_tick_are_lost_with_the_agent(at: float) -> None:
+    """A crash between landing and tick loses what has landed; behind the row others are on their way."""
+    parts = {
+        "dynamics": "discrete",
+        "control_unit": Sampled(0.5),
+        "channel": BroadcastChannel(2.25, 0.2),
+        "interventions": [Crash(2, at, at + 0.5), Absence(3, at, at + 1.5), Crash(4, at, at + 6.0)],
+        "seed": 2,
+    }
+    processes, fleet = both(smart_cameras(seed=1, n_cameras=12), 60.0, **parts)
+    assert fleet.account.lost[:, 4].sum() > 0
+    assert_same(processes, fleet)
+
+
+def test_agents_that_tick_between_others_answer_as_processes() -> None:
+    """An agent of one's own acts in the middle of a tick, where only those before it have had their turn."""
+    parts = {**CLOCK, "channel": BroadcastChannel(1.5, 0.2), "seed": 2, "special": {5: AgentProcess}}
+    processes, fleet = both(smart_cameras(seed=1, n_cameras=12), 60.0, **parts)
     assert_same(processes, fleet)

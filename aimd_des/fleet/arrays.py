@@ -82,7 +82,7 @@ class ResponseBuffers(NamedTuple):
     the agent at hand; `gradient` has one place more, for what a gradient of one's own may not return. The
     other arrays, shape (PIECE,), are of copies that are answered together: those of a block or of a piece
     of a row. `chosen` are their places, `resource` what they are about (in a row, whether the agent
-    responds). All after it is what the answers are computed from.
+    responds, and `begins` whether it begins a new line). All after it is what the answers are computed from.
     """
 
     first_key: IntArray
@@ -93,6 +93,7 @@ class ResponseBuffers(NamedTuple):
     gradient: FloatArray
     chosen: npt.NDArray[np.uint64]
     resource: IntArray
+    begins: IntArray
     moment: FloatArray
     since: FloatArray
     age: FloatArray
@@ -120,7 +121,7 @@ def response_buffers(n_resources: int, n_agents: int) -> ResponseBuffers:
         np.zeros(n_resources),
         np.zeros(n_resources + 1),
         np.zeros(PIECE, dtype=np.uint64),
-        np.zeros(PIECE, dtype=np.int64),
+        *np.zeros((2, PIECE), dtype=np.int64),
         *np.zeros((15, PIECE)),
     )
 

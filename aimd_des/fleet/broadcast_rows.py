@@ -4,6 +4,7 @@ Between a broadcast and the next look nothing has to be sorted: the copies stay 
 i's at place i, and the look answers all that are due in passes over the rows.  Copies that are later still
 are then listed one by one, with all that is left of earlier broadcasts, and the rows are free again.  Where
 all copies of a broadcast land at one instant, as with one latency for all, later ones wait behind its row.
+Discrete agents answer such rows alone, and at one tick.
 """
 
 from collections.abc import Mapping
@@ -33,12 +34,15 @@ class BroadcastRows(NamedTuple):
     enabled: bool  # whether a broadcast may become a row
     # (m,): whether the copies about a resource are here, and not in its heap.
     serving: npt.NDArray[np.bool_]
-    # (m, n): when each agent's copy arrives (inf: never, or answered), and its draw.
+    # (m, n): when each agent's copy arrives, of discrete agents the index of the tick that answers it (inf:
+    # never, or answered); and its draw.
     arrival: FloatArray
     uniform: FloatArray
     rank: IntArray  # (m,): order number of the copy of agent 0; agent i's is i higher
-    first: FloatArray  # (m,): no copy in the row arrives before; inf where there is none
+    # (m,): no copy in the row is answered before, as it arrives or at a tick; inf where there is none
+    first: FloatArray
     landing: FloatArray  # (m,): when all copies in the row arrive; inf where they do so at several times
+    tick: FloatArray  # (m,): of discrete agents, the index of the tick that answers the row
     # (m, w): broadcasts that wait behind the row, a ring of places: when all copies of each arrive, and the
     # order number of that of agent 0; (m, w, n): their draws, `FORGOTTEN` where a copy never arrives.
     landing_behind: FloatArray
@@ -64,20 +68,22 @@ class BroadcastRows(NamedTuple):
 
 
 def serves(system: System) -> bool:
-    """Tell whether the agents of a run can answer rows: continuous ones, with the paper's average."""
+    """Tell whether agents can answer rows: with the paper's average, and if they tick together."""
     parameters, link = system.parameters, system.link
     plain = parameters.averaging.kind == CUMULATIVE and parameters.compensation.rule == NOTHING
     # A second copy would have to leave its row at once, and make the first leave, too.
     doubled = isinstance(link, CompiledLink) and link.table.duplicates
-    return system.clocks is None and plain and system.problem.costs.separable and not doubled
+    together = system.clocks is None or system.clocks.common
+    return together and plain and system.problem.costs.separable and not doubled
 
 
-def broadcast_rows(enabled: bool, n_resources: int, n_agents: int) -> BroadcastRows:
+def broadcast_rows(enabled: bool, n_resources: int, n_agents: int, *, ticking: bool) -> BroadcastRows:
     """Make space for copies, of which there are none yet."""
     # Not zeroed: what is written before it is read need not be touched before.
     m, n = n_resources, n_agents if enabled else 0
-    # One more, since a copy is written before it is known whether it counts.
-    space = _LISTED * n + 1
+    # One more, since a copy is written before it is known whether it counts.  Discrete agents answer a row as
+    # a whole, at one tick.
+    space = (0 if ticking else _LISTED * n) + 1
     return BroadcastRows(
         enabled=enabled,
         serving=np.zeros(m, dtype=np.bool_),
@@ -86,6 +92,7 @@ def broadcast_rows(enabled: bool, n_resources: int, n_agents: int) -> BroadcastR
         rank=np.zeros(m, dtype=np.int64),
         first=np.full(m, np.inf),
         landing=np.full(m, np.inf),
+        tick=np.zeros(m),
         landing_behind=np.empty((m, 0)),
         rank_behind=np.empty((m, 0), dtype=np.int64),
         uniform_behind=np.empty((m, 0, n)),
@@ -154,7 +161,7 @@ def copies_in_rows(rows: BroadcastRows) -> int:
     return rows.arrival.size + rows.listed_agent.size
 
 
-_OF_RESOURCES = ("serving", "rank", "first", "landing", "behind", "listed", "first_listed")
+_OF_RESOURCES = ("serving", "rank", "first", "landing", "tick", "behind", "listed", "first_listed")
 _LISTS = ("listed_agent", "listed_arrival", "listed_uniform", "listed_rank")
 
 

@@ -95,7 +95,7 @@ class CompiledAgents:
         response = with_address(system.response, system.parameters.response, PIECE)
         ticking, numbered = system.clocks is not None, system.parameters.compensation.rule == ESTIMATED
         # What calls a function for each derivative has no rows of derivatives.
-        rows = broadcast_rows(self._gradient is None and serves(system), m, n)
+        rows = broadcast_rows(self._gradient is None and serves(system), m, n, ticking=ticking)
         # All that is in rows may have to go to the queues.
         space = _BROADCASTS * n + copies_in_rows(rows)
         copies = empty_copies(space, m if problem.costs.separable else 1, ticking, numbered)
@@ -159,9 +159,9 @@ class CompiledAgents:
             rows = resumed_rows(rows, kept)
         elif kept["enabled"]:
             # Another channel or response, with which there are no rows: copies go to the queues.
-            spare = resumed_rows(broadcast_rows(True, *agents.state.demand.shape), kept)
+            spare = resumed_rows(broadcast_rows(True, *agents.state.demand.shape, ticking=ticking), kept)
             for resource in range(len(spare.serving)):
-                spill(copies, spare, resource)
+                spill(agents._replace(copies=copies, rows=spare), resource)
         else:
             rows = rows._replace(enabled=False)
         self.agents = agents._replace(copies=copies, rows=rows, room=room(copies) - copies_in_rows(rows))
@@ -290,7 +290,7 @@ class CompiledAgents:
         rows = self.agents.rows
         if rows.enabled and (self._gradient is not None or not serves(self.system)):
             for resource in range(len(rows.serving)):
-                spill(self.agents.copies, rows, resource)
+                spill(self.agents, resource)
             self.agents = self.agents._replace(rows=rows._replace(enabled=False))
 
     def flush(self) -> None:

@@ -133,6 +133,12 @@ def _keep(agents: FleetAgents, control: FleetControl, observed: ObservedTotals) 
 
 
 @formula
+def _may_wait(agents: FleetAgents) -> bool:
+    """Tell whether totals may wait for a pass over the agents: of continuous ones that answer rows."""
+    return bool(agents.rows.enabled and agents.tick_weight == 0.0)
+
+
+@formula
 def _let_wait(control: FleetControl, observed: ObservedTotals) -> None:
     """Leave the totals of an instant to the next pass over the agents, which may be later."""
     observed.row[0] += 1
@@ -222,7 +228,7 @@ def sample(
         if looking and _crowded(agents, control, channel, now, limit):
             status = NO_ROOM
             break
-        if not looking and keeping and agents.rows.enabled:
+        if not looking and keeping and _may_wait(agents):
             _let_wait(control, observed)
             continue
         if now != reached:
@@ -284,7 +290,7 @@ def _let_wait_or_keep(
     time: float,
 ) -> None:
     """Leave a row of totals to the next look, or keep it where agents may be in no rows."""
-    if agents.rows.enabled:
+    if _may_wait(agents):
         _let_wait(control, observed)
     else:
         control.now[0] = time

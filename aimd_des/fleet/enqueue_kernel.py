@@ -6,7 +6,7 @@ from aimd_des.dynamics.clocks import next_tick, tick_time
 from aimd_des.fleet.arrays import FleetAgents
 from aimd_des.fleet.in_flight import DUPLICATE
 from aimd_des.fleet.radix_heap import bits_of, put
-from aimd_des.fleet.row_queue import landing_behind, make_way, open_row, put_behind
+from aimd_des.fleet.row_queue import common_landing, make_way, may_wait, open_row, put_behind
 from aimd_des.utils.jit import deferred, routine
 from aimd_des.utils.rng import uniforms_row
 from aimd_des.utils.validation import FloatArray
@@ -70,10 +70,10 @@ def enqueue(
     acted: int,
 ) -> None:
     """Put the members' copies of one broadcast on their way; there must be room for n."""
-    landing = landing_behind(agents, resource, copy, arrival, first_rank)
-    if not np.isnan(landing):
+    landing = common_landing(agents, resource, copy, arrival, acted_at)
+    if may_wait(agents.rows, resource, landing, first_rank):
         put_behind(agents, resource, number, arrival, first_rank, landing)
-    elif make_way(agents, resource, copy):
+    elif make_way(agents, resource, copy, landing):
         open_row(agents, resource, number, arrival, first_rank)
     else:
         _enqueue_one_by_one(agents, resource, number, copy, arrival, first_rank, acted_at, acted)

@@ -349,8 +349,8 @@ def settle(
     # added up afterwards.
     for queue in range(first, last):
         while agents.rows.serving[queue]:
-            if must_leave(agents.rows, queue, time, limit):
-                spill(agents.copies, agents.rows, queue)
+            if must_leave(agents, queue, time, limit):
+                spill(agents, queue)
                 break
             settle_rows(agents, queue, time, limit)
             # What has waited behind the row is the row now.
@@ -384,7 +384,7 @@ def settle_and_take(
         if count < waiting:
             until, order = observed.times[begin + count - 1], LAST
         in_rows = (
-            rows.serving[j] and not must_leave(rows, j, until, order) and is_alone(rows, j, until, order)
+            rows.serving[j] and not must_leave(agents, j, until, order) and is_alone(rows, j, until, order)
         )
         if count > 0 and not in_rows:
             # A heap is settled at each instant, and so are several broadcasts that are due.

@@ -11,7 +11,7 @@ import numpy as np
 from aimd_des.dynamics.averaging import accumulated_at, age_at, time_average
 from aimd_des.dynamics.demand import CONTINUOUS, demand_at
 from aimd_des.dynamics.responses import AVERAGE, DRAWN, is_saturated, response_probability
-from aimd_des.fleet.absent_agents import miss
+from aimd_des.fleet.absent_agents import comes_before, miss
 from aimd_des.fleet.arrays import ALL_ANSWERS, LAST, NO_ANSWERS, FleetAgents, report
 from aimd_des.fleet.broadcast_rows import BroadcastRows
 from aimd_des.fleet.in_flight import PIECE, IntArray
@@ -69,12 +69,6 @@ def _either(mask: int, one: float, other: float) -> float:
 
 
 @formula
-def _is_due(arrival: float, rank: int, time: float, limit: int) -> Any:
-    # Without a branch: whether a copy is due is as good as random.
-    return (arrival < time) | ((arrival == time) & (rank < limit))
-
-
-@formula
 def _sort_by_pieces(rows: BroadcastRows, count: int) -> None:
     """Find the order in which the agents of a piece have their listed copies that are due side by side."""
     ends, order = rows.due_end, rows.due_order
@@ -109,7 +103,7 @@ def _take_due(rows: BroadcastRows, resource: int, time: float, limit: int, by_pi
         rows.due_agent[due], rows.due_arrival[due] = agent, arrival
         rows.due_uniform[due], rows.due_rank[due] = uniform, rank
         agents[kept], arrivals[kept], uniforms[kept], ranks[kept] = agent, arrival, uniform, rank
-        is_due = _is_due(arrival, rank, time, limit)
+        is_due = comes_before(arrival, rank, time, limit)
         due += np.uint64(is_due)
         kept += np.uint64(not is_due)
         soonest = min(soonest, LAST if is_due else bits_of(arrival))
@@ -225,7 +219,7 @@ def _weigh_piece(agents: FleetAgents, resource: int, first: int, last: int, boun
     """Compute averages and response probabilities of some agents at their copies in the row."""
     # A loop for each formula, over few arrays and without a branch, becomes vector instructions.  What a
     # lost copy brings forth, at infinity, is never read.
-    j, count, buffers = resource, last - first, agents.buffers
+    j, count, buffers, tick_weight = resource, last - first, agents.buffers, agents.tick_weight
     arrival, held = agents.rows.arrival[j][first:last], agents.state.demand[j][first:last]
     accumulated, anchor = agents.state.accumulated[j][first:last], agents.state.anchor[j][first:last]
     origin, increase = agents.state.origin[j][first:last], agents.parameters.increase[j][first:last]
@@ -233,11 +227,11 @@ def _weigh_piece(agents: FleetAgents, resource: int, first: int, last: int, boun
     present, probability = buffers.present[:count], buffers.probability[:count]
     for k in range(count):
         since = arrival[k] - anchor[k]
-        folded[k] = accumulated_at(accumulated[k], held[k], increase[k], since, CONTINUOUS)
+        folded[k] = accumulated_at(accumulated[k], held[k], increase[k], since, tick_weight)
     for k in range(count):
-        average[k] = time_average(folded[k], age_at(arrival[k], origin[k], CONTINUOUS))
+        average[k] = time_average(folded[k], age_at(arrival[k], origin[k], tick_weight))
     for k in range(count):
-        present[k] = demand_at(held[k], increase[k], arrival[k] - anchor[k], CONTINUOUS)
+        present[k] = demand_at(held[k], increase[k], arrival[k] - anchor[k], tick_weight)
     horner_row(agents.table.slopes[j], first, average, slope)
     if agents.table.exponentials.shape[1] + agents.table.powers.shape[1] > 0:
         for k in range(count):
@@ -252,24 +246,19 @@ def _weigh_piece(agents: FleetAgents, resource: int, first: int, last: int, boun
 
 
 @formula
-def _answer_piece(agents: FleetAgents, resource: int, first: int, last: int, bound: float) -> None:
-    """Let some agents respond to their copies in the row, those that arrive up to a time, or hold."""
-    j, count, state, buffers = resource, last - first, agents.state, agents.buffers
+def _decide_piece(agents: FleetAgents, resource: int, first: int, last: int, bound: float) -> bool:
+    """Find which of some agents respond, and what they keep; tell whether any probability is above 1."""
+    j, count, buffers = resource, last - first, agents.buffers
     arrival, uniform = agents.rows.arrival[j][first:last], agents.rows.uniform[j][first:last]
-    held, accumulated, anchor = (
-        state.demand[j][first:last],
-        state.accumulated[j][first:last],
-        state.anchor[j][first:last],
-    )
-    responses, decrease = state.responses[j][first:last], agents.parameters.decrease[j][first:last]
+    decrease = agents.parameters.decrease[j][first:last]
     kept, responds, saturated = buffers.kept[:count], buffers.resource[:count], 0
     if agents.parameters.response.cut == DRAWN:
         for k in range(count):
             kept[k] = buffers.present[k] * decrease[k]
         for k in range(count):
-            answers = (arrival[k] <= bound) & (uniform[k] < buffers.probability[k])
-            responds[k] = answers
-            saturated += answers & (buffers.probability[k] > 1.0)
+            cuts = (arrival[k] <= bound) & (uniform[k] < buffers.probability[k])
+            responds[k] = cuts
+            saturated += cuts & (buffers.probability[k] > 1.0)
     else:
         cut_otherwise(agents, j, first, last, bound)
         for k in range(count):
@@ -277,18 +266,39 @@ def _answer_piece(agents: FleetAgents, resource: int, first: int, last: int, bou
         for k in range(count):
             responds[k] = buffers.factor[k] < 1.0
             saturated += buffers.probability[k] > 1.0
+    return saturated > 0
+
+
+@formula
+def _answer_piece(agents: FleetAgents, resource: int, first: int, last: int, bound: float) -> None:
+    """Let some agents respond to their copies in the row, those that arrive up to a time, or hold."""
+    j, count, state, buffers = resource, last - first, agents.state, agents.buffers
+    arrival, held = agents.rows.arrival[j][first:last], state.demand[j][first:last]
+    accumulated, anchor = state.accumulated[j][first:last], state.anchor[j][first:last]
+    responses, decrease = state.responses[j][first:last], agents.parameters.decrease[j][first:last]
+    saturated = _decide_piece(agents, j, first, last, bound)
+    kept, responds = buffers.kept[:count], buffers.resource[:count]
+    begins = responds
+    if agents.tick_weight > 0.0:
+        # A tick that holds is a tick without growth; a continuous agent just grows on.
+        begins = buffers.begins[:count]
+        for k in range(count):
+            cut, present = kept[k], buffers.present[k]
+            kept[k] = cut if responds[k] != 0 else present
+        for k in range(count):
+            begins[k] = arrival[k] <= bound
     for k in range(count):
         new, before = kept[k], held[k]
-        held[k] = new if responds[k] != 0 else before
+        held[k] = new if begins[k] != 0 else before
     for k in range(count):
         folded, before = buffers.folded[k], accumulated[k]
-        accumulated[k] = folded if responds[k] != 0 else before
+        accumulated[k] = folded if begins[k] != 0 else before
     for k in range(count):
         moment, before = arrival[k], anchor[k]
-        anchor[k] = moment if responds[k] != 0 else before
+        anchor[k] = moment if begins[k] != 0 else before
     for k in range(count):
         responses[k] += responds[k]
-    if saturated > 0:
+    if saturated:
         for k in range(count):
             above = is_saturated(agents.parameters.response, buffers.probability[k], decrease[k])
             state.saturated[j, first + k] += responds[k] != 0 and above
@@ -298,7 +308,7 @@ def _answer_piece(agents: FleetAgents, resource: int, first: int, last: int, bou
 def _report_piece(agents: FleetAgents, resource: int, first: int, last: int, bound: float) -> None:
     """Note the answers of some agents for their listeners."""
     j, rows, buffers, answers = resource, agents.rows, agents.buffers, agents.answers
-    arrival = rows.arrival[j][first:last]
+    arrival, due, ticking = rows.arrival[j][first:last], rows.first[j], agents.tick_weight > 0.0
     # First only which agents answer, without a branch.
     count = np.uint64(0)
     if agents.reported == ALL_ANSWERS:
@@ -314,24 +324,31 @@ def _report_piece(agents: FleetAgents, resource: int, first: int, last: int, bou
     agent, about, change = answers.agent[begin:], answers.resource[begin:], answers.change[begin:]
     for row in range(count):
         k = buffers.chosen[row]
-        key[row], ranks[row] = bits_of(arrival[k]), rank + np.int64(k)
+        key[row], ranks[row] = bits_of(due if ticking else arrival[k]), rank + np.int64(k)
         agent[row], about[row] = first + np.int64(k), j
         change[row] = buffers.kept[k] - buffers.present[k] if buffers.resource[k] != 0 else np.nan
     answers.held[0] = begin + np.int64(count)
 
 
 @formula
-def _miss_absent(agents: FleetAgents, resource: int, time: float, limit: int) -> None:
-    """Take note of copies in the row that have landed at agents that are away."""
+def _take_out(agents: FleetAgents, resource: int, time: float, limit: int) -> None:
+    """Take copies out of the row that are due and not answered: at agents that are away, or latched."""
     away, anybody = agents.account.away, False
     for i in range(away.shape[0]):
         anybody |= away[i]
     if anybody:
         row, rank = agents.rows.arrival[resource], agents.rows.rank[resource]
         for i in range(away.shape[0]):
-            if away[i] and _is_due(row[i], rank + i, time, limit):
+            if away[i] and comes_before(row[i], rank + i, time, limit):
                 miss(agents, resource, i, False)
                 row[i] = np.inf
+    if agents.tick_weight > 0.0:
+        # A latch that was set already: this tick's signal has been answered.  Every answer of a discrete
+        # agent, a hold as well, begins a new line at its tick; nothing else does at a tick to come.
+        ticks, anchor = agents.rows.arrival[resource], agents.state.anchor[resource]
+        for i in range(ticks.shape[0]):
+            tick = ticks[i]
+            ticks[i] = np.inf if anchor[i] == tick else tick
 
 
 @formula
@@ -350,7 +367,8 @@ def _answer_row(agents: FleetAgents, resource: int, piece: int, end: int, time: 
             break_lines(pending, agents.state, parameters, resource, first, last, first - piece, responds)
         if agents.reported != NO_ANSWERS:
             _report_piece(agents, resource, first, last, bound)
-        list_row(rows, resource, first, last, bound)
+        if agents.tick_weight == 0.0:
+            list_row(rows, resource, first, last, bound)
         first = last
 
 
@@ -366,7 +384,10 @@ def settle_rows(agents: FleetAgents, resource: int, time: float, limit: int) -> 
     if listed:
         _take_due(rows, j, time, limit, pending.waiting[0] > 0)
     if row_waits:
-        _miss_absent(agents, j, time, limit)
+        if agents.tick_weight > 0.0:
+            # A row has indices of ticks then, and is due as a whole.
+            time, limit = rows.tick[j], LAST
+        _take_out(agents, j, time, limit)
     elif not listed and pending.waiting[0] == 0:
         return
     begin = 0
@@ -392,4 +413,4 @@ def settle_rows(agents: FleetAgents, resource: int, time: float, limit: int) -> 
             end_piece(pending, agents.state, j, first, last)
         begin = end
     if row_waits:
-        end_row(agents.copies, rows, j)
+        end_row(agents, j)

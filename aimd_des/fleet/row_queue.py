@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from aimd_des.dynamics.clocks import next_tick, tick_time
 from aimd_des.fleet.arrays import FleetAgents
 from aimd_des.fleet.broadcast_rows import BroadcastRows
-from aimd_des.fleet.in_flight import FORGOTTEN, CopiesInFlight
+from aimd_des.fleet.in_flight import FORGOTTEN
 from aimd_des.fleet.radix_heap import bits_of, is_empty, put, time_of
 from aimd_des.utils.jit import deferred, formula, shared
 from aimd_des.utils.rng import uniforms_row
@@ -56,9 +57,15 @@ def is_due(time_due: float, time: float, limit: int) -> bool:
 
 
 @formula
-def must_leave(rows: BroadcastRows, resource: int, time: float, limit: int) -> bool:
+def must_leave(agents: FleetAgents, resource: int, time: float, limit: int) -> bool:
     """Tell whether the copies about a resource have to go to its heap before those due are answered."""
-    return bool(is_due(rows.first[resource], time, limit) and not _fits(rows, resource))
+    j, rows = resource, agents.rows
+    if not is_due(rows.first[j], time, limit):
+        return False
+    if agents.tick_weight > 0.0:
+        # In the middle of a tick, where only the first agents have had their turn.
+        return bool(rows.first[j] == time and limit < rows.arrival.shape[1])
+    return not _fits(rows, j)
 
 
 @formula
@@ -77,8 +84,21 @@ def is_full(rows: BroadcastRows, resource: int, time: float, limit: int) -> bool
 
 
 @deferred
-def _move_up(copies: CopiesInFlight, rows: BroadcastRows, resource: int) -> None:
+def _wait_for_tick(agents: FleetAgents, resource: int) -> None:
+    """Let discrete agents answer the row, which has just got its copies, at the tick after these land."""
+    j, rows, clocks, row = resource, agents.rows, agents.clocks, agents.rows.arrival[resource]
+    clock = (clocks.phase[0], clocks.period[0], clocks.jitter[0], clocks.key, 0)
+    tick = next_tick(*clock, rows.landing[j])
+    rows.tick[j], rows.first[j] = tick, tick_time(*clock, tick)
+    for i in range(row.shape[0]):
+        time = row[i]
+        row[i] = tick if time < np.inf else np.inf
+
+
+@deferred
+def _move_up(agents: FleetAgents, resource: int) -> None:
     """Let the broadcast behind the row be the row."""
+    rows = agents.rows
     j, place = resource, rows.oldest[resource]
     landing, uniform = rows.landing_behind[j, place], rows.uniform_behind[j, place]
     row, draws = rows.arrival[j], rows.uniform[j]
@@ -89,21 +109,23 @@ def _move_up(copies: CopiesInFlight, rows: BroadcastRows, resource: int) -> None
     rows.rank[j] = rows.rank_behind[j, place]
     rows.oldest[j] = (place + 1) % rows.rank_behind.shape[1]
     rows.behind[j] -= 1
-    copies.in_flight[0] -= row.shape[0]
+    agents.copies.in_flight[0] -= row.shape[0]
+    if agents.tick_weight > 0.0:
+        _wait_for_tick(agents, j)
 
 
 @formula
-def end_row(copies: CopiesInFlight, rows: BroadcastRows, resource: int) -> None:
+def end_row(agents: FleetAgents, resource: int) -> None:
     """Free the row, all of whose copies are answered or listed, for what waits behind it."""
-    rows.first[resource] = np.inf
-    if rows.behind[resource] > 0:
-        _move_up(copies, rows, resource)
+    agents.rows.first[resource] = np.inf
+    if agents.rows.behind[resource] > 0:
+        _move_up(agents, resource)
 
 
 @shared
-def spill(copies: CopiesInFlight, rows: BroadcastRows, resource: int) -> None:
+def spill(agents: FleetAgents, resource: int) -> None:
     """Put all copies about a resource into its heap; there is always room for them."""
-    j = resource
+    j, copies, rows, ticking = resource, agents.copies, agents.rows, agents.tick_weight > 0.0
     for place in range(rows.listed[j]):
         key, agent = bits_of(rows.listed_arrival[j, place]), rows.listed_agent[j, place]
         rank, uniform = rows.listed_rank[j, place], rows.listed_uniform[j, place]
@@ -112,10 +134,12 @@ def spill(copies: CopiesInFlight, rows: BroadcastRows, resource: int) -> None:
     while rows.first[j] < np.inf:
         for i in range(rows.arrival.shape[1]):
             if rows.arrival[j, i] < np.inf:
-                key, rank = bits_of(rows.arrival[j, i]), rows.rank[j] + i
-                put(copies, j, key, 0.0, 0.0, 0, i, j, rank, rows.uniform[j, i])
+                key = bits_of(rows.first[j] if ticking else rows.arrival[j, i])
+                # Discrete agents alone have what is answered at a tick.
+                tick, landing, rank = rows.arrival[j, i], rows.landing[j], rows.rank[j] + i
+                put(copies, j, key, tick, landing, 0, i, j, rank, rows.uniform[j, i])
                 copies.in_flight[0] += 1
-        end_row(copies, rows, j)
+        end_row(agents, j)
     rows.listed[j], rows.serving[j] = 0, False
     rows.first_listed[j] = np.inf
 
@@ -134,21 +158,32 @@ def _span(agents: FleetAgents, arrival: FloatArray) -> Any:
 
 
 @formula
-def landing_behind(agents: FleetAgents, resource: int, copy: int, arrival: FloatArray, rank: int) -> float:
-    """Tell when the copies of a broadcast land that may wait behind the row; else give not a number."""
-    j, rows = resource, agents.rows
-    waits = rows.serving[j] and rows.first[j] < np.inf and copy == 0
-    if not (waits and rows.landing[j] < np.inf):
+def common_landing(
+    agents: FleetAgents, resource: int, copy: int, arrival: FloatArray, acted_at: float
+) -> float:
+    """Tell at which instant all copies of a broadcast land; not a number if that is not so, or not asked."""
+    j, rows, ticking = resource, agents.rows, agents.tick_weight > 0.0
+    behind = rows.serving[j] and rows.first[j] < np.inf and rows.landing[j] < np.inf
+    if not (rows.enabled and copy == 0 and (ticking or behind)):
         return np.nan
     first, last = _span(agents, arrival)
+    landing = time_of(first)
+    # Some agents may have had their turn at this instant, and answer at their next tick.
+    return np.nan if first < last or (ticking and landing == acted_at) else landing
+
+
+@formula
+def may_wait(rows: BroadcastRows, resource: int, landing: float, rank: int) -> bool:
+    """Tell whether a broadcast that lands at an instant may wait behind the row."""
+    j = resource
+    if not (rows.serving[j] and rows.first[j] < np.inf):
+        return False
     before, ranks = rows.landing[j], rows.rank[j]
     if rows.behind[j] > 0:
         place = (rows.oldest[j] + rows.behind[j] - 1) % rows.rank_behind.shape[1]
         before, ranks = rows.landing_behind[j, place], rows.rank_behind[j, place]
-    landing = time_of(first)
     # What lands at the same instant is answered by order number: a late signal may have a lower one.
-    follows = landing > before or (landing == before and rank > ranks)
-    return landing if first >= last and follows else np.nan
+    return bool(landing > before or (landing == before and rank > ranks))
 
 
 @deferred
@@ -173,17 +208,19 @@ def put_behind(
 
 
 @formula
-def make_way(agents: FleetAgents, resource: int, copy: int) -> bool:
+def make_way(agents: FleetAgents, resource: int, copy: int, landing: float) -> bool:
     """Tell whether the copies of a broadcast may become a row, and see to it that its place is free."""
-    rows, copies = agents.rows, agents.copies
+    rows = agents.rows
     if not rows.enabled:
         return False
+    suits = copy == 0 and (agents.tick_weight == 0.0 or not np.isnan(landing))
+    occupied = rows.first[resource] < np.inf
     # All copies about a resource are in one place, since an agent's have to be compared with each other.
     if not rows.serving[resource]:
-        rows.serving[resource] = copy == 0 and is_empty(copies, resource)
-    elif copy != 0 or rows.behind[resource] > 0 or not _fits(rows, resource):
-        spill(copies, rows, resource)
-    elif rows.first[resource] < np.inf:
+        rows.serving[resource] = suits and is_empty(agents.copies, resource)
+    elif not suits or (occupied and (rows.behind[resource] > 0 or not _fits(rows, resource))):
+        spill(agents, resource)
+    elif occupied:
         # There was no look since the last broadcast, or nothing of it was due.
         list_row(rows, resource, 0, rows.arrival.shape[1], -np.inf)
     return bool(rows.serving[resource])
@@ -206,3 +243,5 @@ def open_row(agents: FleetAgents, resource: int, number: int, arrival: FloatArra
     rows.first[resource] = time_of(first)
     rows.landing[resource] = time_of(first) if first == last else np.inf
     rows.rank[resource] = first_rank
+    if agents.tick_weight > 0.0 and rows.first[resource] < np.inf:
+        _wait_for_tick(agents, resource)

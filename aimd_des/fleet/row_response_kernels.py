@@ -23,7 +23,7 @@ def _lay_out_from(source: FloatArray, row: FloatArray) -> None:
 def _lay_out_ages(agents: FleetAgents, resource: int, first: int, last: int, row: FloatArray) -> None:
     arrival, origin = agents.rows.arrival[resource][first:last], agents.state.origin[resource][first:last]
     for k in range(last - first):
-        row[k] = age_at(arrival[k], origin[k], CONTINUOUS)
+        row[k] = age_at(arrival[k], origin[k], agents.tick_weight)
 
 
 @formula
@@ -77,7 +77,7 @@ def weigh_otherwise(agents: FleetAgents, resource: int, first: int, last: int, b
         i, buffers.probability[k] = first + k, 0.0
         if agents.rows.arrival[j, i] <= bound:
             lines = (buffers.present[k], parameters.increase[j, i], parameters.decrease[j, i])
-            age = age_at(agents.rows.arrival[j, i], agents.state.origin[j, i], CONTINUOUS)
+            age = age_at(agents.rows.arrival[j, i], agents.state.origin[j, i], agents.tick_weight)
             buffers.probability[k] = probability_of(
                 parameters.response,
                 parameters.averaging,
