@@ -1,5 +1,7 @@
 """Kernels that are called without asking for the types of their arguments."""
 
+from typing import Any
+
 import numba
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from aimd_des.dynamics.demand import CONTINUOUS
 from aimd_des.dynamics.state import agent_parameters, start
 from aimd_des.dynamics.totals import total_of, totals
 from aimd_des.lowlevel import Broadcast, Purpose, key
+from aimd_des.utils import numba_internals
 from aimd_des.utils.direct_calls import Direct, direct
 from aimd_des.utils.validation import FloatArray
 from tests.conftest import random_problem
@@ -70,8 +73,12 @@ def test_a_link_takes_whole_numbers_and_fractions_as_departures() -> None:
         assert arrival.tolist() == [1.0 + float(departure)] * 3
 
 
-def test_records_are_told_apart_by_the_layout_of_their_arrays() -> None:
+@pytest.mark.parametrize("told_by", [numba_internals.fingerprint, None], ids=["fingerprint", "fields"])
+def test_records_are_told_apart_by_the_layout_of_their_arrays(
+    told_by: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A kernel that is called again and again looks for other code where it is given another record."""
+    monkeypatch.setattr(numba_internals, "fingerprint", told_by)
     problem, call, total = random_problem(0, 5, 2), Direct(totals), np.empty(2)
     parameters = agent_parameters(problem, CONTINUOUS)
     state = start(2, 5, CONTINUOUS, parameters)

@@ -16,10 +16,10 @@ def _likeness(value: object) -> Any:
         # Not its letter alone, which is the same for any order of bytes.
         return value.dtype, value.ndim, value.flags.num
     if isinstance(value, tuple):
-        from numba._dispatcher import compute_fingerprint
+        from aimd_des.utils.numba_internals import fingerprint
 
-        # What Numba goes by at each call.  It is the same for any order of bytes; arrays in records are ours.
-        return compute_fingerprint(value)
+        # It is the same for any order of bytes; arrays in records are ours.
+        return fingerprint(value) if fingerprint else (type(value), *map(_likeness, value))
     return type(value)
 
 

@@ -18,12 +18,13 @@ before `_DEFERS_FROM` have parts, and what would be deferred is one.
 
 import pickle
 import sys
+from collections.abc import Callable
 from ctypes import CFUNCTYPE, c_int64, c_void_p, cast, string_at
 from typing import Any
 
 import numba
 from llvmlite import binding, ir
-from numba import types
+from numba import _dispatcher, types
 from numba.core import cgutils
 from numba.core.callconv import CPUCallConv
 from numba.core.codegen import JITCodeLibrary
@@ -34,12 +35,15 @@ from numba.core.typed_passes import NativeLowering
 from numba.core.typing.templates import make_concrete_template
 from numba.extending import lower_builtin
 
-__all__ = ["PartCompiler", "are_as_expected", "can_defer", "defer", "take_in"]
+__all__ = ["PartCompiler", "are_as_expected", "can_defer", "defer", "fingerprint", "take_in"]
 
 #: The first version of Numba in which parts are tested, and the first in which they are not.
 _TESTED = ((0, 60), (0, 69))
 # The first in which deferred kernels are; before, they are parts like others.
 _DEFERS_FROM = (0, 68)
+
+# Before this version, what it returns for a long record is memory that it has given back.
+_TELLS_FROM = (0, 68)
 
 # What is overridden or called here, by the class that has it.
 _NAMES: dict[type, tuple[str, ...]] = {
@@ -75,6 +79,12 @@ def can_defer(version: str = numba.__version__) -> bool:
 
 def _numbers(version: str) -> tuple[int, ...]:
     return tuple(int(word) for word in version.split(".")[:2] if word.isdigit())
+
+
+#: What Numba tells the types of an argument by at each call; none where it cannot be asked.
+fingerprint: Callable[[object], Any] | None = None
+if _TELLS_FROM <= _numbers(numba.__version__) < _TESTED[1]:
+    fingerprint = getattr(_dispatcher, "compute_fingerprint", None)
 
 
 class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]  # numba has no type information
