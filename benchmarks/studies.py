@@ -131,7 +131,9 @@ def _parts(options: argparse.Namespace, folder: Path) -> dict[str, float]:
     store = Store(folder / "parts")
     (store.folder / "runs").mkdir(parents=True)
     cpu, wall = time.process_time, time.perf_counter
+    brief = _runs(_study(argparse.Namespace(**{**vars(options), "until": 1.0}), options.seed, None))
     found = {
+        "a run to 1 unit, which every run takes": _milliseconds(lambda run: run.scenario.run(), brief, cpu),
         "seed and key": _milliseconds(lambda run: run_of(study, points[0], run.replication), runs, cpu),
         "the scenario in the worker": _milliseconds(shared.scenario, jobs, cpu),
         "summary without misallocation": _milliseconds(
