@@ -20,6 +20,7 @@ from aimd_des import (
     Sampled,
     Simulation,
     SimulationError,
+    interventions,
     latency,
 )
 from aimd_des.lowlevel import EventKind, ProcessGenerator, Run, System
@@ -123,6 +124,27 @@ def test_what_is_due_at_the_time_itself_has_not_happened() -> None:
     assert (run.time, run.peek(), happened) == (3.0, 3.0, [])
     run.advance(to=math.nextafter(3.0, 4.0))
     assert happened == [3.0]
+
+
+def test_what_is_changed_between_two_pieces_holds_from_then_on() -> None:
+    """As an intervention at that time does, for both kinds of agents and for a fork."""
+    digests = []
+    for agents in (AgentProcess, Fleet):
+        parts: dict[str, Any] = {"dynamics": "continuous", "control_unit": Crossing(1.0), "agents": agents}
+        simulation = Simulation(smart_cameras(seed=0), seed=1, recording=Recording(events=True), **parts)
+        run = simulation.start(until=60.0)
+        run.advance(to=40.0)
+        assert str(run) == "Run at 40 of 60; 60 agents share memory, disk, bandwidth"
+        interventions.set_capacity(run.system, "memory", 28.0)
+        interventions.weigh(run.system, ["1", "2"], 0.5)
+        others = [run.fork()] if agents is Fleet else []
+        results = [quietly(one.result) for one in (run, *others)]
+        assert [result.pieces["start"].unique().tolist() for result in results] == [[0.0, 40.0]] * len(
+            results
+        )
+        digests += [result.digest for result in results]
+    assert len(set(digests)) == 1
+    assert digests[0] != quietly(simulation.run, 60.0).digest
 
 
 def test_times_outside_of_the_run_are_refused() -> None:

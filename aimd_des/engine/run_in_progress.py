@@ -17,6 +17,8 @@ from aimd_des.engine.system import System
 from aimd_des.results.result import Result
 from aimd_des.utils import validation
 from aimd_des.utils.errors import SimulationError
+from aimd_des.utils.formatting import grouped
+from aimd_des.utils.shown import Shown, ShowsItself
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,7 +38,7 @@ class Source(Arguments, Protocol):
         ...
 
 
-class Run:
+class Run(ShowsItself):
     """A run of a simulation in progress, made by `Simulation.start`.
 
     It may be advanced in any number of pieces: the result is that of `Simulation.run`, to the last bit.
@@ -58,6 +60,8 @@ class Run:
     >>> from models import smart_cameras
     >>> run = Simulation(smart_cameras(0), seed=0).start(until=100.0)
     >>> run.advance(to=40.0)
+    >>> run
+    Run at 40 of 100; 60 agents share memory, disk, bandwidth
     >>> run.time, run.peek()
     (40.0, 40.0)
     >>> run.totals().index.tolist()
@@ -77,6 +81,13 @@ class Run:
         self._conclude = conclude
         self._result: Result | None = None
         self._failed = self._going = False
+
+    def _shown(self) -> Shown:
+        # Not what agents hold now: a fleet would have to be taken to the present for it.
+        problem = self.system.problem
+        shared = ", ".join(problem.resource_names)
+        when = f"{grouped(self.time)} of {grouped(self.until)}"
+        return Shown(f"Run at {when}; {problem.n_agents:,} agents share {shared}")
 
     @property
     def until(self) -> float:
