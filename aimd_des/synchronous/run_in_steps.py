@@ -329,11 +329,14 @@ class SynchronousRun:
 
     def _signals(self) -> Signals:
         """Return the broadcasts in the order of an asynchronous run: by step, and then by resource."""
-        step, resource = np.nonzero(self._broadcast())
-        number = np.empty_like(step)
-        for j in range(self._setting.problem.n_resources):
-            own = resource == j
-            number[own] = np.arange(np.count_nonzero(own))
+        # In one dimension: NumPy takes ten times as long to search two.
+        m = self._setting.problem.n_resources
+        places = np.flatnonzero(self._broadcast())
+        step = places // m
+        resource, number = places - m * step, np.empty_like(step)
+        for j in range(m):
+            own = np.flatnonzero(resource == j)
+            number[own] = np.arange(len(own))
         return Signals(step.astype(np.float64), resource, number)
 
     def _outcome(self) -> tuple[Signals, Observations, Account]:
