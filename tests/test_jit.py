@@ -14,6 +14,7 @@ import pytest
 from aimd_des.fleet import radix_heap
 from aimd_des.utils import instructions, jit, portable_math, rng
 from aimd_des.utils.jit import kernel
+from aimd_des.utils.lanes import four_lanes, lanes_of
 from aimd_des.utils.opaque import opaque
 from tests.conftest import python
 
@@ -128,6 +129,11 @@ wide, highest, bits, time = (
 )
 
 
+def side_by_side(number: float) -> tuple[float, float, float, float]:
+    one, other = four_lanes(number, -number, 0.3, -0.0), four_lanes(0.1, number, number + 1.0, 0.0)
+    return lanes_of((one * other - 0.1) * number + (number * (0.7 + one) - other * (number - one)))
+
+
 def all_instructions(number: float, word: int, one: np.uint64, other: np.uint64) -> Any:
     of_numbers = split(number), power(floor(8.0 * number)), bits(number), time(bits(number)), bits(-0.0)
     return of_numbers, highest(word), highest(0), wide(one, other), opaque(word), opaque(one)
@@ -136,7 +142,7 @@ def all_instructions(number: float, word: int, one: np.uint64, other: np.uint64)
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 def test_instructions_do_what_the_functions_do_that_they_replace() -> None:
     doubled(1.0)  # has Numba taught
-    compiled = numba.njit(all_instructions)
+    compiled, lanes = numba.njit(all_instructions), numba.njit(side_by_side)
     draws = np.random.default_rng(0)
     for _ in range(1000):
         number, word = (
@@ -145,5 +151,6 @@ def test_instructions_do_what_the_functions_do_that_they_replace() -> None:
         )
         words = draws.integers(0, 2**64, 2, dtype=np.uint64)
         assert compiled(number, word, *words) == all_instructions(number, word, *words)
-    used = (split, power, floor, wide, highest, bits, time, opaque)
+        assert lanes(number) == side_by_side(number)
+    used = (split, power, floor, wide, highest, bits, time, opaque, four_lanes, lanes_of)
     assert {function.__name__.lstrip("_") for function in used} == instructions._BUILT.keys()

@@ -3,14 +3,17 @@
 import re
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import numba
+import numpy as np
 import pytest
 from numba.core.compiler import Flags
 from numba.core.errors import TypingError
 
 from aimd_des.utils import compiling, jit, numba_internals
 from aimd_des.utils.numba_internals import are_as_expected
+from aimd_des.utils.validation import FloatArray
 from tests.conftest import ROOT
 from tests.forks import FILE, compilers
 
@@ -131,6 +134,40 @@ def test_a_part_has_no_machine_code_and_cannot_be_called() -> None:
     with pytest.raises(KeyError):
         compiled.entry_point()
     assert _part(1.5) == 3.0  # machine code of its own, when Python asks
+
+
+@jit.formula
+def _add_row(one: FloatArray, other: FloatArray) -> None:
+    for i in range(one.shape[0]):
+        one[i] += other[i]
+
+
+@jit.row_formula
+def _add_separate(one: FloatArray, other: FloatArray) -> None:
+    for i in range(one.shape[0]):
+        one[i] += other[i]
+
+
+@jit.kernel
+def _adds(one: FloatArray, other: FloatArray) -> None:
+    _add_row(one, other)
+
+
+@jit.kernel
+def _adds_separate(one: FloatArray, other: FloatArray) -> None:
+    _add_separate(one, other)
+
+
+@pytest.mark.skipif(not compiling.DEFERS, reason="older versions make no vectors of these loops")
+@pytest.mark.parametrize(("kernel", "compares"), [(_adds, True), (_adds_separate, False)])
+def test_where_arrays_lie_is_not_compared_if_they_do_not_overlap(kernel: Any, compares: bool) -> None:
+    kernel.dispatcher._cache.flush()  # Numba shows no code that it has loaded from the disk
+    numbers = np.arange(11.0)
+    kernel(numbers, np.ones(11))
+    assert numbers.tolist() == np.arange(1.0, 12.0).tolist()
+    (code,) = kernel.dispatcher.inspect_llvm().values()
+    assert " x double>" in code
+    assert ("memcheck" in code) == compares
 
 
 @jit.kernel

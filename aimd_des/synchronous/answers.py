@@ -1,15 +1,15 @@
 """What all agents do about one resource at one step: averages, totals, draws and answers, in passes.
 
 No agent is away and all answer at once, so the lines of all agents begin at the same step: they all have the
-anchor and the origin of agent 0.  Rows are filled up, behind the n agents, to whole passes of vector
-instructions, with agents that hold nothing, ask for nothing and never respond.
+anchor and the origin of agent 0, and steps keep the anchor of that one alone.  Rows are filled up, behind the
+n agents, to whole passes of vector instructions, with agents that hold nothing, ask for nothing and never
+respond.
 """
 
 from typing import Any, NamedTuple
 
 from aimd_des.dynamics.averaging import (
     CUMULATIVE,
-    WINDOW,
     accumulated_at,
     age_at,
     average_at,
@@ -27,10 +27,11 @@ from aimd_des.dynamics.responses import (
     response_probability,
 )
 from aimd_des.dynamics.state import AgentParameters, State
-from aimd_des.utils.jit import deferred, formula, routine
+from aimd_des.utils.jit import deferred, formula, routine, row_formula
+from aimd_des.utils.lanes import four_lanes, lanes_of
 from aimd_des.utils.records import record
-from aimd_des.utils.rng import FOUR, Key, four_uniforms
-from aimd_des.utils.validation import BoolArray, FloatArray
+from aimd_des.utils.rng import FOUR, Key, WordArray, four_words, uniform_of
+from aimd_des.utils.validation import BoolArray, FloatArray, IntArray
 
 #: How many totals are added up side by side: most signals come within so many steps after an answer.
 AHEAD = 4
@@ -40,25 +41,28 @@ AHEAD = 4
 class StepBuffers(NamedTuple):
     """Working memory, so that nothing is allocated per step; rows of all agents, but for the last three."""
 
-    folded: FloatArray
+    folded: FloatArray  # what is accumulated; unused where that is over all of the past
     average: FloatArray
     gradient: FloatArray
-    uniform: FloatArray
+    words: WordArray  # random bits, a word for each agent
     spare: FloatArray
-    draws: FloatArray  # the beginning of `uniform`: the n agents, filled up to whole blocks of draws
+    draws: WordArray  # the beginning of `words`: the n agents, filled up to whole blocks of draws
     totals: FloatArray  # of the steps ahead
     acting: BoolArray  # for which resources agents answer a signal at the step at hand
 
 
 @formula
-def _add(totals: Any, demand: float, increase: float, since: float) -> Any:
-    """Add one agent's demand at a step, and at the next ones if no agent responds, to the totals of these."""
-    return (
-        totals[0] + demand_at(demand, increase, since, DISCRETE),
-        totals[1] + demand_at(demand, increase, since + 1.0, DISCRETE),
-        totals[2] + demand_at(demand, increase, since + 2.0, DISCRETE),
-        totals[3] + demand_at(demand, increase, since + 3.0, DISCRETE),
-    )
+def _since(state: State, resource: int, step: int) -> Any:
+    """Return how long the anchor is past at a step and at the next three."""
+    since = float(step - state.anchor[resource, 0])
+    return four_lanes(since, since + 1.0, since + 2.0, since + 3.0)
+
+
+@formula
+def _keep(totals: Any, buffers: StepBuffers) -> None:
+    """Keep the totals of the steps ahead."""
+    one, two, three, four = lanes_of(totals)
+    buffers.totals[0], buffers.totals[1], buffers.totals[2], buffers.totals[3] = one, two, three, four
 
 
 @routine
@@ -66,13 +70,12 @@ def add_ahead(
     state: State, parameters: AgentParameters, resource: int, step: int, buffers: StepBuffers
 ) -> None:
     """Add up demand, in the order of agents, at this step and the next ones, if no agent responds."""
-    # Each addition waits for the one before it, so several sums side by side take little longer than one.
+    # Each addition waits for the one before it, so four sums side by side take no longer than one.
     demand, increase = state.demand[resource], parameters.increase[resource]
-    since, totals = step - state.anchor[resource, 0], (0.0, 0.0, 0.0, 0.0)
+    since, totals = _since(state, resource, step), four_lanes(0.0, 0.0, 0.0, 0.0)
     for i in range(buffers.draws.shape[0]):
-        totals = _add(totals, demand[i], increase[i], since)
-    for ahead in range(AHEAD):
-        buffers.totals[ahead] = totals[ahead]
+        totals = totals + demand_at(demand[i], increase[i], since, DISCRETE)
+    _keep(totals, buffers)
 
 
 @formula
@@ -86,18 +89,18 @@ def draw_and_add(
     buffers: StepBuffers,
 ) -> None:
     """Draw what decides the next answers, and add up demand as `add_ahead` does."""
-    # A draw is a chain of products, and a total one of sums: the one hides behind the other.
-    demand, increase, draws = state.demand[resource], parameters.increase[resource], buffers.draws
-    since, totals = step - state.anchor[resource, 0], (0.0, 0.0, 0.0, 0.0)
-    for block in range(draws.shape[0] // FOUR):
+    # A draw is a chain of products, and a total one of sums: the one hides behind the other.  Words are made
+    # to numbers later, since vectors are converted at once.
+    demand, increase, words = state.demand[resource], parameters.increase[resource], buffers.draws
+    since, totals = _since(state, resource, step), four_lanes(0.0, 0.0, 0.0, 0.0)
+    for block in range(words.shape[0] // FOUR):
         i = FOUR * block
-        draws[i], draws[i + 1], draws[i + 2], draws[i + 3] = four_uniforms(key, resource, number, 0, block)
-        totals = _add(totals, demand[i], increase[i], since)
-        totals = _add(totals, demand[i + 1], increase[i + 1], since)
-        totals = _add(totals, demand[i + 2], increase[i + 2], since)
-        totals = _add(totals, demand[i + 3], increase[i + 3], since)
-    for ahead in range(AHEAD):
-        buffers.totals[ahead] = totals[ahead]
+        words[i], words[i + 1], words[i + 2], words[i + 3] = four_words(key, resource, number, 0, block)
+        totals = totals + demand_at(demand[i], increase[i], since, DISCRETE)
+        totals = totals + demand_at(demand[i + 1], increase[i + 1], since, DISCRETE)
+        totals = totals + demand_at(demand[i + 2], increase[i + 2], since, DISCRETE)
+        totals = totals + demand_at(demand[i + 3], increase[i + 3], since, DISCRETE)
+    _keep(totals, buffers)
 
 
 @deferred
@@ -120,64 +123,78 @@ def _average_otherwise(
 def average_row(
     state: State, parameters: AgentParameters, resource: int, step: int, buffers: StepBuffers
 ) -> None:
-    """Compute what all agents have accumulated of one resource, and their averages, at one step."""
+    """Compute the averages of all agents of one resource at one step."""
     j, averaging, moment = resource, parameters.averaging, float(step)
-    folded, average = buffers.folded[j], buffers.average[j]
     demand, accumulated, increase = state.demand[j], state.accumulated[j], parameters.increase[j]
-    anchor, origin = state.anchor[j, 0], state.origin[j, 0]
+    average, anchor, origin = buffers.average[j], state.anchor[j, 0], state.origin[j, 0]
     since, age = moment - anchor, age_at(moment, origin, DISCRETE)
     if averaging.kind == CUMULATIVE:  # on its own, so that it is computed for several agents at once
         for i in range(demand.shape[0]):
-            folded[i] = accumulated_at(accumulated[i], demand[i], increase[i], since, DISCRETE)
-            average[i] = time_average(folded[i], age)
+            folded = accumulated_at(accumulated[i], demand[i], increase[i], since, DISCRETE)
+            average[i] = time_average(folded, age)
     else:
         _average_otherwise(state, parameters, j, step, buffers)
 
 
-@formula
-def _draw_factors(parameters: AgentParameters, resource: int, saturated: Any, buffers: StepBuffers) -> None:
-    """Compute what demand is multiplied by with the paper's rule, in passes along the agents."""
-    # The probability takes the place of the derivative, and the factor that of the probability.  Loops are so
-    # small that LLVM can see to it that their arrays do not overlap.
-    factor, average, uniform = buffers.gradient[resource], buffers.average[resource], buffers.uniform
-    normalization, decrease = parameters.normalization[resource], parameters.decrease[resource]
+@row_formula
+def _answer_as_drawn(
+    demand: FloatArray,
+    accumulated: FloatArray,
+    responses: IntArray,
+    increase: FloatArray,
+    decrease: FloatArray,
+    average: FloatArray,
+    gradient: FloatArray,
+    words: WordArray,
+    normalization: float,
+    since: float,
+) -> int:
+    """Let all agents answer by the paper's rule, and return how many have a probability above 1."""
+    # In one pass, since all else hides behind the division.  What is accumulated is computed once more: that
+    # takes less than to store it with the average and to load it here.
     above = 0
-    for i in range(factor.shape[0]):
-        probability = response_probability(normalization, factor[i], average[i])
+    for i in range(demand.shape[0]):
+        accumulated[i] = accumulated_at(accumulated[i], demand[i], increase[i], since, DISCRETE)
+        probability = response_probability(normalization, gradient[i], average[i])
+        factor, responds = decrease[i], uniform_of(words[i]) < probability
+        demand[i] = demand_at(demand[i], increase[i], since, DISCRETE) * (factor if responds else 1.0)
+        responses[i] += responds
         above += probability > 1.0
-        factor[i] = probability
-    if above > 0:
-        for i in range(factor.shape[0]):
-            saturated[i] += factor[i] > 1.0
-    for i in range(factor.shape[0]):
-        factor[i] = decrease[i] if uniform[i] < factor[i] else 1.0
+    return above
+
+
+@row_formula
+def _count_saturated(
+    saturated: IntArray, average: FloatArray, gradient: FloatArray, normalization: float
+) -> None:
+    """Count the answers of agents whose probability is above 1."""
+    for i in range(saturated.shape[0]):
+        saturated[i] += response_probability(normalization, gradient[i], average[i]) > 1.0
 
 
 @deferred
-def _find_factors(
+def _answer_otherwise(
     state: State, parameters: AgentParameters, resource: int, step: int, buffers: StepBuffers
 ) -> None:
-    """Compute what demand is multiplied by with any rule, agent by agent."""
+    """Let all agents answer by any rule and with any average, agent by agent."""
     j, averaging, response = resource, parameters.averaging, parameters.response
-    factor, average, normalization = buffers.gradient[j], buffers.average[j], parameters.normalization[j]
-    since, age = step - state.anchor[j, 0], age_at(float(step), state.origin[j, 0], DISCRETE)
-    for i in range(factor.shape[0]):
-        increase, decrease = parameters.increase[j, i], parameters.decrease[j, i]
-        present = demand_at(state.demand[j, i], increase, since, DISCRETE)
-        found = (normalization, factor[i], average[i], present, increase, decrease)
+    normalization, anchor, origin = parameters.normalization[j], state.anchor[j, 0], state.origin[j, 0]
+    since, age = step - anchor, age_at(float(step), origin, DISCRETE)
+    for i in range(state.demand.shape[1]):
+        held, kept, increase = state.demand[j, i], state.accumulated[j, i], parameters.increase[j, i]
+        keep_parts(averaging, state.parts, j, i, kept, held, increase, anchor, origin, float(step), DISCRETE)
+        present, decrease = demand_at(held, increase, since, DISCRETE), parameters.decrease[j, i]
+        found = (normalization, buffers.gradient[j, i], buffers.average[j, i], present, increase, decrease)
         probability = probability_of(response, averaging, state.memory, j, i, *found, age)
         state.saturated[j, i] += is_saturated(response, probability, decrease)
-        cut = (probability, buffers.uniform[i], present, decrease)
-        factor[i] = cut_factor(response, averaging, state.memory, j, i, *cut)
-
-
-@deferred
-def _keep_window(state: State, parameters: AgentParameters, resource: int, step: int) -> None:
-    """Keep what averages over a window will forget."""
-    j = resource
-    for i in range(state.demand.shape[1]):
-        line = (state.accumulated[j, i], state.demand[j, i], parameters.increase[j, i], state.anchor[j, i])
-        keep_parts(parameters.averaging, state.parts, j, i, *line, state.origin[j, i], float(step), DISCRETE)
+        cut = (probability, uniform_of(buffers.words[i]), present, decrease)
+        factor = cut_factor(response, averaging, state.memory, j, i, *cut)
+        state.demand[j, i] = present * factor
+        state.responses[j, i] += factor < 1.0
+        if averaging.kind == CUMULATIVE:
+            state.accumulated[j, i] = accumulated_at(kept, held, increase, since, DISCRETE)
+        else:
+            state.accumulated[j, i] = buffers.folded[j, i]
 
 
 @routine
@@ -186,25 +203,26 @@ def answer_row(
 ) -> None:
     """Let all agents answer one signal; their averages, derivatives and draws are in the buffers."""
     j, averaging, response = resource, parameters.averaging, parameters.response
-    demand, accumulated, increase = state.demand[j], state.accumulated[j], parameters.increase[j]
-    anchor, responses, factor, folded = (
-        state.anchor[j],
-        state.responses[j],
-        buffers.gradient[j],
-        buffers.folded[j],
-    )
-    since = step - anchor[0]
-    if averaging.kind == WINDOW:
-        _keep_window(state, parameters, j, step)
-    if response.cut == DRAWN and response.divisor == AVERAGE:
-        _draw_factors(parameters, j, state.saturated[j], buffers)
+    if averaging.kind == CUMULATIVE and response.cut == DRAWN and response.divisor == AVERAGE:
+        average, gradient, normalization = (
+            buffers.average[j],
+            buffers.gradient[j],
+            parameters.normalization[j],
+        )
+        above = _answer_as_drawn(
+            state.demand[j],
+            state.accumulated[j],
+            state.responses[j],
+            parameters.increase[j],
+            parameters.decrease[j],
+            average,
+            gradient,
+            buffers.words,
+            normalization,
+            float(step - state.anchor[j, 0]),
+        )
+        if above > 0:
+            _count_saturated(state.saturated[j], average, gradient, normalization)
     else:
-        _find_factors(state, parameters, j, step, buffers)
-    for i in range(demand.shape[0]):
-        demand[i] = demand_at(demand[i], increase[i], since, DISCRETE) * factor[i]
-    for i in range(demand.shape[0]):
-        accumulated[i] = folded[i]
-    for i in range(demand.shape[0]):
-        anchor[i] = step
-    for i in range(demand.shape[0]):
-        responses[i] += factor[i] < 1.0
+        _answer_otherwise(state, parameters, j, step, buffers)
+    state.anchor[j, 0] = step

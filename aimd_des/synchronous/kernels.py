@@ -22,7 +22,7 @@ from aimd_des.synchronous.answers import (
 )
 from aimd_des.utils.jit import formula, kernel, routine
 from aimd_des.utils.records import record
-from aimd_des.utils.rng import Key, uniforms_row
+from aimd_des.utils.rng import Key, draw_words
 from aimd_des.utils.validation import BoolArray, FloatArray, IntArray
 
 
@@ -243,7 +243,7 @@ def answer_together(
     for j in range(state.demand.shape[0]):
         if buffers.acting[j]:
             # The draws that an asynchronous run takes for the same broadcast, after any past.
-            uniforms_row(key, j, control.answered[j], 0, buffers.draws)
+            draw_words(key, j, control.answered[j], 0, buffers.draws)
             _answer(state, parameters, table, j, step, control, buffers)
 
 

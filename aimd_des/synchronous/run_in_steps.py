@@ -176,6 +176,8 @@ class SynchronousRun:
             take_steps(self._state, parameters, table, *span, *memory)
         else:
             take_custom_steps(self._setting.problem.costs, self._state, parameters, *span, *memory)
+        # Steps keep the anchor of the first agent alone; it is that of all.
+        self._state.anchor[:] = self._state.anchor[:, :1]
         check_returned(self._setting.response, parameters.response)
 
     def step(self, kind: StepKind = "step") -> bool:
@@ -407,7 +409,7 @@ def _filled_table(table: CostTable, n: int) -> CostTable:
 def _step_buffers(state: State, n: int) -> StepBuffers:
     m, width = state.demand.shape
     folded, average, gradient = np.zeros((3, m, width))
-    uniform = np.zeros(width)
-    draws, totals = uniform[: n + -n % FOUR], np.zeros(AHEAD)
+    words = np.zeros(width, dtype=np.uint64)
+    draws, totals = words[: n + -n % FOUR], np.zeros(AHEAD)
     acting = np.zeros(m, dtype=np.bool_)
-    return StepBuffers(folded, average, gradient, uniform, np.zeros((2, width)), draws, totals, acting)
+    return StepBuffers(folded, average, gradient, words, np.zeros((2, width)), draws, totals, acting)

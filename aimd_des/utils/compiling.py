@@ -63,6 +63,10 @@ _KERNEL: dict[str, Any] = {"no_cfunc_wrapper": True}
 if PARTS:
     _KERNEL["pipeline_class"] = numba_internals.KernelCompiler
     _PART["pipeline_class"] = numba_internals.PartCompiler
+# The same for what is given arrays that do not overlap.
+_SEPARATE = dict(_PART)
+if PARTS:
+    _SEPARATE["pipeline_class"] = numba_internals.SeparatePartCompiler
 
 #: What is built on the simulation: no kernel is here, and none uses what is.
 ABOVE_KERNELS = frozenset(
@@ -190,9 +194,10 @@ def _cache_for(function: Callable[..., Any], imported: float, announced: str) ->
         return _NoCache(announced, "no folder for it can be written")
 
 
-def enter_formula(function: _Function) -> None:
+def enter_formula(function: _Function, *, separate: bool = False) -> None:
     """Let Numba compile a function as a part of what calls it."""
-    register_jitable(**_SEMANTICS, **_PART, forceinline=True)(function)
+    options = _SEPARATE if separate else _PART
+    register_jitable(**_SEMANTICS, **options, forceinline=True)(function)
 
 
 @contextmanager

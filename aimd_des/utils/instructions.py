@@ -4,13 +4,14 @@ Each is built here in LLVM's terms, under the name of the function that `jit.ins
 imports Numba, and is imported by `jit` when Numba is taught.
 """
 
+import operator
 from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
 from numba import types
 from numba.core.sigutils import normalize_signature
-from numba.extending import lower_builtin, type_callable
+from numba.extending import lower_builtin, models, register_model, type_callable
 
 _Build = Callable[[Any, Any, Any, Any], Any]
 
@@ -22,6 +23,26 @@ _SCALE = float(1 << _BITS)
 
 # A number whose lowest bits are those of whole numbers that are added to it; less than half of it is lost.
 _WHOLE = float(3 << 51)
+
+# How many numbers are side by side, their type for LLVM, and the place of each.
+_FOUR = 4
+_ROW = ir.VectorType(_REAL, _FOUR)
+_PLACES = [ir.Constant(ir.IntType(32), place) for place in range(_FOUR)]
+
+
+class _Lanes(types.Type):  # type: ignore[misc]  # numba has no type information
+    """The type of four numbers side by side."""
+
+
+@register_model(_Lanes)
+class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
+    """Four numbers are a vector."""
+
+    def __init__(self, manager: Any, kind: _Lanes) -> None:
+        super().__init__(manager, kind, _ROW)
+
+
+_LANES = _Lanes("Lanes")
 
 # By the name of the function: what builds its instruction, and its signatures, of one argument or of two.
 _BUILT: dict[str, tuple[_Build, tuple[Any, ...]]] = {}
@@ -45,7 +66,11 @@ def _enter(function: Callable[..., Any], signatures: tuple[Any, ...], build: _Bu
     def of_two(first: Any, second: Any) -> Any:
         return chosen(first, second)
 
-    type_callable(function)(lambda _context: of_one if len(signatures[0].args) == 1 else of_two)
+    def of_four(first: Any, second: Any, third: Any, fourth: Any) -> Any:
+        return chosen(first, second, third, fourth)
+
+    typed = {1: of_one, 2: of_two, 4: of_four}[len(signatures[0].args)]
+    type_callable(function)(lambda _context: typed)
     for signature in signatures:
         lower_builtin(function, *signature.args)(build)
 
@@ -118,6 +143,46 @@ def opaque(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
     """Hide a whole number from LLVM."""
     # Even empty assembly is left as it is: on every machine the number may become another.
     return builder.asm(ir.FunctionType(_WORD, [_WORD]), "", "=r,0", [args[0]], side_effect=True)
+
+
+def _row_of(builder: Any, values: Any) -> Any:
+    row = ir.Constant(_ROW, ir.Undefined)
+    for value, place in zip(values, _PLACES, strict=True):
+        row = builder.insert_element(row, value, place)
+    return row
+
+
+@_built(_LANES(*[types.float64] * _FOUR))
+def four_lanes(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+    """Make a vector of four numbers."""
+    return _row_of(builder, args)
+
+
+@_built(types.UniTuple(types.float64, _FOUR)(_LANES))
+def lanes_of(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    """Take the numbers out of a vector."""
+    return context.make_tuple(
+        builder, signature.return_type, [builder.extract_element(args[0], place) for place in _PLACES]
+    )
+
+
+def _enter_operator(function: Callable[..., Any], name: str) -> None:
+    """Let compiled code compute with vectors, and with a vector and a number, as with numbers."""
+
+    def typed(first: Any, second: Any) -> Any:
+        return _LANES if _LANES in (first, second) else None
+
+    def build(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+        rows = [value if value.type == _ROW else _row_of(builder, [value] * _FOUR) for value in args]
+        return getattr(builder, name)(*rows)
+
+    type_callable(function)(lambda _context: typed)
+    for kinds in ((_LANES, _LANES), (_LANES, types.float64), (types.float64, _LANES)):
+        lower_builtin(function, *kinds)(build)
+
+
+for _operator, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")):
+    _enter_operator(_operator, _name)
 
 
 def enter_address(function: Callable[..., Any], signature: str) -> None:

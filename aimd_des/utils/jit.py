@@ -113,6 +113,18 @@ def formula(function: _Function) -> _Function:
     return function
 
 
+def row_formula(function: _Function) -> _Function:
+    """Mark a formula of arrays that do not overlap: LLVM need not compare where they lie, loop by loop."""
+
+    def teach() -> None:
+        from aimd_des.utils.compiling import enter_formula
+
+        enter_formula(function, separate=True)
+
+    note(teach)
+    return function
+
+
 def instruction(function: _Function) -> _Function:
     """Mark a function for which kernels have an instruction: what `instructions` builds under its name."""
 

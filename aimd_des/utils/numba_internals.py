@@ -161,15 +161,24 @@ class KernelCompiler(Compiler):  # type: ignore[misc]
 class PartCompiler(KernelCompiler):
     """Numba's steps, as far as a part takes them; for the option `pipeline_class` of `numba.njit`."""
 
+    noalias = False
+
     def define_pipelines(self) -> list[Any]:
         """Take the steps with the library of a part, and without machine code."""
         state = self.state
         state.library = _PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.flags.no_compile = True
+        state.flags.noalias = self.noalias
         steps = DefaultPassBuilder.define_nopython_pipeline(state)
         steps.add_pass_after(_EnterPart, NativeLowering)
         steps.finalize()
         return [steps]
+
+
+class SeparatePartCompiler(PartCompiler):
+    """The same for a part whose arrays do not overlap, which LLVM is told."""
+
+    noalias = True
 
 
 def take_in(dispatcher: Any, part: Any) -> None:

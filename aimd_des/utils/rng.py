@@ -21,6 +21,7 @@ from aimd_des.utils.opaque import opaque
 from aimd_des.utils.validation import FloatArray
 
 Key = tuple[np.uint64, np.uint64]
+WordArray = npt.NDArray[np.uint64]
 
 _MULTIPLIER = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
 _WEYL = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
@@ -120,37 +121,46 @@ def _block(c0: np.uint64, c1: np.uint64, c2: np.uint64, c3: np.uint64, key: Key)
 
 
 @formula
-def four_uniforms(key: Key, resource: int, number: int, lane: int, block: int) -> Any:
-    """Draw the uniform numbers of the agents of one block, 4 * block and the three after it."""
-    # Block by block: LLVM would take two of them as vectors, which have no wide product without AVX-512, take
-    # these apart for each of twenty products, and be half as fast.
+def four_words(key: Key, resource: int, number: int, lane: int, block: int) -> Any:
+    """Draw the random words of the agents of one block, 4 * block and the three after it."""
+    # Block by block: LLVM would take two of them as vectors, which have no wide product, take these apart for
+    # each of twenty products, and be half as fast.
     counter = opaque(np.uint64(block + 1))
-    words = _block(counter, np.uint64(lane), np.uint64(resource), np.uint64(number), key)
-    return (
-        (words[0] >> _DROPPED) * _SCALE,
-        (words[1] >> _DROPPED) * _SCALE,
-        (words[2] >> _DROPPED) * _SCALE,
-        (words[3] >> _DROPPED) * _SCALE,
-    )
+    return _block(counter, np.uint64(lane), np.uint64(resource), np.uint64(number), key)
+
+
+@formula
+def uniform_of(word: np.uint64) -> float:
+    """Turn a random word to a uniform number."""
+    return (word >> _DROPPED) * _SCALE
+
+
+@formula
+def draw_words(key: Key, resource: int, number: int, lane: int, words: WordArray) -> None:
+    """Fill `words`, whole blocks of them, with those of agents 0, 1, ... for one broadcast."""
+    for block in range(words.shape[0] // FOUR):
+        i = FOUR * block
+        words[i], words[i + 1], words[i + 2], words[i + 3] = four_words(key, resource, number, lane, block)
 
 
 @shared
 def uniforms_row(key: Key, resource: int, number: int, lane: int, out: FloatArray) -> None:
     """Fill `out` with the draws of agents 0, 1, ... for one broadcast."""
-    n, whole = out.shape[0], out.shape[0] // FOUR
-    for block in range(whole):
-        i = FOUR * block
-        out[i], out[i + 1], out[i + 2], out[i + 3] = four_uniforms(key, resource, number, lane, block)
-    if FOUR * whole < n:
-        last = four_uniforms(key, resource, number, lane, whole)
-        for rest in range(n - FOUR * whole):
-            out[FOUR * whole + rest] = last[rest]
+    # Words first, in the place of the numbers: several are converted at once.
+    words, whole = out.view(np.uint64), out.shape[0] // FOUR
+    draw_words(key, resource, number, lane, words)
+    if FOUR * whole < out.shape[0]:
+        last = four_words(key, resource, number, lane, whole)
+        for rest in range(out.shape[0] - FOUR * whole):
+            words[FOUR * whole + rest] = last[rest]
+    for i in range(out.shape[0]):
+        out[i] = uniform_of(words[i])
 
 
 @routine
 def uniform_at(key: Key, resource: int, number: int, lane: int, agent: int) -> float:
     """Draw the uniform number of one agent: what `uniforms_row` puts at its place."""
-    return float(four_uniforms(key, resource, number, lane, agent // FOUR)[agent % FOUR])
+    return float(uniform_of(four_words(key, resource, number, lane, agent // FOUR)[agent % FOUR]))
 
 
 def uniforms(key: Key, resource: int, number: int, n_agents: int, lane: int = 0) -> npt.NDArray[np.float64]:
