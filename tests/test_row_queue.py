@@ -1,10 +1,11 @@
 """Broadcasts whose copies all land at one instant wait behind the row: the same bits as by processes."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from aimd_des import (
@@ -21,6 +22,7 @@ from aimd_des import (
 )
 from aimd_des.channel import Broadcast, Copies
 from aimd_des.interventions import Absence, ChangeChannel, Crash, Intervention
+from aimd_des.lowlevel import resume
 from models import smart_cameras
 from tests.conftest import TERMS, problems, quietly, random_problem
 from tests.support.configurations import (
@@ -90,18 +92,23 @@ def test_what_waits_behind_the_row_is_answered_as_by_processes(configuration: Co
         assert_same(configuration.run(agents=Fleet), rows)
 
 
-@settings(max_examples=30)
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(TOGETHER, st.floats(0.0, 1.0), st.integers(0, 3))
-def test_what_waits_behind_the_row_is_in_forks(
-    configuration: Configuration, share: float, events: int
+def test_what_waits_behind_the_row_is_in_forks_and_files(
+    tmp_path: Path, configuration: Configuration, share: float, events: int
 ) -> None:
     parts = {"seed": configuration.seed, **configuration.parts, "agents": Fleet, "processes": []}
-    run = Simulation(configuration.problem, **parts).start(configuration.until)
+    simulation = Simulation(configuration.problem, **parts)
+    run = simulation.start(configuration.until)
     quietly(run.advance, share * run.until)
     for _ in range(events):
         quietly(run.step)
     fork = run.fork()
-    assert_same(quietly(run.result), quietly(fork.result))
+    fork.save(tmp_path / "run")
+    resumed = resume(tmp_path / "run", simulation)
+    result = quietly(run.result)
+    assert_same(result, quietly(fork.result))
+    assert_same(result, quietly(resumed.result))
 
 
 LATE = BroadcastChannel(10.0, 0.3)

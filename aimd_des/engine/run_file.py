@@ -22,7 +22,7 @@ from aimd_des.results.run_data import Piece, Signals
 from aimd_des.utils.errors import InputError
 from aimd_des.utils.whole_files import write_file
 
-_MAGIC = b"aimd-des run 3\n"
+_MAGIC = b"aimd-des run 4\n"
 _LAYOUT = "layout"
 _REMEDY = "run the simulation again from its beginning"
 
