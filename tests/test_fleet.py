@@ -35,8 +35,9 @@ from aimd_des.engine.environment import EventKind
 from aimd_des.engine.system import System
 from aimd_des.fleet import control_process
 from aimd_des.fleet.compiled_agents import CompiledAgents
+from aimd_des.interventions import Absence
 from models import smart_cameras
-from tests.conftest import quadratic_problem, random_problem
+from tests.conftest import quadratic_problem, quietly, random_problem
 from tests.support.configurations import Configuration, assert_same, both, configurations
 
 # -- any configuration -----------------------------------------------------------------------------------
@@ -124,6 +125,24 @@ def test_the_length_of_stretches_changes_nothing(way: str, monkeypatch: pytest.M
         result = simulation.run(60.0)
         assert result.digest == whole.digest
         assert (result.observations.total_average == whole.observations.total_average).all()
+
+
+@pytest.mark.parametrize("agents", [AgentProcess, Fleet])
+def test_an_agent_that_leaves_at_once_has_an_average(agents: Any) -> None:
+    """At the least of ages the weights of what is forgotten sum up to 0."""
+    simulation = Simulation(
+        random_problem(0, 4, 2),
+        dynamics="continuous",
+        control_unit=Crossing(0.5),
+        averaging=averaging.Forgetting(4.5),
+        interventions=[Absence(1, at=5e-324)],
+        agents=agents,
+        seed=1,
+        recording=Recording(demand=2.5),
+    )
+    result = quietly(simulation.run, 10.0)
+    assert np.isfinite(result.observations.total_average).all()
+    assert (result.average_at_end[1] == 0.0).all()
 
 
 # -- company ---------------------------------------------------------------------------------------------

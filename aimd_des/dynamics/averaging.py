@@ -194,7 +194,8 @@ def average_at(
     if averaging.kind == POLYNOMIAL:
         return folded
     if averaging.kind == FORGETTING:
-        return folded / (averaging.span * -expm1(-averaging.rate * age))
+        # The sum of all weights, which is 0 at the least of ages.
+        return time_average(folded, averaging.span * -expm1(-averaging.rate * age))
     first = _part_of(averaging, age) - averaging.parts + 1
     if first < 1:
         return folded / age
