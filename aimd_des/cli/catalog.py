@@ -1,11 +1,12 @@
 """What there is: kinds that a scenario can name, models, and what can be run in the working directory."""
 
 import ast
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from aimd_des.cli.set_option import read_if_there
 
 if TYPE_CHECKING:
     from aimd_des.scenario.kinds import Kind
@@ -87,13 +88,6 @@ def _scripts() -> Iterator[CatalogEntry]:
 def _files() -> Iterator[CatalogEntry]:
     """Find files of scenarios and studies in the working directory and in its folder `scenarios`."""
     for path in sorted(path for folder in _FOLDERS for path in Path(folder).glob("*.toml")):
-        data = _toml(path)
+        data = read_if_there(path)
         if "until" in data or "axes" in data:
             yield CatalogEntry(str(path), str(data.get("title", "")))
-
-
-def _toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError):
-        return {}

@@ -66,7 +66,8 @@ def _complete(context: click.Context, _: click.Parameter, incomplete: str) -> "l
     found: dict[str, str] = {}
     # The option that is being typed lacks its value: click then gives arguments as they are.
     path = context.params.get(kind) or next(iter(context.args), None)
-    for key, meaning in _keys(schema, schema["definitions"], _read(path)):
+    # The file says how many tables a list has, and which model it is.
+    for key, meaning in _keys(schema, schema["definitions"], read_if_there(path)):
         found.setdefault(key, meaning)
     return [
         CompletionItem(f"{key}=", help=meaning)
@@ -75,8 +76,8 @@ def _complete(context: click.Context, _: click.Parameter, incomplete: str) -> "l
     ]
 
 
-def _read(path: Any) -> dict[str, Any]:
-    """Read the file, if there is one: it says how many tables a list has, and which model it is."""
+def read_if_there(path: Any) -> dict[str, Any]:
+    """Read a file of TOML; of what is none, nothing."""
     try:
         return tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except (OSError, TypeError, ValueError, RecursionError):

@@ -59,13 +59,12 @@ _SEMANTICS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 
 # No way in from Python: kernels call parts, and processes the source of formulas.
 _PART: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+# The same for what is given arrays that do not overlap.
+_SEPARATE = dict(_PART)
 _KERNEL: dict[str, Any] = {"no_cfunc_wrapper": True}
 if PARTS:
     _KERNEL["pipeline_class"] = numba_internals.KernelCompiler
     _PART["pipeline_class"] = numba_internals.PartCompiler
-# The same for what is given arrays that do not overlap.
-_SEPARATE = dict(_PART)
-if PARTS:
     _SEPARATE["pipeline_class"] = numba_internals.SeparatePartCompiler
 
 #: What is built on the simulation: no kernel is here, and none uses what is.
